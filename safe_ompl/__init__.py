@@ -1,0 +1,1 @@
+"""Safety-oriented robot arm motion planning for OMPL."""

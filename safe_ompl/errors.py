@@ -1,0 +1,51 @@
+"""Errors of safe_ompl: every one carries the offending value and says what would be right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class SafeOmplError(Exception):
+    """Base class of all errors that safe_ompl raises on purpose."""
+
+
+class InputError(SafeOmplError, ValueError):
+    """A value given by the user cannot be used.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, with the offending value, and what would be right.
+    source : str, optional
+        The file (and key) that the value came from; put before the message.
+    """
+
+    def __init__(self, message: str, source: str | None = None) -> None:
+        super().__init__(f"{source}: {message}" if source else message)
+
+
+class UnknownNameError(InputError):
+    """A name that does not exist, with the names that do.
+
+    Parameters
+    ----------
+    kind : str
+        What is named: "joint", "link", "planner", …
+    name : str
+        The name that was asked for.
+    known : iterable of str
+        The names that exist.
+    source : str, optional
+        The file (and key) that the name came from.
+    """
+
+    def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
+        super().__init__(f"unknown {kind} {name!r}; known: {', '.join(known) or '(none)'}", source)
+
+
+class CollisionError(InputError):
+    """A start or goal configuration touches something; names the pair."""
+
+
+class PlanningError(SafeOmplError):
+    """A planner broke a promise, for example returned a path that the validator refuses."""

@@ -1,0 +1,1 @@
+"""Models of robot, scene, collision and danger on Pinocchio and coal; frozen once built."""

@@ -1,0 +1,1 @@
+"""What happens to a path once it exists: report and certificate."""

@@ -1,0 +1,1 @@
+"""Planners that subclass ompl.base.Planner."""
