@@ -1,0 +1,162 @@
+"""How far a link can move when joints turn: displacement radii, proven for every configuration.
+
+A set of points that turns about an axis stays inside the cylinder around that axis that encloses it. Going from
+a link towards the base, the cylinder about one joint's axis is enclosed by one about the next joint's axis; its
+radius is the displacement radius R̄ of the link for that joint: no point of the link moves more than
+R̄·|Δ| when the joint turns by Δ, whatever the configuration (the constant radii of certified motions).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import BoolArray, FloatArray
+
+_BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Points (P, 3) [m] whose convex hull, grown by `radius` [m], holds a body."""
+
+    points: FloatArray
+    radius: float
+
+    def moved(self, placement: pin.SE3) -> Hull:
+        """Return the hull in the frame that `placement` maps to."""
+        return Hull(self.points @ placement.rotation.T + placement.translation, self.radius)
+
+
+def bounding_hull(geometry: coal.CollisionGeometry, *, coarse: bool = False) -> Hull:
+    """Return points and a radius that enclose `geometry` in its own frame.
+
+    Exact for spheres, capsules, boxes and meshes; other shapes are enclosed by their bounding box.
+
+    Parameters
+    ----------
+    geometry : coal.CollisionGeometry
+        The shape.
+    coarse : bool
+        Use the eight corners of the bounding box for meshes, too.
+    """
+    if isinstance(geometry, coal.Sphere):
+        return Hull(np.zeros((1, 3)), geometry.radius)
+    if isinstance(geometry, coal.Capsule):
+        ends = np.array([[0.0, 0.0, -geometry.halfLength], [0.0, 0.0, geometry.halfLength]])
+        return Hull(ends, geometry.radius)
+    if isinstance(geometry, (coal.ConvexBase, coal.BVHModelBase)) and not coarse:
+        vertices = geometry.points() if isinstance(geometry, coal.ConvexBase) else geometry.vertices()
+        return Hull(np.array(vertices, dtype=np.float64).reshape(-1, 3), 0.0)
+    geometry.computeLocalAABB()
+    box = geometry.aabb_local
+    center = (np.asarray(box.max_) + np.asarray(box.min_)) / 2
+    half = (np.asarray(box.max_) - np.asarray(box.min_)) / 2
+    return Hull(center.ravel() + _BOX_CORNERS * half.ravel(), 0.0)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """All points within `radius` of an axis through `center`, at most `half_length` along it [m]."""
+
+    center: FloatArray
+    axis: FloatArray
+    radius: float
+    half_length: float
+
+    @classmethod
+    def around(cls, hull: Hull, axis: FloatArray) -> Cylinder:
+        """Return the smallest one about the line through the origin along `axis` that holds `hull`."""
+        along = hull.points @ axis
+        radial = np.linalg.norm(hull.points - along[:, None] * axis, axis=1)
+        low, high = float(along.min()) - hull.radius, float(along.max()) + hull.radius
+        return cls((low + high) / 2 * axis, axis, float(radial.max()) + hull.radius, (high - low) / 2)
+
+    def moved(self, placement: pin.SE3) -> Cylinder:
+        """Return the cylinder in the frame that `placement` maps to."""
+        center = placement.rotation @ self.center + placement.translation
+        return Cylinder(center, placement.rotation @ self.axis, self.radius, self.half_length)
+
+    def enclosed_about(self, axis: FloatArray) -> Cylinder:
+        """Return a cylinder about the line through the origin along `axis` that holds this one.
+
+        The end discs are the extreme parts. Seen along `axis` each is an ellipse; with w a point of the ellipse,
+        ‖c + w‖² ≤ ‖c‖² + 2·max c·w + r².
+        """
+        slope = float(np.clip(self.axis @ axis, -1.0, 1.0))
+        radius, reach = 0.0, self.half_length * abs(slope) + self.radius * np.sqrt(1 - slope**2)
+        for end in (-self.half_length, self.half_length):
+            c = self.center + end * self.axis
+            c = c - (c @ axis) * axis
+            lateral = np.linalg.norm(c - (c @ self.axis) * self.axis)
+            radius = max(radius, float(np.sqrt(c @ c + 2 * self.radius * lateral + self.radius**2)))
+        return Cylinder((self.center @ axis) * axis, axis, radius, float(reach))
+
+    def stretched(self, low: float, high: float) -> Cylinder:
+        """Return what the cylinder sweeps when it slides along its axis by `low` … `high` [m]."""
+        center = self.center + (low + high) / 2 * self.axis
+        return Cylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
+
+
+@dataclass(frozen=True)
+class JointChain:
+    """Joints of a robot as the displacement bound needs them (n joints; joint i is Pinocchio's joint i+1).
+
+    Attributes
+    ----------
+    parents : list of int
+        Pinocchio's index of the joint below each joint (0: base).
+    placements : list of pin.SE3
+        Frame of each joint at zero in the frame of its parent.
+    axes : ndarray, shape (n, 3)
+        Axes in the joints' own frames.
+    prismatic : ndarray of bool, shape (n,)
+        Which joints slide.
+    lower, upper : ndarray, shape (n,)
+        Limits [rad or m]; only those of prismatic joints are used.
+    """
+
+    parents: list[int]
+    placements: list[pin.SE3]
+    axes: FloatArray
+    prismatic: BoolArray
+    lower: FloatArray
+    upper: FloatArray
+
+    def path_to_root(self, joint: int) -> list[int]:
+        """Return the joints (0-based) that move Pinocchio's joint `joint`, the nearest first."""
+        path = []
+        while joint != 0:
+            path.append(joint - 1)
+            joint = self.parents[joint - 1]
+        return path
+
+    def radii(self, joint: int, hull: Hull) -> FloatArray:
+        """Return the displacement radii R̄ (n,) of a body carried by Pinocchio's joint `joint`.
+
+        Parameters
+        ----------
+        joint : int
+            Pinocchio's index of the joint (0: fixed to the base, all radii zero).
+        hull : Hull
+            The body in the frame of that joint.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Metres per radian; 1 for prismatic joints; 0 for joints that do not move the body.
+        """
+        radii = np.zeros(len(self.parents))
+        path = self.path_to_root(joint)
+        shape: Cylinder | None = None
+        for i in path:
+            axis = self.axes[i]
+            shape = Cylinder.around(hull, axis) if shape is None else shape.enclosed_about(axis)
+            radii[i] = 1.0 if self.prismatic[i] else shape.radius
+            if self.prismatic[i]:
+                shape = shape.stretched(float(self.lower[i]), float(self.upper[i]))
+            shape = shape.moved(self.placements[i])
+        return radii

@@ -1,0 +1,94 @@
+"""The line approximation of a robot: key points on its joints, and the link segments between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import FloatArray, IntArray
+
+_ZERO_LENGTH = 1e-6  # [m]; joints at the same place, as on a spherical wrist
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Key points of a robot and the segments between them (paper §3, eq. 2).
+
+    Attributes
+    ----------
+    joints : ndarray, shape (K,)
+        For each key point the index of the Pinocchio joint that carries it (0: the fixed base).
+    offsets : ndarray, shape (K, 3)
+        Its position in the frame of that joint [m].
+    segments : ndarray, shape (L, 2)
+        Proximal and distal key point of each link segment. Segments of zero length, and those that no joint
+        moves, are left out. The last key point is the tip.
+    names : tuple of str
+        For each segment the frame at its distal end.
+    """
+
+    joints: IntArray
+    offsets: FloatArray
+    segments: IntArray
+    names: tuple[str, ...]
+
+    @classmethod
+    def from_model(cls, model: pin.Model, joint_names: list[str], tip: str) -> Skeleton:
+        """Build the skeleton of `model`.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The robot, with locked joints reduced to frames.
+        joint_names : list of str
+            All joints of the robot, locked ones included: they too are ends of links.
+        tip : str
+            Frame at the end of the last link.
+        """
+        on_chain = _frames_above(model, frame_index(model, tip))
+        ends = [(name, frame_index(model, name)) for name in joint_names]
+        frames = [frame for name, frame in ends if frame in on_chain or model.existJointName(name)]
+        frames.append(frame_index(model, tip))
+        index = {frame: k for k, frame in enumerate(frames)}
+        joints = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
+        offsets = np.array([model.frames[frame].placement.translation for frame in frames], dtype=np.float64)
+
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, pin.neutral(model))
+        position = [data.oMf[frame].translation.copy() for frame in frames]
+        segments, names = [], []
+        for distal, frame in enumerate(frames):
+            proximal = _nearest_above(model, frame, index)
+            if proximal is None or joints[proximal] == 0:
+                continue
+            if np.linalg.norm(position[distal] - position[proximal]) > _ZERO_LENGTH:
+                segments.append((proximal, distal))
+                names.append(model.frames[frame].name)
+        return cls(joints, offsets, np.array(segments, dtype=np.intp).reshape(-1, 2), tuple(names))
+
+
+def frame_index(model: pin.Model, name: str) -> int:
+    """Return the index of the frame called `name`; where a joint and a link share the name, the link's."""
+    matches = [k for k, frame in enumerate(model.frames) if frame.name == name]
+    bodies = [k for k in matches if model.frames[k].type == pin.FrameType.BODY]
+    return (bodies or matches)[0]
+
+
+def _frames_above(model: pin.Model, frame: int) -> set[int]:
+    """Return the frames from `frame` to the root."""
+    found = set()
+    while frame != 0:
+        found.add(frame)
+        frame = model.frames[frame].parentFrame
+    return found
+
+
+def _nearest_above(model: pin.Model, frame: int, index: dict[int, int]) -> int | None:
+    frame = model.frames[frame].parentFrame
+    while frame != 0:
+        if frame in index:
+            return index[frame]
+        frame = model.frames[frame].parentFrame
+    return None
