@@ -134,14 +134,14 @@ class JointChain:
             joint = self.parents[joint - 1]
         return path
 
-    def radii(self, joint: int, hull: Hull) -> FloatArray:
+    def radii(self, joint: int, body: Hull) -> FloatArray:
         """Return the displacement radii R̄ (n,) of a body carried by Pinocchio's joint `joint`.
 
         Parameters
         ----------
         joint : int
             Pinocchio's index of the joint (0: fixed to the base, all radii zero).
-        hull : Hull
+        body : Hull
             The body in the frame of that joint.
 
         Returns
@@ -150,13 +150,35 @@ class JointChain:
             Metres per radian; 1 for prismatic joints; 0 for joints that do not move the body.
         """
         radii = np.zeros(len(self.parents))
-        path = self.path_to_root(joint)
-        shape: Cylinder | None = None
-        for i in path:
-            axis = self.axes[i]
-            shape = Cylinder.around(hull, axis) if shape is None else shape.enclosed_about(axis)
-            radii[i] = 1.0 if self.prismatic[i] else shape.radius
-            if self.prismatic[i]:
-                shape = shape.stretched(float(self.lower[i]), float(self.upper[i]))
-            shape = shape.moved(self.placements[i])
+        for i, region in self._regions(joint, body):
+            radii[i] = 1.0 if self.prismatic[i] else region.radius
         return radii
+
+    def reach(self, joint: int, body: Hull) -> Cylinder:
+        """Return a cylinder in the world frame that the body never leaves, at any configuration within limits.
+
+        Raises
+        ------
+        ValueError
+            If no joint moves the body.
+        """
+        regions = self._regions(joint, body)
+        if not regions:
+            raise ValueError("the body is fixed to the base")
+        i, region = regions[-1]
+        return region.moved(self.placements[i])
+
+    def _regions(self, joint: int, body: Hull) -> list[tuple[int, Cylinder]]:
+        """For each joint that moves the body, the nearest first: where the body can be, in the joint's frame."""
+        regions: list[tuple[int, Cylinder]] = []
+        for i in self.path_to_root(joint):
+            axis = self.axes[i]
+            if regions:
+                inner, region = regions[-1]
+                region = region.moved(self.placements[inner]).enclosed_about(axis)
+            else:
+                region = Cylinder.around(body, axis)
+            if self.prismatic[i]:
+                region = region.stretched(float(self.lower[i]), float(self.upper[i]))
+            regions.append((i, region))
+        return regions

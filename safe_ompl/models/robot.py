@@ -60,8 +60,10 @@ class Robot:
         locked: Mapping[str, float],
         hulls: bool,
         name: str | None,
+        limits: Mapping[str, tuple[float, float]],
     ) -> None:
         full = urdf.build_model()
+        _override_limits(full, limits, str(urdf.path))
         self.name = name or full.name or urdf.path.stem
         self._recipe: dict[str, Any] = {
             "urdf": str(urdf.path),
@@ -71,9 +73,12 @@ class Robot:
             "locked": dict(locked),
             "hulls": hulls,
             "name": self.name,
+            "limits": dict(limits),
         }
         if tip is not None and not full.existFrame(tip):
-            raise UnknownNameError("tip frame", tip, (frame.name for frame in list(full.frames)[1:]), str(urdf.path))
+            raise UnknownNameError(
+                "tip frame", tip, (frame.name for frame in list(full.frames)[1:]), str(urdf.path)
+            )
         held = _joints_to_hold(full, urdf, tip, locked)
         self._held = held
         geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION)
@@ -87,7 +92,9 @@ class Robot:
         self.continuous: BoolArray = np.array([j.nq == 2 for j in list(self.model.joints)[1:]])
         self.prismatic: BoolArray = np.array(["P" in j.shortname()[10:] for j in list(self.model.joints)[1:]])
         self.lower, self.upper = self._limits(str(urdf.path))
-        select_self_pairs(self.model, self.collision_model, srdf, sample_configurations(self.model), self.name)
+        select_self_pairs(
+            self.model, self.collision_model, srdf, sample_configurations(self.model), self.name
+        )
 
         self.tip: str = tip or _farthest_body(self.model)
         self.tip_frame: int = frame_index(self.model, self.tip)
@@ -115,6 +122,7 @@ class Robot:
         *,
         hulls: bool = True,
         name: str | None = None,
+        limits: Mapping[str, tuple[float, float]] | None = None,
     ) -> Robot:
         """Build a robot from its URDF.
 
@@ -136,6 +144,8 @@ class Robot:
             Replace meshes by their convex hulls (solid and fast). False keeps the meshes, which are hollow.
         name : str, optional
             Name for reports; the URDF's by default.
+        limits : mapping of str to (float, float), optional
+            Joint limits that replace the URDF's [rad or m].
 
         Raises
         ------
@@ -143,7 +153,9 @@ class Robot:
             Missing or malformed file, missing mesh, unknown joint or frame, unsupported joint type.
         """
         srdf_file = None if srdf is None else str(existing_file(srdf, "SRDF"))
-        return cls(UrdfFile(urdf, package_dirs), srdf_file, tip, dict(locked or {}), hulls, name)
+        return cls(
+            UrdfFile(urdf, package_dirs), srdf_file, tip, dict(locked or {}), hulls, name, dict(limits or {})
+        )
 
     @classmethod
     def from_example(
@@ -179,6 +191,10 @@ class Robot:
             hulls=hulls,
             name=name,
         )
+
+    def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Robot:
+        """Return the same robot with other limits [rad or m] for the joints named."""
+        return _rebuild({**self._recipe, "limits": {**self._recipe["limits"], **limits}})
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (self._recipe,)
@@ -391,7 +407,9 @@ class Robot:
         upper[~self.continuous] = self.model.upperPositionLimit[self._straight]
         for name, low, high in zip(self.joint_names, lower, upper, strict=True):
             if not (np.isfinite(low) and np.isfinite(high) and low < high):
-                raise InputError(f"joint {name!r} has the limits [{low}, {high}]: no range to plan in; lock it", source)
+                raise InputError(
+                    f"joint {name!r} has the limits [{low}, {high}]: no range to plan in; lock it", source
+                )
         return lower, upper
 
 
@@ -416,6 +434,17 @@ class _Scratch(threading.local):
 
 def _rebuild(recipe: dict[str, Any]) -> Robot:
     return Robot.from_urdf(**recipe)
+
+
+def _override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], source: str) -> None:
+    for name, (low, high) in limits.items():
+        if not full.existJointName(name):
+            raise UnknownNameError("joint with limits", name, list(full.names)[1:], source)
+        joint = full.joints[full.getJointId(name)]
+        if joint.nq != 1:
+            raise InputError(f"joint {name!r} is continuous: it has no limits", source)
+        full.lowerPositionLimit[joint.idx_q] = low
+        full.upperPositionLimit[joint.idx_q] = high
 
 
 def _joints_to_hold(
@@ -443,7 +472,9 @@ def _joints_to_hold(
         if mimic.primary in held:
             held.setdefault(name, mimic.multiplier * held[mimic.primary] + mimic.offset)
         elif name not in held:
-            raise InputError(f"joint {name!r} mimics {mimic.primary!r}, which is free: lock {mimic.primary!r}", source)
+            raise InputError(
+                f"joint {name!r} mimics {mimic.primary!r}, which is free: lock {mimic.primary!r}", source
+            )
     return held
 
 
@@ -456,9 +487,13 @@ def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float
     if not np.isfinite(number):
         raise InputError(f"locked joint {name!r}: {value!r} is not finite", source)
     if joint.nq == 1:
-        low, high = (float(limit[joint.idx_q]) for limit in (full.lowerPositionLimit, full.upperPositionLimit))
+        low, high = (
+            float(limit[joint.idx_q]) for limit in (full.lowerPositionLimit, full.upperPositionLimit)
+        )
         if not low - 1e-9 <= number <= high + 1e-9:
-            raise InputError(f"locked joint {name!r}: {number:g} is outside its limits [{low:g}, {high:g}]", source)
+            raise InputError(
+                f"locked joint {name!r}: {number:g} is outside its limits [{low:g}, {high:g}]", source
+            )
     return number
 
 

@@ -1,0 +1,211 @@
+"""What the planners share: OMPL's life cycle, seeds, start and goal states, motions, and the cost scale."""
+
+from __future__ import annotations
+
+import logging
+from abc import abstractmethod
+from typing import Any
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError
+from safe_ompl.models.counts import Counts
+from safe_ompl.plugins.objective import StateCost
+from safe_ompl.plugins.states import ScratchState, StateBridge
+
+_log = logging.getLogger(__name__)
+
+_SCALE_SAMPLES = 50
+_SCALE_SEED = 0  # the scale belongs to robot and scene: it must not change with the planner's seed
+_RANGE_FRACTION = 0.035  # of the space's extent: about 0.5 rad on an arm; longer steps are trapped more often
+
+
+class SafePlanner(ob.Planner):  # type: ignore[misc]
+    """Base of the planners: subclasses implement `_search` on arrays and never meet an OMPL state.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Any space of real vectors and SO(2) parts, with any validity checker and motion validator.
+    name : str
+        Name in logs and benchmarks.
+    """
+
+    def __init__(self, si: Any, name: str) -> None:
+        super().__init__(si, name)
+        self.counts = Counts()
+        self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]))
+        self._bridge = StateBridge(si.getStateSpace())
+        self._from, self._to = ScratchState(self._bridge), ScratchState(self._bridge)
+        self._objective: Any = None
+        self._cost = StateCost(None, self._bridge)
+        self._cost_scale = 0.0
+        self._range = 0.0
+
+    # ------------------------------------------------------------------------------------------- parameters
+
+    def setSeed(self, seed: int) -> None:
+        """Start the planner's random numbers anew; the same seed gives the same path."""
+        if isinstance(seed, bool) or int(seed) != seed or seed < 0:
+            raise InputError(f"seed must be a non-negative integer, got {seed!r}")
+        self._seed = int(seed)
+        self._rng = np.random.default_rng(self._seed)
+
+    def getSeed(self) -> int:
+        """Return the seed."""
+        return self._seed
+
+    def setRange(self, distance: float) -> None:
+        """Set the largest length of one extension [rad]; 0 takes 3.5 % of the space's extent."""
+        self._range = non_negative("range", distance)
+
+    def getRange(self) -> float:
+        """Return the largest length of one extension [rad]."""
+        return self._range or _RANGE_FRACTION * float(np.linalg.norm(self._bridge.upper - self._bridge.lower))
+
+    # ------------------------------------------------------------------------------------------- life cycle
+
+    def setup(self) -> None:
+        """Prepare for `solve`: read the problem's objective and measure its scale."""
+        ob.Planner.setup(self)
+        if self.getProblemDefinition() is not None:
+            self._read_objective()
+
+    def clear(self) -> None:
+        """Forget everything but the parameters; random numbers start anew."""
+        ob.Planner.clear(self)
+        self.setSeed(self._seed)
+        self.counts.reset()
+        self._forget()
+
+    def solve(self, ptc: Any) -> Any:
+        """Search until a path is found or `ptc` says stop.
+
+        Parameters
+        ----------
+        ptc : ob.PlannerTerminationCondition or float
+            When to give up; a number is a time limit [s].
+
+        Returns
+        -------
+        ob.PlannerStatus
+            EXACT_SOLUTION, TIMEOUT, INVALID_START, INVALID_GOAL or UNRECOGNIZED_GOAL_TYPE.
+        """
+        if isinstance(ptc, (int, float)):
+            ptc = ob.timedPlannerTerminationCondition(float(ptc))
+        problem = self.getProblemDefinition()
+        if problem is None:
+            raise InputError(f"{self.getName()}: no problem definition set")
+        if problem.getOptimizationObjective() is not self._objective:
+            self._read_objective()
+        if not isinstance(problem.getGoal(), ob.GoalSampleableRegion):
+            return ob.PlannerStatus(ob.PlannerStatus.UNRECOGNIZED_GOAL_TYPE)
+        self._take_starts()
+        self._take_goals(ptc)
+        if not self._has_starts():
+            return ob.PlannerStatus(ob.PlannerStatus.INVALID_START)
+        if not self._has_goals():
+            return ob.PlannerStatus(ob.PlannerStatus.INVALID_GOAL)
+        path = self._search(ptc)
+        if path is None:
+            return ob.PlannerStatus(ob.PlannerStatus.TIMEOUT)
+        self._publish(path)
+        return ob.PlannerStatus(ob.PlannerStatus.EXACT_SOLUTION)
+
+    # ------------------------------------------------------------------------- what a planner must implement
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Drop all trees and graphs."""
+
+    @abstractmethod
+    def _add_start(self, q: FloatArray) -> None:
+        """Take a valid start configuration (n,)."""
+
+    @abstractmethod
+    def _add_goal(self, q: FloatArray) -> None:
+        """Take a valid goal configuration (n,)."""
+
+    @abstractmethod
+    def _has_starts(self) -> bool: ...
+
+    @abstractmethod
+    def _has_goals(self) -> bool: ...
+
+    @abstractmethod
+    def _search(self, ptc: Any) -> FloatArray | None:
+        """Return a path (N, n) whose edges `_motion_is_free` accepts, or None when `ptc` fires."""
+
+    # --------------------------------------------------------------------------------- what planners can ask
+
+    def _random_configuration(self) -> FloatArray:
+        lower, upper = self._bridge.lower, self._bridge.upper
+        return lower + (upper - lower) * self._rng.random(self._bridge.n)
+
+    def _is_valid(self, q: FloatArray) -> bool:
+        return bool(self.getSpaceInformation().isValid(self._from.set(q)))
+
+    def _motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
+        return bool(self.getSpaceInformation().checkMotion(self._from.set(start), self._to.set(end)))
+
+    def _take_goals(self, ptc: Any) -> None:
+        """Take the goals that the problem has to offer now; the first one may take time to appear."""
+        inputs = self.getPlannerInputStates()
+        while inputs.haveMoreGoalStates():
+            state = inputs.nextGoal() if self._has_goals() else inputs.nextGoal(ptc)
+            if state is None:
+                return
+            self._add_goal(self._bridge.read(state))
+
+    def _take_starts(self) -> None:
+        inputs = self.getPlannerInputStates()
+        while inputs.haveMoreStartStates():
+            state = inputs.nextStart()
+            if state is None:
+                return
+            self._add_start(self._bridge.read(state))
+
+    # -------------------------------------------------------------------------------------------- internals
+
+    def _read_objective(self) -> None:
+        """Read the problem's objective; what was built under another one is dropped, its costs are stale."""
+        self._objective = self.getProblemDefinition().getOptimizationObjective()
+        self._cost = StateCost(self._objective, self._bridge)
+        self._cost_scale = 0.0 if self._cost.is_zero else self._measure_scale()
+        if self._cost.is_zero:
+            _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
+        self._forget()
+        self.getPlannerInputStates().restart()
+
+    def _measure_scale(self) -> float:
+        """Return the median of ‖∇c‖ over valid configurations: what α is measured in (`math.md` §2)."""
+        rng = np.random.default_rng(_SCALE_SEED)
+        lower, upper = self._bridge.lower, self._bridge.upper
+        candidates = lower + (upper - lower) * rng.random((8 * _SCALE_SAMPLES, self._bridge.n))
+        valid = [q for q in candidates if self._is_valid(q)][:_SCALE_SAMPLES]
+        norms = self._cost.gradient_norms(np.array(valid or candidates))
+        norms = norms[np.isfinite(norms)]
+        return float(np.median(norms)) if len(norms) else 0.0
+
+    def _publish(self, path: FloatArray) -> None:
+        solution = og.PathGeometric(self.getSpaceInformation())
+        for q in path:
+            solution.append(self._from.set(q))
+        self.getProblemDefinition().addSolutionPath(solution, False, 0.0, self.getName())
+
+
+def non_negative(name: str, value: float) -> float:
+    """Return `value` as a float, or raise InputError if it is not a finite number ≥ 0."""
+    if not (isinstance(value, (int, float, np.number)) and np.isfinite(value) and value >= 0):
+        raise InputError(f"{name} must be a finite number >= 0, got {value!r}")
+    return float(value)
+
+
+def fraction(name: str, value: float) -> float:
+    """Return `value` as a float, or raise InputError if it is not in [0, 1]."""
+    if non_negative(name, value) > 1:
+        raise InputError(f"{name} must be in [0, 1], got {value!r}")
+    return float(value)

@@ -1,0 +1,90 @@
+"""The planners by name: ours, their classical counterparts, and OMPL's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ompl import geometric as og
+
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.rrt_connect import SafeRRTConnect
+
+_OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
+    "SafeRRTConnect": (SafeRRTConnect, {}),
+    "ClassicRRTConnect": (SafeRRTConnect, {"alpha": 0.0}),
+}
+
+# Bound in OMPL's Python wheel, and safe to run with callbacks in Python (PRM and PRMstar are not: they deadlock).
+_OMPL = (
+    "RRTConnect",
+    "RRT",
+    "RRTstar",
+    "InformedRRTstar",
+    "SORRTstar",
+    "BITstar",
+    "FMT",
+    "BFMT",
+    "KPIECE1",
+    "BKPIECE1",
+    "LBKPIECE1",
+)
+
+
+def planner_names() -> list[str]:
+    """Return the names that `make_planner` knows: ours first, then OMPL's."""
+    return [*_OURS, *_OMPL]
+
+
+def is_ours(name: str) -> bool:
+    """Return whether the planner called `name` is one of this package."""
+    return name in _OURS
+
+
+def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None) -> Any:
+    """Return a planner.
+
+    Parameters
+    ----------
+    name : str
+        One of `planner_names()`.
+    si : ob.SpaceInformation
+        What it plans in.
+    parameters : mapping, optional
+        Parameters by the names of their setters: {"alpha": 1} calls `setAlpha(1)`.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such planner or parameter.
+    """
+    if name in _OURS:
+        kind, fixed = _OURS[name]
+        planner = kind(si, name)
+    elif name in _OMPL:
+        fixed, planner = {}, getattr(og, name)(si)
+    else:
+        raise UnknownNameError("planner", name, planner_names())
+    for key, value in {**(parameters or {}), **fixed}.items():
+        _setter(planner, key)(value)
+    return planner
+
+
+def _setter(planner: Any, key: str) -> Callable[[Any], None]:
+    name = "set" + "".join(word.capitalize() for word in key.split("_"))
+    setter = getattr(planner, name, None)
+    if setter is None:
+        own = [n for n in dir(type(planner)) if n.startswith("set") and n[3:4].isupper()]
+        inherited = {"setName", "setProblemDefinition"}
+        raise UnknownNameError(f"parameter of {planner.getName()}", key, sorted(set(own) - inherited))
+
+    def call(value: Any) -> None:
+        try:
+            setter(value)
+        except TypeError:
+            raise InputError(
+                f"parameter {key!r} of {planner.getName()}: {value!r} has the wrong type"
+            ) from None
+
+    return call

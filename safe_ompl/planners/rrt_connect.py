@@ -1,0 +1,145 @@
+"""SafeRRTConnect: RRT-Connect whose trees grow from safe configurations."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.planners.base import SafePlanner, fraction, non_negative
+from safe_ompl.planners.tree import Tree
+
+
+class Extension(Enum):
+    """Outcome of EXTEND."""
+
+    TRAPPED = "no new node"
+    ADVANCED = "a new node on the way"
+    REACHED = "a new node at the target"
+
+
+class SafeRRTConnect(SafePlanner):
+    """Two trees, from start and goal, that grow from safe nodes and greedily connect (SAFE_RRT-CONNECT).
+
+    A random configuration is approached from the node that minimises ρ + α·CDF, a compromise between nearness and
+    danger; then the other tree tries to connect to the new node. With α = 0 it is RRT-Connect.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Any space of real vectors and SO(2) parts.
+    name : str
+        Name in logs and benchmarks.
+    range : float
+        Largest length of one extension [rad]; 0 takes 3.5 % of the space's extent.
+    alpha : float
+        Weight of danger, relative to the median of ‖∇CDF‖ over valid configurations: at 1, nodes that differ in
+        danger as much as a typical step of 1 rad changes it are set 1 rad apart. One default serves all robots.
+    nearest_fraction : float
+        ε: share of the selections that ignore danger. Any ε > 0 keeps the planner probabilistically complete:
+        a node in a dangerous passage would otherwise never be chosen again.
+
+    References
+    ----------
+    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.4.
+    .. [2] J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
+    """
+
+    def __init__(
+        self,
+        si: Any,
+        name: str = "SafeRRTConnect",
+        *,
+        range: float = 0.0,
+        alpha: float = 1.0,
+        nearest_fraction: float = 0.1,
+    ) -> None:
+        super().__init__(si, name)
+        self.setRange(range)
+        self.setAlpha(alpha)
+        self.setNearestFraction(nearest_fraction)
+        self._forget()
+
+    def setAlpha(self, alpha: float) -> None:
+        """Set the weight of danger α, in the robot's own scale; 0 plans classically."""
+        self._alpha = non_negative("alpha", alpha)
+
+    def getAlpha(self) -> float:
+        """Return the weight of danger α."""
+        return self._alpha
+
+    def setNearestFraction(self, epsilon: float) -> None:
+        """Set the share ε in [0, 1] of selections by distance alone."""
+        self._nearest_fraction = fraction("nearest_fraction", epsilon)
+
+    def getNearestFraction(self) -> float:
+        """Return the share ε of selections by distance alone."""
+        return self._nearest_fraction
+
+    # ------------------------------------------------------------------------------- the paper's pseudocode
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        tree, other = self._start_tree, self._goal_tree
+        while not ptc():
+            self._take_goals(ptc)
+            q_rand = self._random_configuration()
+            old = self._select(tree, q_rand)
+            outcome, new = self._extend(tree, old, q_rand)
+            if outcome is not Extension.TRAPPED:
+                q_new = tree.configurations[new]
+                outcome, met = self._connect(other, self._select(other, q_new), q_new)
+                if outcome is Extension.REACHED:
+                    return self._join(tree, new, other, met)
+            tree, other = other, tree
+        return None
+
+    def _select(self, tree: Tree, q: FloatArray) -> int:
+        """Return argmin of ρ(node, q) + α·CDF(node)."""
+        ignore_danger = self._rng.random() < self._nearest_fraction
+        return tree.best(q, 0.0 if ignore_danger or not self._cost_scale else self._alpha / self._cost_scale)
+
+    def _extend(self, tree: Tree, old: int, target: FloatArray) -> tuple[Extension, int]:
+        """EXTEND: one step of at most the range from node `old` towards `target`."""
+        q_old = tree.configurations[old]
+        delta = self._bridge.difference(q_old, target)
+        length = float(np.sqrt(delta @ delta))
+        reaches = length <= self.getRange()
+        q_new = target if reaches else q_old + (self.getRange() / length) * delta
+        edge = (q_old, q_new) if tree.from_start else (q_new, q_old)
+        if not self._motion_is_free(*edge):
+            return Extension.TRAPPED, old
+        self.counts.nodes += 1
+        return Extension.REACHED if reaches else Extension.ADVANCED, tree.add(q_new, old)
+
+    def _connect(self, tree: Tree, node: int, target: FloatArray) -> tuple[Extension, int]:
+        """CONNECT: extend until the target is reached or the tree is trapped."""
+        outcome = Extension.ADVANCED
+        while outcome is Extension.ADVANCED:
+            outcome, node = self._extend(tree, node, target)
+        return outcome, node
+
+    def _join(self, tree: Tree, node: int, other: Tree, met: int) -> FloatArray:
+        """RETURN_PATH: the two branches, from start to goal; the configuration where they meet counts once."""
+        if not tree.from_start:
+            tree, node, other, met = other, met, tree, node
+        return np.concatenate([tree.branch(node), other.branch(met)[-2::-1]])
+
+    # -------------------------------------------------------------------------------------------- the trees
+
+    def _forget(self) -> None:
+        self._start_tree = Tree(self._bridge, self._cost, from_start=True)
+        self._goal_tree = Tree(self._bridge, self._cost, from_start=False)
+
+    def _add_start(self, q: FloatArray) -> None:
+        self._start_tree.add(q)
+
+    def _add_goal(self, q: FloatArray) -> None:
+        self._goal_tree.add(q)
+
+    def _has_starts(self) -> bool:
+        return len(self._start_tree) > 0
+
+    def _has_goals(self) -> bool:
+        return len(self._goal_tree) > 0

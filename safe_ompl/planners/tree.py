@@ -1,0 +1,93 @@
+"""A tree of configurations that grows row by row, with the cost of every node."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.plugins.objective import StateCost
+from safe_ompl.plugins.states import StateBridge
+
+ROOT = -1
+
+
+class Tree:
+    """Configurations as rows of one array, each with the index of its parent.
+
+    Costs are evaluated when they are first asked for, all new nodes in one batch.
+
+    Parameters
+    ----------
+    bridge : StateBridge
+        The space; gives the metric ρ, Euclidean with wrapping.
+    cost : StateCost
+        Cost of configurations.
+    from_start : bool
+        Whether the tree grows from the start (edges are driven away from the root) or from the goal.
+    """
+
+    def __init__(self, bridge: StateBridge, cost: StateCost, *, from_start: bool = True) -> None:
+        self.from_start = from_start
+        self._bridge = bridge
+        self._cost = cost
+        self._rows: FloatArray = np.empty((64, bridge.n))
+        self._parents: IntArray = np.empty(64, dtype=np.intp)
+        self._costs: FloatArray = np.empty(64)
+        self._size = self._costed = 0
+
+    def __len__(self) -> int:
+        return self._size
+
+    @property
+    def configurations(self) -> FloatArray:
+        """The nodes (N, n)."""
+        return self._rows[: self._size]
+
+    @property
+    def parents(self) -> IntArray:
+        """For each node the index of its parent (N,); -1 for roots."""
+        return self._parents[: self._size]
+
+    @property
+    def costs(self) -> FloatArray:
+        """The cost of each node (N,)."""
+        if self._costed < self._size:
+            new = slice(self._costed, self._size)
+            self._costs[new] = self._cost.values(self._rows[new])
+            self._costed = self._size
+        return self._costs[: self._size]
+
+    def add(self, q: FloatArray, parent: int = ROOT) -> int:
+        """Append the configuration `q: (n,)` and return its index."""
+        if self._size == len(self._rows):
+            self._grow()
+        self._rows[self._size] = q
+        self._parents[self._size] = parent
+        self._size += 1
+        return self._size - 1
+
+    def distances(self, q: FloatArray) -> FloatArray:
+        """Return ρ (N,) from every node to `q: (n,)` [rad or m]."""
+        delta = self._bridge.difference(self.configurations, q)
+        return np.sqrt(np.einsum("ij,ij->i", delta, delta))
+
+    def best(self, q: FloatArray, alpha: float) -> int:
+        """Return argmin of ρ(node, q) + α·cost(node); the nearest node for α = 0."""
+        score = self.distances(q)
+        if alpha:
+            score += alpha * self.costs
+        return int(score.argmin())
+
+    def branch(self, node: int) -> FloatArray:
+        """Return the configurations (k, n) from the root to `node`."""
+        indices = []
+        while node != ROOT:
+            indices.append(node)
+            node = int(self._parents[node])
+        return self.configurations[indices[::-1]]
+
+    def _grow(self) -> None:
+        capacity = 2 * len(self._rows)
+        self._rows = np.resize(self._rows, (capacity, self._bridge.n))
+        self._parents = np.resize(self._parents, capacity)
+        self._costs = np.resize(self._costs, capacity)

@@ -1,0 +1,43 @@
+"""Motion validity with proof: the certified check as OMPL's motion validator."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from ompl import base as ob
+
+from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.models.motion import CertifiedMotion
+from safe_ompl.plugins.states import StateBridge
+
+
+class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
+    """Accepts straight motions that are proven free, not sampled (`safe_ompl.models.motion.CertifiedMotion`).
+
+    Any OMPL planner that asks `si.checkMotion` plans certified paths with it.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its space must have the robot's joints as coordinates (see `joint_space`).
+    checker : CollisionChecker
+        Robot and scene.
+    floor : float
+        [m] An edge with less clearance than about this stays undecided, and counts as blocked.
+    """
+
+    def __init__(self, si: Any, checker: CollisionChecker, floor: float = 1e-4) -> None:
+        super().__init__(si)
+        self.motion = CertifiedMotion(checker, floor)
+        self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
+        self._bridge = StateBridge(self._space)
+
+    def checkMotion(self, start: Any, end: Any) -> bool:
+        """Return whether the straight motion between two states is within limits and proven free."""
+        if not (self._space.satisfiesBounds(start) and self._space.satisfiesBounds(end)):
+            return False
+        q_start, q_end = self._bridge.read(start), self._bridge.read(end)
+        if not (np.isfinite(q_start).all() and np.isfinite(q_end).all()):
+            return False
+        return self.motion.is_free(q_start, q_end)

@@ -1,0 +1,145 @@
+"""The bridge between OMPL states and NumPy arrays, for spaces of joint values."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from ompl import base as ob
+
+from safe_ompl.arrays import BoolArray, FloatArray
+from safe_ompl.errors import InputError
+from safe_ompl.models.robot import Robot
+
+_new_capsule = ctypes.pythonapi.PyCapsule_New
+_new_capsule.restype = ctypes.py_object
+_new_capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+
+
+def joint_space(robot: Robot) -> Any:
+    """Return the OMPL state space of a robot's joints.
+
+    A `RealVectorStateSpace` where no joint is continuous; else a `CompoundStateSpace` with an `SO2StateSpace` for
+    each continuous joint and a real vector for each run of the others, in the order of the joints.
+    """
+    if not robot.continuous.any():
+        return _real_vector(robot.lower, robot.upper)
+    space = ob.CompoundStateSpace()
+    first = 0
+    for i in range(robot.n + 1):
+        ends_run = i == robot.n or robot.continuous[i]
+        if ends_run and i > first:
+            space.addSubspace(_real_vector(robot.lower[first:i], robot.upper[first:i]), 1.0)
+        if ends_run and i < robot.n:
+            space.addSubspace(ob.SO2StateSpace(), 1.0)
+            first = i + 1
+    return space
+
+
+def _real_vector(lower: FloatArray, upper: FloatArray) -> Any:
+    space = ob.RealVectorStateSpace(len(lower))
+    bounds = ob.RealVectorBounds(len(lower))
+    for i, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        bounds.setLow(i, low)
+        bounds.setHigh(i, high)
+    space.setBounds(bounds)
+    return space
+
+
+class StateBridge:
+    """Moves configurations between OMPL states of one space and arrays `q: (n,)`.
+
+    Works on real-vector spaces, SO(2), and compounds of these; angles of SO(2) parts wrap at ±π.
+
+    Parameters
+    ----------
+    space : ob.StateSpace
+        The space.
+
+    Attributes
+    ----------
+    n : int
+        Number of coordinates.
+    circular : ndarray of bool, shape (n,)
+        Which coordinates wrap.
+    lower, upper : ndarray, shape (n,)
+        Bounds; ±π for those that wrap.
+
+    Raises
+    ------
+    InputError
+        If the space has parts of another kind.
+    """
+
+    def __init__(self, space: Any) -> None:
+        self.space = space
+        parts = _parts(space)
+        self.circular: BoolArray = np.concatenate([circular for circular, _, _ in parts])
+        self.lower: FloatArray = np.concatenate([lower for _, lower, _ in parts])
+        self.upper: FloatArray = np.concatenate([upper for _, _, upper in parts])
+        self.n: int = len(self.lower)
+        self._wraps = bool(self.circular.any())
+        # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one
+        # buffer costs a tenth of going through Python lists.
+        if space.getSerializationLength() != 8 * self.n:
+            raise InputError(f"state space {space.getName()!r} is not made of real vectors and SO(2) alone")
+        self._buffer: FloatArray = np.zeros(self.n)
+        self._capsule = _new_capsule(self._buffer.ctypes.data, b"nb_handle", None)
+
+    def read(self, state: Any) -> FloatArray:
+        """Return the configuration (n,) of a state as a new array."""
+        self.space.serialize(self._capsule, state)
+        return self._buffer.copy()
+
+    def view(self, state: Any) -> FloatArray:
+        """Return the configuration (n,) of a state in a buffer that the next call overwrites."""
+        self.space.serialize(self._capsule, state)
+        return self._buffer
+
+    def write(self, q: FloatArray, state: Any) -> None:
+        """Copy the configuration `q: (n,)` into a state."""
+        self._buffer[:] = self.wrapped(q) if self._wraps else q
+        self.space.deserialize(state, self._capsule)
+
+    def wrapped(self, q: FloatArray) -> FloatArray:
+        """Return `q: (…, n)` with the coordinates that wrap brought into [−π, π)."""
+        if not self._wraps:
+            return q
+        return np.where(self.circular, (q + np.pi) % (2 * np.pi) - np.pi, q)
+
+    def difference(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the motion from `start` to `end` (matching shapes (…, n)), the short way round where it wraps."""
+        delta = end - start
+        if self._wraps:
+            delta = np.where(self.circular, delta - 2 * np.pi * np.round(delta / (2 * np.pi)), delta)
+        return delta
+
+
+class ScratchState:
+    """One state of a space, freed with this object."""
+
+    def __init__(self, bridge: StateBridge) -> None:
+        self._bridge = bridge
+        self.state = bridge.space.allocState()
+
+    def set(self, q: FloatArray) -> Any:
+        """Write `q: (n,)` and return the state; it holds until the next call."""
+        self._bridge.write(q, self.state)
+        return self.state
+
+
+def _parts(space: Any) -> list[tuple[BoolArray, FloatArray, FloatArray]]:
+    """For each leaf of a space: which coordinates wrap, and the bounds."""
+    if isinstance(space, ob.SO2StateSpace):
+        return [(np.array([True]), np.array([-np.pi]), np.array([np.pi]))]
+    if isinstance(space, ob.RealVectorStateSpace):
+        bounds = space.getBounds()
+        lower, upper = np.array(list(bounds.low), dtype=float), np.array(list(bounds.high), dtype=float)
+        return [(np.zeros(len(lower), dtype=bool), lower, upper)]
+    if isinstance(space, ob.CompoundStateSpace):
+        return [part for i in range(space.getSubspaceCount()) for part in _parts(space.getSubspace(i))]
+    raise InputError(
+        f"state space {space.getName()!r} ({type(space).__name__}): only real vectors, SO(2) and compounds of these "
+        "can be planned in"
+    )

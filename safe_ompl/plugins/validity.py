@@ -1,0 +1,41 @@
+"""State validity on coal: limits, NaN, collision."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ompl import base as ob
+
+from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.plugins.states import StateBridge
+
+
+class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
+    """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its space must have the robot's joints as coordinates (see `joint_space`).
+    checker : CollisionChecker
+        Robot and scene.
+    """
+
+    def __init__(self, si: Any, checker: CollisionChecker) -> None:
+        super().__init__(si)
+        self.checker = checker
+        self._space = si.getStateSpace()
+        self._bridge = StateBridge(self._space)
+
+    def isValid(self, state: Any) -> bool:
+        """Return whether `state` is within limits, finite, and free of collision."""
+        if not self._space.satisfiesBounds(state):
+            return False
+        q = self._bridge.view(state)
+        square = q.dot(q)
+        # OMPL's bounds let NaN pass: every comparison with it is false.
+        return bool(square == square) and not self.checker.in_collision(q)
+
+    def clearance(self, state: Any) -> float:
+        """Return the distance [m] between the robot and the nearest obstacle."""
+        return self.checker.clearance(self._bridge.read(state)).distance

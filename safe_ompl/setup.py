@@ -1,0 +1,352 @@
+"""SafeSetup: OMPL's SimpleSetup wired from a robot and a scene; and `plan`, from a scenario to a result."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.errors import CollisionError, InputError, PlanningError
+from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.models.counts import Counts
+from safe_ompl.models.danger import DangerField
+from safe_ompl.models.robot import Robot
+from safe_ompl.models.scenario import Scenario
+from safe_ompl.models.scene import Scene
+from safe_ompl.paths.report import PathReport
+from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.registry import make_planner
+from safe_ompl.plugins.motion import CertifiedMotionValidator
+from safe_ompl.plugins.objective import DangerObjective
+from safe_ompl.plugins.states import StateBridge, joint_space
+from safe_ompl.plugins.validity import CollisionFreeValidity
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class PlanResult:
+    """Outcome of one planning run; true if solved.
+
+    Attributes
+    ----------
+    status : str
+        OMPL's word for the outcome: "Exact solution", "Timeout", …
+    path : ndarray, shape (N, n), or None
+        Way points from start to goal [rad or m], validated.
+    report : PathReport or None
+        What there is to say about the path.
+    planner : str
+        Name of the planner.
+    seed : int
+        Seed of the run.
+    joint_names : tuple of str
+        Columns of the path.
+    planning_time, simplification_time : float
+        [s]
+    counts : Counts
+        Work done while planning, validation and report not included.
+    """
+
+    status: str
+    path: FloatArray | None
+    report: PathReport | None
+    planner: str
+    seed: int
+    joint_names: tuple[str, ...]
+    planning_time: float
+    simplification_time: float = 0.0
+    counts: Counts = field(default_factory=Counts)
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a path from start to goal."""
+        return self.path is not None
+
+    def __bool__(self) -> bool:
+        return self.solved
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""
+        report = {"length": None, "danger": None, "clearance": None, "certified": False}
+        return {
+            "planner": self.planner,
+            "seed": self.seed,
+            "status": self.status,
+            "solved": self.solved,
+            "planning_time": self.planning_time,
+            "simplification_time": self.simplification_time,
+            "joint_names": list(self.joint_names),
+            "path": None if self.path is None else self.path.tolist(),
+            **(self.report.as_dict() if self.report else report),
+            "counts": self.counts.as_dict(),
+        }
+
+
+class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
+    """An `og.SimpleSetup` with the robot's joint space, certified motions and the danger objective.
+
+    Everything that OMPL's SimpleSetup does works as usual; `plan` is a short cut that also reports.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    scene : Scene
+        The obstacles.
+    danger : mapping or None
+        Options of `DangerField` (aggregate, weighting, sharpness, …) and `spacing` of the danger points [m].
+        None plans without danger.
+    floor : float
+        [m] Motions with less clearance than about this stay undecided, and count as blocked.
+
+    Attributes
+    ----------
+    counts : Counts
+        Queries and field evaluations so far.
+    checker : CollisionChecker
+        Robot against scene.
+    field : DangerField or None
+        The danger.
+
+    Raises
+    ------
+    InputError
+        If danger is asked for and no obstacle of the scene is dangerous.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        *,
+        danger: Mapping[str, Any] | None = {},
+        floor: float = 1e-4,
+    ) -> None:
+        super().__init__(joint_space(robot))
+        si = self.getSpaceInformation()
+        self.robot = robot
+        self.scene = scene
+        self.counts = Counts()
+        self.checker = CollisionChecker(robot, scene, self.counts)
+        self.field = None if danger is None else _danger_field(robot, scene, danger, self.counts)
+        self.setStateValidityChecker(CollisionFreeValidity(si, self.checker))
+        self._validator = CertifiedMotionValidator(si, self.checker, floor)
+        si.setMotionValidator(self._validator)
+        if self.field is not None:
+            self.setOptimizationObjective(DangerObjective(si, self.field))
+        self._bridge = StateBridge(self.getStateSpace())
+
+    def __repr__(self) -> str:
+        return f"SafeSetup({self.robot!r}, {self.scene!r})"
+
+    # ----------------------------------------------------------------------------------------- the problem
+
+    def setConfigurations(self, start: ArrayLike, goals: ArrayLike) -> None:
+        """Set the start configuration (n,) and one goal (n,) or several (G, n) [rad or m].
+
+        Raises
+        ------
+        InputError
+            Wrong shape, NaN, or outside the limits: names joint, value and limits.
+        CollisionError
+            In collision: names the pair. Of several goals only those that are free count; one must be.
+        """
+        q_start = self._checked_configuration(start, "start")
+        rows = np.atleast_2d(np.asarray(goals, dtype=object))
+        q_goals = self._checked_goals([list(row) for row in rows])
+        self.clearStartStates()
+        self.addStartState(self._state(q_start))
+        region = ob.GoalStates(self.getSpaceInformation())
+        for q in q_goals:
+            region.addState(self._state(q))
+        self.setGoal(region)
+
+    def _checked_goals(self, goals: Sequence[ArrayLike]) -> list[FloatArray]:
+        if len(goals) == 1:
+            return [self._checked_configuration(goals[0], "goal")]
+        free, refused = [], None
+        for k, goal in enumerate(goals):
+            try:
+                free.append(self._checked_configuration(goal, f"goal {k}"))
+            except CollisionError as error:
+                _log.warning("%s", error)
+                refused = error
+        if refused is not None and not free:
+            raise refused
+        return free
+
+    def _checked_configuration(self, value: ArrayLike, name: str) -> FloatArray:
+        robot = self.robot
+        q = finite_array(value, (robot.n,), f"{name} configuration")
+        for i in np.flatnonzero(~robot.within_limits(q)):
+            raise InputError(
+                f"{name}: joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits "
+                f"[{robot.lower[i]:g}, {robot.upper[i]:g}]"
+            )
+        pair = self.checker.colliding_pair(q)
+        if pair is not None:
+            raise CollisionError(f"{name} is in collision: {pair[0]!r} touches {pair[1]!r}")
+        # Within the tolerance of the limits a start is accepted; OMPL's own tolerance is smaller.
+        return np.where(robot.continuous, q, np.clip(q, robot.lower, robot.upper))
+
+    def _state(self, q: FloatArray) -> Any:
+        state = self.getStateSpace().allocState()
+        self._bridge.write(q, state)
+        return state
+
+    # -------------------------------------------------------------------------------------------- planning
+
+    def plan(
+        self,
+        planner: str | Any = "SafeRRTConnect",
+        *,
+        time: float = 5.0,
+        seed: int = 0,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> PlanResult:
+        """Plan from the start to a goal, validate, and report.
+
+        Parameters
+        ----------
+        planner : str or ob.Planner
+            A name of `planner_names()`, or a planner on this setup's space information.
+        time : float
+            Time limit [s].
+        seed : int
+            Seed of the planner's random numbers.
+        parameters : mapping, optional
+            Parameters for a planner given by name.
+
+        Raises
+        ------
+        InputError
+            Time limit not positive, unknown planner or parameter.
+        PlanningError
+            If a planner returns a path that the validator refuses.
+        """
+        if not (isinstance(time, (int, float)) and np.isfinite(time) and time > 0):
+            raise InputError(f"time limit must be a positive number of seconds, got {time!r}")
+        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**32:
+            raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
+        _seed_ompl(int(seed))
+        if isinstance(planner, str):
+            planner = make_planner(planner, self.getSpaceInformation(), parameters)
+        if isinstance(planner, SafePlanner):
+            planner.setSeed(int(seed))
+        self.clear()
+        self.setPlanner(planner)
+        self.setup()
+
+        before, begin = self.counts.copy(), perf_counter()
+        status = self.solve(float(time))
+        elapsed = perf_counter() - begin
+        counts = self.counts - before
+        counts.nodes = _nodes(planner)
+
+        path = self.solution() if self.haveExactSolutionPath() else None
+        report = None if path is None else self.report(path)
+        if report is not None and not report.certified:
+            raise PlanningError(
+                f"{planner.getName()} returned a path that is not proven free: {report.refused}"
+            )
+        return PlanResult(
+            status.asString(),
+            path,
+            report,
+            planner.getName(),
+            int(seed),
+            self.robot.joint_names,
+            elapsed,
+            counts=counts,
+        )
+
+    def solution(self) -> FloatArray:
+        """Return the solution path (N, n) found last."""
+        path = self.getSolutionPath()
+        return np.array([self._bridge.read(path.getState(i)) for i in range(path.getStateCount())])
+
+    def report(self, path: ArrayLike) -> PathReport:
+        """Validate and examine a path (N, n)."""
+        array = finite_array(path, (None, self.robot.n), "path")
+        return PathReport.of(array, self.checker, self.field, self._validator.motion)
+
+
+def plan(
+    scenario: Scenario | str | Path,
+    planner: str = "SafeRRTConnect",
+    time: float | None = None,
+    seed: int = 0,
+    parameters: Mapping[str, Any] | None = None,
+) -> PlanResult:
+    """Plan a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The problem, or the name or file of one.
+    planner : str
+        A name of `planner_names()`.
+    time : float, optional
+        Time limit [s]; the scenario's own by default.
+    seed : int
+        Seed.
+    parameters : mapping, optional
+        Planner parameters that override those of the scenario.
+
+    Returns
+    -------
+    PlanResult
+        True if solved.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = Scenario.load(scenario)
+    setup = setup_scenario(scenario)
+    own = scenario.planners.get(planner, {})
+    return setup.plan(
+        planner,
+        time=scenario.time if time is None else time,
+        seed=seed,
+        parameters={**own, **(parameters or {})},
+    )
+
+
+def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
+    """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
+    robot = robot or scenario.robot.build()
+    setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
+    setup.setConfigurations(scenario.start_configuration(robot), scenario.goal_configurations(robot))
+    return setup
+
+
+def _danger_field(robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts) -> DangerField:
+    options = dict(options)
+    points, weights, _ = scene.danger_points(options.pop("spacing", None))
+    return DangerField(robot, points, weights, counts=counts, **options)
+
+
+def _seed_ompl(seed: int) -> None:
+    """Seed OMPL's C++ planners, quietly: it complains of a second seed, though planners built later do follow it."""
+    handler = ou.getOutputHandler()
+    ou.noOutputHandler()
+    ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"
+    ou.useOutputHandler(handler)
+
+
+def _nodes(planner: Any) -> int:
+    """Return how many nodes a planner kept."""
+    if isinstance(planner, SafePlanner):
+        return planner.counts.nodes
+    data = ob.PlannerData(planner.getSpaceInformation())
+    planner.getPlannerData(data)
+    return int(data.numVertices())
