@@ -1,1 +1,1 @@
-"""Safety-oriented robot arm motion planning for OMPL."""
+"""Safety-oriented robot arm motion planning for OMPL (Lacevic & Rocco, Robotica 2013)."""

@@ -113,7 +113,8 @@ def _drop(geometry: pin.GeometryModel, pairs: list[pin.CollisionPair], why: str)
     if not pairs:
         return
     names = [
-        f"{geometry.geometryObjects[pair.first].name}–{geometry.geometryObjects[pair.second].name}" for pair in pairs
+        f"{geometry.geometryObjects[pair.first].name}–{geometry.geometryObjects[pair.second].name}"
+        for pair in pairs
     ]
     for pair in pairs:
         geometry.removeCollisionPair(pair)

@@ -48,9 +48,7 @@ EXAMPLES: dict[str, ExampleRobot] = {
         "tool0",
     ),
     "ur10": ExampleRobot("ur_description/urdf/ur10_joint_limited_robot.urdf", None, "tool0"),
-    "xarm7": ExampleRobot(
-        "xarm_description/urdf/xarm7.urdf", "xarm_description/srdf/xarm7.srdf", "link_eef"
-    ),
+    "xarm7": ExampleRobot("xarm_description/urdf/xarm7.urdf", "xarm_description/srdf/xarm7.srdf", "link_eef"),
     "kinova": ExampleRobot("kinova_description/robots/kinova.urdf", None, "j2s6s200_end_effector"),
     "z1": ExampleRobot("z1_description/urdf/z1.urdf", None, "gripperStator"),
     "so101": ExampleRobot("so_arm_description/urdf/so101.urdf", None, "gripper_frame_link"),

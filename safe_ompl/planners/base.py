@@ -75,9 +75,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             self._read_objective()
 
     def clear(self) -> None:
-        """Forget everything but the parameters; random numbers start anew."""
+        """Forget everything but the parameters. Random numbers go on: the runs of a benchmark must differ."""
         ob.Planner.clear(self)
-        self.setSeed(self._seed)
         self.counts.reset()
         self._forget()
 
