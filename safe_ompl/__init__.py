@@ -1,1 +1,41 @@
 """Safety-oriented robot arm motion planning for OMPL (Lacevic & Rocco, Robotica 2013)."""
+
+from safe_ompl.errors import CollisionError, InputError, PlanningError, SafeOmplError, UnknownNameError
+from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.models.danger import DangerField
+from safe_ompl.models.motion import CertifiedMotion, Verdict
+from safe_ompl.models.robot import Robot
+from safe_ompl.models.scenario import Scenario
+from safe_ompl.models.scene import Scene
+from safe_ompl.paths.report import PathReport
+from safe_ompl.planners.registry import make_planner, planner_names
+from safe_ompl.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.plugins.motion import CertifiedMotionValidator
+from safe_ompl.plugins.objective import DangerObjective
+from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.setup import PlanResult, SafeSetup, plan
+
+__all__ = [
+    "CertifiedMotion",
+    "CertifiedMotionValidator",
+    "CollisionChecker",
+    "CollisionError",
+    "CollisionFreeValidity",
+    "DangerField",
+    "DangerObjective",
+    "InputError",
+    "PathReport",
+    "PlanResult",
+    "PlanningError",
+    "Robot",
+    "SafeOmplError",
+    "SafeRRTConnect",
+    "SafeSetup",
+    "Scenario",
+    "Scene",
+    "UnknownNameError",
+    "Verdict",
+    "make_planner",
+    "plan",
+    "planner_names",
+]

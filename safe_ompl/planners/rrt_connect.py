@@ -24,7 +24,8 @@ class SafeRRTConnect(SafePlanner):
     """Two trees, from start and goal, that grow from safe nodes and greedily connect (SAFE_RRT-CONNECT).
 
     A random configuration is approached from the node that minimises ρ + α·CDF, a compromise between nearness and
-    danger; then the other tree tries to connect to the new node. With α = 0 it is RRT-Connect.
+    danger; then the other tree tries to connect to the new node. On its way every new node slides down the gradient
+    of the danger, at right angles to the step, as far as the way stays free. With α = 0 it is RRT-Connect.
 
     Parameters
     ----------
@@ -40,6 +41,10 @@ class SafeRRTConnect(SafePlanner):
     nearest_fraction : float
         ε: share of the selections that ignore danger. Any ε > 0 keeps the planner probabilistically complete:
         a node in a dangerous passage would otherwise never be chosen again.
+    slide : float
+        Largest sideways slide of a new node, as a fraction of the range; 0 gives the paper's straight extension.
+        It acts where α > 0 and the objective offers gradients (`DangerObjective` does). Selection alone lowers the
+        danger little; this is the null-space motion of the paper's JT-RRT (§4.3) for a step in C-space.
 
     References
     ----------
@@ -55,11 +60,13 @@ class SafeRRTConnect(SafePlanner):
         range: float = 0.0,
         alpha: float = 1.0,
         nearest_fraction: float = 0.1,
+        slide: float = 0.8,
     ) -> None:
         super().__init__(si, name)
         self.setRange(range)
         self.setAlpha(alpha)
         self.setNearestFraction(nearest_fraction)
+        self.setSlide(slide)
         self._forget()
 
     def setAlpha(self, alpha: float) -> None:
@@ -77,6 +84,14 @@ class SafeRRTConnect(SafePlanner):
     def getNearestFraction(self) -> float:
         """Return the share ε of selections by distance alone."""
         return self._nearest_fraction
+
+    def setSlide(self, slide: float) -> None:
+        """Set the largest sideways slide of a new node, in [0, 1], as a fraction of the range."""
+        self._slide = fraction("slide", slide)
+
+    def getSlide(self) -> float:
+        """Return the largest sideways slide of a new node, as a fraction of the range."""
+        return self._slide
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
@@ -104,14 +119,40 @@ class SafeRRTConnect(SafePlanner):
         """EXTEND: one step of at most the range from node `old` towards `target`."""
         q_old = tree.configurations[old]
         delta = self._bridge.difference(q_old, target)
-        length = float(np.sqrt(delta @ delta))
-        reaches = length <= self.getRange()
-        q_new = target if reaches else q_old + (self.getRange() / length) * delta
+        length, step = float(np.sqrt(delta @ delta)), self.getRange()
+        if length <= step:
+            return self._grow(tree, old, target, Extension.REACHED)
+        straight = q_old + (step / length) * delta
+        slid = self._slid(straight, delta / length, self._slide * min(step, length - step))
+        if slid is not None:
+            outcome, new = self._grow(tree, old, slid, Extension.ADVANCED)
+            if outcome is Extension.ADVANCED:
+                return outcome, new
+        return self._grow(tree, old, straight, Extension.ADVANCED)
+
+    def _grow(self, tree: Tree, old: int, q_new: FloatArray, outcome: Extension) -> tuple[Extension, int]:
+        """Add `q_new` under node `old` if the edge between them is free."""
+        q_old = tree.configurations[old]
         edge = (q_old, q_new) if tree.from_start else (q_new, q_old)
         if not self._motion_is_free(*edge):
             return Extension.TRAPPED, old
         self.counts.nodes += 1
-        return Extension.REACHED if reaches else Extension.ADVANCED, tree.add(q_new, old)
+        return outcome, tree.add(q_new, old)
+
+    def _slid(self, q: FloatArray, direction: FloatArray, reach: float) -> FloatArray | None:
+        """Return `q` moved down the danger's gradient at right angles to `direction`, by at most `reach`.
+
+        The reach shrinks as the target comes near, so that every step comes nearer to it.
+        """
+        if not (self._alpha and reach and self._cost_scale and self._cost.has_gradients):
+            return None
+        slope = self._cost.gradient(q) / self._cost_scale
+        slope -= (slope @ direction) * direction
+        steepness = float(np.sqrt(slope @ slope))
+        if not 0 < steepness < np.inf:
+            return None
+        moved: FloatArray = q - (reach * min(1.0, steepness) / steepness) * slope
+        return self._bridge.inside(moved)
 
     def _connect(self, tree: Tree, node: int, target: FloatArray) -> tuple[Extension, int]:
         """CONNECT: extend until the target is reached or the tree is trapped."""

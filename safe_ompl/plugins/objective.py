@@ -87,11 +87,20 @@ class StateCost:
             return np.asarray(self._objective.values(Q), dtype=np.float64)
         return np.array([self._objective.stateCost(self._scratch.set(q)).value() for q in Q])
 
+    @property
+    def has_gradients(self) -> bool:
+        """Whether the objective offers exact gradients (`gradients(Q)`)."""
+        return not self.is_zero and hasattr(self._objective, "gradients")
+
+    def gradient(self, q: FloatArray) -> FloatArray:
+        """Return the exact gradient (n,) at `q: (n,)`; only where `has_gradients`."""
+        return np.asarray(self._objective.gradients(q[None])[0], dtype=np.float64)
+
     def gradient_norms(self, Q: FloatArray) -> FloatArray:
         """Return ‖∇c‖ (B,) at `Q: (B, n)`: exact where the objective offers gradients, else by central differences."""
         if self.is_zero:
             return np.zeros(len(Q))
-        if hasattr(self._objective, "gradients"):
+        if self.has_gradients:
             return np.linalg.norm(self._objective.gradients(Q), axis=1)
         step = 1e-5 * np.eye(self._bridge.n)
         rises = [(self.values(Q + h) - self.values(Q - h)) / 2e-5 for h in step]

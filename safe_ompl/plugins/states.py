@@ -108,6 +108,10 @@ class StateBridge:
             return q
         return np.where(self.circular, (q + np.pi) % (2 * np.pi) - np.pi, q)
 
+    def inside(self, q: FloatArray) -> FloatArray:
+        """Return the configuration within bounds that is nearest to `q: (…, n)`; coordinates that wrap are wrapped."""
+        return np.where(self.circular, self.wrapped(q), np.clip(q, self.lower, self.upper))
+
     def difference(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the motion from `start` to `end` (matching shapes (…, n)), the short way round where it wraps."""
         delta = end - start
