@@ -17,6 +17,7 @@ from ompl import util as ou
 
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import CollisionError, InputError, PlanningError
+from safe_ompl.models import document
 from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.counts import Counts
 from safe_ompl.models.danger import DangerField
@@ -323,9 +324,11 @@ def plan(
 
 def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
     """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
-    robot = robot or scenario.robot.build()
-    setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
-    setup.setConfigurations(scenario.start_configuration(robot), scenario.goal_configurations(robot))
+    robot = robot or scenario.build_robot()
+    start, goals = scenario.start_configuration(robot), scenario.goal_configurations(robot)
+    with document.within(str(scenario.file or scenario.name), ": "):
+        setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
+        setup.setConfigurations(start, goals)
     return setup
 
 

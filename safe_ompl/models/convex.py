@@ -81,8 +81,8 @@ def sample_configurations(model: pin.Model) -> FloatArray:
     velocities = rng.uniform(-np.pi, np.pi, (_SAMPLES, model.nv))
     neutral = pin.neutral(model)
     rows = np.array([pin.integrate(model, neutral, v) for v in velocities])
-    for joint in model.joints:
-        if joint.nq == joint.nv == 1:
+    for joint in list(model.joints)[1:]:  # the first is the fixed base, which claims a coordinate it has not
+        if joint.nq == 1:
             low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
             rows[:, joint.idx_q] = rng.uniform(low, high, _SAMPLES)
     return rows

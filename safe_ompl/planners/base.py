@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 
 _SCALE_SAMPLES = 50
 _SCALE_SEED = 0  # the scale belongs to robot and scene: it must not change with the planner's seed
-_RANGE_FRACTION = 0.035  # of the space's extent: about 0.5 rad on an arm; longer steps are trapped more often
+_RANGE_FRACTION = 0.06  # of the space's extent: 0.9 rad on a six-axis arm; longer steps are trapped, shorter ones crawl
 
 
 class SafePlanner(ob.Planner):  # type: ignore[misc]
@@ -59,7 +59,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return self._seed
 
     def setRange(self, distance: float) -> None:
-        """Set the largest length of one extension [rad]; 0 takes 3.5 % of the space's extent."""
+        """Set the largest length of one extension [rad]; 0 takes 6 % of the space's extent."""
         self._range = non_negative("range", distance)
 
     def getRange(self) -> float:
