@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 
 class SafeOmplError(Exception):
@@ -40,7 +41,12 @@ class UnknownNameError(InputError):
     """
 
     def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
+        known = tuple(known)
         super().__init__(f"unknown {kind} {name!r}; known: {', '.join(known) or '(none)'}", source)
+        self._arguments = (kind, name, known, source)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._arguments
 
 
 class CollisionError(InputError):

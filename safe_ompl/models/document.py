@@ -1,0 +1,226 @@
+"""Reading YAML documents: typed values, and errors that name file, key and value.
+
+Every check raises an `InputError` whose message starts with the key that it is about. Each level of a
+document wraps its children in `within`, so that the message grows into the full path on its way up:
+``scenarios/x.yaml: scene.obstacles[2] 'table'.box.size: -0.2 must be > 0``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from safe_ompl.errors import InputError
+
+
+@contextmanager
+def within(place: str, separator: str = ".") -> Iterator[None]:
+    """Put `place` before the key of every InputError raised inside the block."""
+    try:
+        yield
+    except InputError as error:
+        error.args = (f"{place}{separator}{error}",)
+        raise
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """Return the mapping that the YAML file `path` holds.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not YAML (the message names the line), or holds no mapping.
+    """
+    try:
+        content = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"is not text in UTF-8 ({error})") from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})") from None
+    return parse_document(content)
+
+
+def parse_document(content: str) -> dict[str, Any]:
+    """Return the mapping that YAML text holds; nothing at all is an empty mapping.
+
+    Raises
+    ------
+    InputError
+        If it is not YAML (the message names the line) or holds no mapping.
+    """
+    try:
+        data = yaml.load(content, Loader=_StrictLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        raise InputError(
+            f"malformed YAML: {error.problem}", f"line {mark.line + 1}" if mark else None
+        ) from None
+    except yaml.YAMLError as error:
+        raise InputError(f"malformed YAML: {error}") from None
+    if data is None:
+        return {}
+    if not isinstance(data, dict):
+        raise InputError(f"must be a mapping of keys to values, not {_kind(data)}")
+    return data
+
+
+def dump_document(data: Mapping[str, Any]) -> str:
+    """Return `data` as YAML; numbers are written so that they are read back exactly."""
+    return yaml.dump(data, Dumper=_FlowListDumper, sort_keys=False, allow_unicode=True, width=110)
+
+
+def mapping(key: str, value: Any, valid: Iterable[str] | None = None) -> dict[str, Any]:
+    """Return `value` as a mapping with text keys, all of them among `valid` if given."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"must be a mapping of keys to values, not {_kind(value)}", key)
+    for name in value:
+        if not isinstance(name, str):
+            raise InputError(f"the key {name!r} must be text", key)
+    if valid is not None:
+        with within(key):
+            check_keys(value, valid)
+    return dict(value)
+
+
+def check_keys(data: Mapping[str, Any], valid: Iterable[str]) -> None:
+    """Raise InputError for the first key of `data` that is not among `valid`."""
+    known = list(valid)
+    for name in data:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), known, n=1)
+            hint = f"did you mean {close[0]!r}? " if close else ""
+            raise InputError(f"unknown key; {hint}valid keys: {', '.join(known)}", str(name))
+
+
+def require(data: Mapping[str, Any], key: str) -> Any:
+    """Return ``data[key]``, or raise InputError if there is none."""
+    if key not in data:
+        raise InputError("missing, but needed", key)
+    return data[key]
+
+
+def text(key: str, value: Any) -> str:
+    """Return `value` as text that is not empty."""
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(f"must be text that is not empty, not {value!r}", key)
+    return value
+
+
+def flag(key: str, value: Any) -> bool:
+    """Return `value` as a bool."""
+    if not isinstance(value, bool):
+        raise InputError(f"must be true or false, not {value!r}", key)
+    return value
+
+
+def file(key: str, value: Any, endings: tuple[str, ...]) -> Path:
+    """Return `value` as the absolute path of a file that exists and ends in one of `endings`."""
+    if not isinstance(value, (str, Path)):
+        raise InputError(f"must be a file name, not {value!r}", key)
+    path = Path(value).resolve()
+    if path.suffix.lower() not in endings:
+        raise InputError(f"{str(value)!r} must end in {' or '.join(endings)}", key)
+    if not path.is_file():
+        raise InputError(f"{str(value)!r} does not exist", key)
+    return path
+
+
+def file_name(path: Path, folder: Path | None) -> str:
+    """Return how a document in `folder` names `path`: relative to it, or in full if there is none."""
+    return str(path) if folder is None else Path(os.path.relpath(path, folder.resolve())).as_posix()
+
+
+def number(key: str, value: Any, *, above: float | None = None, at_least: float | None = None) -> float:
+    """Return `value` as a finite float, larger than `above` or no smaller than `at_least` if given."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise InputError(f"must be a number, not {value!r}", key)
+    result = float(value)
+    if not math.isfinite(result):
+        raise InputError(f"must be a finite number, not {result}", key)
+    if above is not None and not result > above:
+        raise InputError(f"{result:g} must be > {above:g}", key)
+    if at_least is not None and not result >= at_least:
+        raise InputError(f"{result:g} must be ≥ {at_least:g}", key)
+    return result
+
+
+def numbers(
+    key: str, value: Any, count: int | None = None, *, above: float | None = None
+) -> tuple[float, ...]:
+    """Return `value` as `count` finite floats, each larger than `above` if given."""
+    items = sequence(key, value)
+    if count is not None and len(items) != count:
+        raise InputError(f"must be {count} numbers, not {len(items)}: {list(items)!r}", key)
+    return tuple(number(key, item, above=above) for item in items)
+
+
+def sequence(key: str, value: Any) -> list[Any]:
+    """Return `value` as a list; arrays are welcome, text is not."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if not isinstance(value, (list, tuple)):
+        raise InputError(f"must be a list, not {_kind(value)}", key)
+    return list(value)
+
+
+def _kind(value: Any) -> str:
+    return "nothing" if value is None else f"{type(value).__name__} {value!r}"
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML's safe loader that reads ``1e-3`` as a number and refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, (list, dict)):
+                raise yaml.constructor.ConstructorError(None, None, "a key must be text", key_node.start_mark)
+            if key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key {key!r} is given twice", key_node.start_mark
+                )
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+class _FlowListDumper(yaml.SafeDumper):
+    """YAML's safe dumper with lists of numbers on one line."""
+
+    def represent_sequence(
+        self, tag: str, sequence: Any, flow_style: bool | None = None
+    ) -> yaml.SequenceNode:
+        plain = not any(isinstance(item, (dict, list, tuple)) for item in sequence)
+        return super().represent_sequence(tag, sequence, flow_style=plain)
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    """Quote text with line breaks of all kinds, which come back as spaces otherwise."""
+    style = None if text.isprintable() else '"'
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+
+_FlowListDumper.add_representer(str, _represent_text)
+_FlowListDumper.add_representer(tuple, lambda dumper, data: dumper.represent_list(data))
+
+# YAML 1.1 takes 1e-3 for text. The dumper must know the rule too, or it writes the text "1e3" without quotes.
+for _side in (_StrictLoader, _FlowListDumper):
+    _side.add_implicit_resolver(
+        "tag:yaml.org,2002:float",
+        re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+        list("-+.0123456789"),
+    )
