@@ -20,6 +20,7 @@ _log = logging.getLogger(__name__)
 
 _SCALE_SAMPLES = 50
 _SCALE_SEED = 0  # the scale belongs to robot and scene: it must not change with the planner's seed
+_FIRST_GOALS = 100  # taken before planning begins
 _RANGE_FRACTION = 0.06  # of the space's extent: 0.9 rad on a six-axis arm; longer steps are trapped, shorter ones crawl
 
 
@@ -44,6 +45,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._cost = StateCost(None, self._bridge)
         self._cost_scale = 0.0
         self._range = 0.0
+        self._default_range = _RANGE_FRACTION * float(np.linalg.norm(self._bridge.upper - self._bridge.lower))
 
     # ------------------------------------------------------------------------------------------- parameters
 
@@ -64,7 +66,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def getRange(self) -> float:
         """Return the largest length of one extension [rad]."""
-        return self._range or _RANGE_FRACTION * float(np.linalg.norm(self._bridge.upper - self._bridge.lower))
+        return self._range or self._default_range
 
     # ------------------------------------------------------------------------------------------- life cycle
 
@@ -100,14 +102,14 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             raise InputError(f"{self.getName()}: no problem definition set")
         if problem.getOptimizationObjective() is not self._objective:
             self._read_objective()
-        if not isinstance(problem.getGoal(), ob.GoalSampleableRegion):
+        if not self._accepts(problem.getGoal()):
             return ob.PlannerStatus(ob.PlannerStatus.UNRECOGNIZED_GOAL_TYPE)
         self._take_starts()
-        self._take_goals(ptc)
         if not self._has_starts():
             return ob.PlannerStatus(ob.PlannerStatus.INVALID_START)
+        self._take_goals(ptc)
         if not self._has_goals():
-            return ob.PlannerStatus(ob.PlannerStatus.INVALID_GOAL)
+            return ob.PlannerStatus(ob.PlannerStatus.TIMEOUT if ptc() else ob.PlannerStatus.INVALID_GOAL)
         path = self._search(ptc)
         if path is None:
             return ob.PlannerStatus(ob.PlannerStatus.TIMEOUT)
@@ -115,6 +117,10 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return ob.PlannerStatus(ob.PlannerStatus.EXACT_SOLUTION)
 
     # ------------------------------------------------------------------------- what a planner must implement
+
+    def _accepts(self, goal: Any) -> bool:
+        """Return whether the planner can plan to such a goal; by default one that offers goal configurations."""
+        return isinstance(goal, ob.GoalSampleableRegion)
 
     @abstractmethod
     def _forget(self) -> None:
@@ -151,12 +157,24 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return bool(self.getSpaceInformation().checkMotion(self._from.set(start), self._to.set(end)))
 
     def _take_goals(self, ptc: Any) -> None:
-        """Take the goals that the problem has to offer now; the first one may take time to appear."""
-        inputs = self.getPlannerInputStates()
-        while inputs.haveMoreGoalStates():
-            state = inputs.nextGoal() if self._has_goals() else inputs.nextGoal(ptc)
-            if state is None:
-                return
+        """Take the goals that the problem offers: all at first, then one now and then from those still being found.
+
+        Where there is none yet, this waits for the first until `ptc` fires; later calls never wait. Goals taken
+        while planning stay fewer than half of the nodes, as in OMPL: a region may have goals without end.
+        """
+        inputs, goal = self.getPlannerInputStates(), self.getProblemDefinition().getGoal()
+        if self._has_goals():
+            if 2 * inputs.getSampledGoalsCount() < self.counts.nodes:
+                self._take_goal(inputs.nextGoal())
+            return
+        if not goal.maxSampleCount():
+            self._take_goal(inputs.nextGoal(ptc))
+        for _ in range(_FIRST_GOALS):
+            if inputs.haveMoreGoalStates():
+                self._take_goal(inputs.nextGoal())
+
+    def _take_goal(self, state: Any) -> None:
+        if state is not None:
             self._add_goal(self._bridge.read(state))
 
     def _take_starts(self) -> None:

@@ -123,7 +123,7 @@ class SafeRRTConnect(SafePlanner):
         if length <= step:
             return self._grow(tree, old, target, Extension.REACHED)
         straight = q_old + (step / length) * delta
-        slid = self._slid(straight, delta / length, self._slide * min(step, length - step))
+        slid = self._slid(tree, old, straight, delta / length, self._slide * min(step, length - step))
         if slid is not None:
             outcome, new = self._grow(tree, old, slid, Extension.ADVANCED)
             if outcome is Extension.ADVANCED:
@@ -139,20 +139,22 @@ class SafeRRTConnect(SafePlanner):
         self.counts.nodes += 1
         return outcome, tree.add(q_new, old)
 
-    def _slid(self, q: FloatArray, direction: FloatArray, reach: float) -> FloatArray | None:
+    def _slid(
+        self, tree: Tree, old: int, q: FloatArray, direction: FloatArray, reach: float
+    ) -> FloatArray | None:
         """Return `q` moved down the danger's gradient at right angles to `direction`, by at most `reach`.
 
-        The reach shrinks as the target comes near, so that every step comes nearer to it.
+        The gradient is that at node `old`, computed once however often the node is extended. The reach shrinks
+        as the target comes near, so that every step comes nearer to it.
         """
         if not (self._alpha and reach and self._cost_scale and self._cost.has_gradients):
             return None
-        slope = self._cost.gradient(q) / self._cost_scale
+        slope = tree.gradient(old) / self._cost_scale
         slope -= (slope @ direction) * direction
         steepness = float(np.sqrt(slope @ slope))
         if not 0 < steepness < np.inf:
             return None
-        moved: FloatArray = q - (reach * min(1.0, steepness) / steepness) * slope
-        return self._bridge.inside(moved)
+        return self._bridge.inside(q - (reach * min(1.0, steepness) / steepness) * slope)
 
     def _connect(self, tree: Tree, node: int, target: FloatArray) -> tuple[Extension, int]:
         """CONNECT: extend until the target is reached or the tree is trapped."""

@@ -32,8 +32,9 @@ class Tree:
         self._cost = cost
         self._rows: FloatArray = np.empty((64, bridge.n))
         self._parents: IntArray = np.empty(64, dtype=np.intp)
-        self._costs: FloatArray = np.empty(64)
-        self._size = self._costed = 0
+        self._costs: FloatArray = np.full(64, np.nan)  # NaN: not evaluated yet
+        self._gradients: dict[int, FloatArray] = {}
+        self._size = 0
 
     def __len__(self) -> int:
         return self._size
@@ -51,11 +52,16 @@ class Tree:
     @property
     def costs(self) -> FloatArray:
         """The cost of each node (N,)."""
-        if self._costed < self._size:
-            new = slice(self._costed, self._size)
+        new = np.flatnonzero(np.isnan(self._costs[: self._size]))
+        if len(new):
             self._costs[new] = self._cost.values(self._rows[new])
-            self._costed = self._size
         return self._costs[: self._size]
+
+    def gradient(self, node: int) -> FloatArray:
+        """Return the gradient (n,) of the cost at `node`; only for costs with gradients."""
+        if node not in self._gradients:
+            self._costs[node], self._gradients[node] = self._cost.value_and_gradient(self._rows[node])
+        return self._gradients[node]
 
     def add(self, q: FloatArray, parent: int = ROOT) -> int:
         """Append the configuration `q: (n,)` and return its index."""
@@ -90,4 +96,4 @@ class Tree:
         capacity = 2 * len(self._rows)
         self._rows = np.resize(self._rows, (capacity, self._bridge.n))
         self._parents = np.resize(self._parents, capacity)
-        self._costs = np.resize(self._costs, capacity)
+        self._costs = np.concatenate([self._costs, np.full_like(self._costs, np.nan)])

@@ -53,9 +53,9 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         """Return the danger (B,) at a batch of configurations `Q: (B, n)`."""
         return self.field.values(Q)
 
-    def gradients(self, Q: FloatArray) -> FloatArray:
-        """Return the C-space gradient (B, n) of the danger at `Q: (B, n)`."""
-        return self.field.gradients(Q)
+    def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the danger (B,) and its C-space gradients (B, n) at `Q: (B, n)`."""
+        return self.field.values_and_gradients(Q)
 
 
 class StateCost:
@@ -89,19 +89,20 @@ class StateCost:
 
     @property
     def has_gradients(self) -> bool:
-        """Whether the objective offers exact gradients (`gradients(Q)`)."""
-        return not self.is_zero and hasattr(self._objective, "gradients")
+        """Whether the objective offers exact gradients (`values_and_gradients(Q)`)."""
+        return not self.is_zero and hasattr(self._objective, "values_and_gradients")
 
-    def gradient(self, q: FloatArray) -> FloatArray:
-        """Return the exact gradient (n,) at `q: (n,)`; only where `has_gradients`."""
-        return np.asarray(self._objective.gradients(q[None])[0], dtype=np.float64)
+    def value_and_gradient(self, q: FloatArray) -> tuple[float, FloatArray]:
+        """Return the cost and its exact gradient (n,) at `q: (n,)`; only where `has_gradients`."""
+        values, gradients = self._objective.values_and_gradients(q[None])
+        return float(values[0]), gradients[0]
 
     def gradient_norms(self, Q: FloatArray) -> FloatArray:
         """Return ‖∇c‖ (B,) at `Q: (B, n)`: exact where the objective offers gradients, else by central differences."""
         if self.is_zero:
             return np.zeros(len(Q))
         if self.has_gradients:
-            return np.linalg.norm(self._objective.gradients(Q), axis=1)
+            return np.linalg.norm(self._objective.values_and_gradients(Q)[1], axis=1)
         step = 1e-5 * np.eye(self._bridge.n)
         rises = [(self.values(Q + h) - self.values(Q - h)) / 2e-5 for h in step]
         return np.linalg.norm(np.array(rises), axis=0)
