@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 _SCALE_SAMPLES = 50
 _SCALE_SEED = 0  # the scale belongs to robot and scene: it must not change with the planner's seed
 _FIRST_GOALS = 100  # taken before planning begins
-_RANGE_FRACTION = 0.06  # of the space's extent: 0.9 rad on a six-axis arm; longer steps are trapped, shorter ones crawl
+_RANGE_FRACTION = 0.055  # of the space's extent: 0.8 rad on an arm; longer steps are trapped, shorter ones crawl
 
 
 class SafePlanner(ob.Planner):  # type: ignore[misc]
@@ -45,7 +45,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._cost = StateCost(None, self._bridge)
         self._cost_scale = 0.0
         self._range = 0.0
-        self._default_range = _RANGE_FRACTION * float(np.linalg.norm(self._bridge.upper - self._bridge.lower))
+        self._default_range = _RANGE_FRACTION * self._bridge.extent
 
     # ------------------------------------------------------------------------------------------- parameters
 
@@ -61,7 +61,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return self._seed
 
     def setRange(self, distance: float) -> None:
-        """Set the largest length of one extension [rad]; 0 takes 6 % of the space's extent."""
+        """Set the largest length of one extension [rad]; 0 takes 5.5 % of the space's extent."""
         self._range = non_negative("range", distance)
 
     def getRange(self) -> float:

@@ -65,6 +65,8 @@ class StateBridge:
         Which coordinates wrap.
     lower, upper : ndarray, shape (n,)
         Bounds; ±π for those that wrap.
+    extent : float
+        Length of the diagonal of the bounds, no side longer than one turn.
 
     Raises
     ------
@@ -79,6 +81,8 @@ class StateBridge:
         self.lower: FloatArray = np.concatenate([lower for _, lower, _ in parts])
         self.upper: FloatArray = np.concatenate([upper for _, _, upper in parts])
         self.n: int = len(self.lower)
+        # More than one turn of a joint makes a space no larger to plan in.
+        self.extent = float(np.linalg.norm(np.minimum(self.upper - self.lower, 2 * np.pi)))
         self._wraps = bool(self.circular.any())
         # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one
         # buffer costs a tenth of going through Python lists.
