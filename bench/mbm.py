@@ -1,0 +1,125 @@
+"""SafeRRTConnect beside OMPL's RRTConnect on a MotionBenchMaker file: same checker, same validator, in turn.
+
+    python bench/mbm.py FILE [--problems 0:100] [--time 5] [--seed 0] [--contacts]
+
+Prints medians and ratios; with --contacts every path is also sampled at 0.002 rad with plain coal calls, pair by
+pair and without broad phase, and what touches is counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+from ompl import util as ou
+
+from safe_ompl import PlanResult, SafeSetup
+from safe_ompl.cli.mbm import exceeded_limits
+from safe_ompl.models.mbm import MbmFile, MbmProblem
+from safe_ompl.models.robot import Robot
+from safe_ompl.models.scene import Scene
+
+PLANNERS = ("SafeRRTConnect", "RRTConnect")
+SAMPLING = 0.002  # [rad]
+
+
+def main() -> None:
+    """Run the bench."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("file")
+    parser.add_argument("--problems", default=":", metavar="A:B", help="slice of each family")
+    parser.add_argument(
+        "--time", type=float, default=5.0, metavar="S", help="time limit of a run (default: 5)"
+    )
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--contacts", action="store_true", help="sample every path with plain coal calls")
+    options = parser.parse_args()
+    ou.setLogLevel(ou.LogLevel.LOG_ERROR)
+    logging.disable(logging.WARNING)
+
+    file = MbmFile.load(options.file)
+    part = slice(*(int(text) if text else None for text in options.problems.split(":")))
+    robot = Robot.from_example(file.robot)
+    results: dict[str, list[PlanResult]] = {planner: [] for planner in PLANNERS}
+    touching = dict.fromkeys(PLANNERS, 0)
+    for family in file.families:
+        for problem in list(file.problems(family))[part]:
+            fitting, setup = set_up(robot, problem)
+            for planner in PLANNERS:
+                result = setup.plan(planner, time=options.time, seed=options.seed)
+                results[planner].append(result)
+                if not result:
+                    print(f"unsolved: {planner} {family} {problem.index}", file=sys.stderr)
+                elif options.contacts:
+                    touching[planner] += touches(fitting, problem.scene, result.path)
+    show(results, touching if options.contacts else None)
+
+
+def set_up(robot: Robot, problem: MbmProblem) -> tuple[Robot, SafeSetup]:
+    """Return the robot, its limits widened to hold the problem's ends, and the problem's setup."""
+    limits = exceeded_limits(robot, problem)
+    fitting = robot.with_limits(limits) if limits else robot
+    setup = SafeSetup(fitting, problem.scene)
+    setup.setConfigurations(problem.start_configuration(fitting), problem.goal_configurations(fitting))
+    return fitting, setup
+
+
+def touches(robot: Robot, scene: Scene, path: np.ndarray) -> bool:
+    """Return whether a path (N, n) touches anything, by coal's plain calls on every sample."""
+    geometry = robot.collision_model.copy()
+    moving = [k for k, body in enumerate(geometry.geometryObjects) if body.parentJoint]
+    for obstacle in scene.obstacles:
+        for name, shape, placement in obstacle.geometries():
+            added = geometry.addGeometryObject(pin.GeometryObject(f"obstacle:{name}", 0, placement, shape))
+            for body in moving:
+                geometry.addCollisionPair(pin.CollisionPair(body, added))
+    data, contacts = robot.model.createData(), pin.GeometryData(geometry)
+    for start, end in pairwise(path):
+        delta = robot.difference(start, end)
+        for t in np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(delta) / SAMPLING)):
+            q = robot.pinocchio_configuration(start + t * delta)
+            if pin.computeCollisions(robot.model, data, geometry, contacts, q, True):
+                return True
+    return False
+
+
+def show(results: dict[str, list[PlanResult]], touching: dict[str, int] | None) -> None:
+    """Print medians for each planner, and their ratio, over the problems that both solved."""
+    both = [k for k in range(len(results[PLANNERS[0]])) if all(runs[k] for runs in results.values())]
+    rows = {
+        "planning time [ms]": lambda r: 1e3 * r.planning_time,
+        "margin + collision queries": lambda r: r.counts.margin_queries + r.counts.collision_queries,
+        "field evaluations": lambda r: r.counts.field_configurations,
+        "nodes": lambda r: r.counts.nodes,
+        "length [rad]": lambda r: r.report.length,
+        "mean danger": lambda r: r.report.danger.mean,
+        "peak danger": lambda r: r.report.danger.max,
+        "integral of danger": lambda r: r.report.danger.integral,
+        "avoidable danger": lambda r: r.report.danger.avoidable,
+        "min clearance [mm]": lambda r: 1e3 * r.report.clearance.min,
+        "mean clearance [mm]": lambda r: 1e3 * r.report.clearance.mean,
+        "length nearer than 50 mm [rad]": lambda r: r.report.clearance.length_below_50mm,
+    }
+    print(f"{'':32s}" + "".join(f"{planner:>16s}" for planner in PLANNERS) + f"{'ratio':>8s}")
+    solved = [f"{sum(map(bool, runs))}/{len(runs)}" for runs in results.values()]
+    print(f"{'solved':32s}" + "".join(f"{text:>16s}" for text in solved))
+    if touching is not None:
+        print(f"{'touch, sampled at 0.002 rad':32s}" + "".join(f"{n:16d}" for n in touching.values()))
+    for label, value in rows.items():
+        ours, theirs = (float(np.median([value(runs[k]) for k in both])) for runs in results.values())
+        ratio = f"{ours / theirs:8.2f}" if theirs else f"{'–':>8s}"
+        print(f"{label:32s}{ours:16.4g}{theirs:16.4g}{ratio}")
+    times = [1e3 * np.array([run.planning_time for run in runs]) for runs in results.values()]
+    for percent in (90, 99, 100):
+        ours, theirs = (float(np.percentile(t, percent)) for t in times)
+        print(f"{f'planning time, {percent} % [ms]':32s}{ours:16.4g}{theirs:16.4g}{ours / theirs:8.2f}")
+
+
+if __name__ == "__main__":
+    main()
