@@ -1,0 +1,80 @@
+"""Figures in one style, saved when complete; pyplot and its global state are left alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import SafeOmplError
+
+ALONG = "along the path, from start to goal"
+DANGER = "danger"
+GREY = "0.45"
+ALARM = "#c8452b"
+_DPI = 150
+_STYLE: dict[str, Any] = {
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": GREY,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "0.90",
+    "xtick.color": "0.25",
+    "ytick.color": "0.25",
+    "legend.frameon": False,
+    "svg.hashsalt": "safe_ompl",
+}
+
+
+class Page:
+    """A figure that is saved when it is complete.
+
+    Parameters
+    ----------
+    file : path-like
+        Where it goes; the ending decides the format, missing folders are made.
+    width, height : float
+        [inch]
+
+    Raises
+    ------
+    SafeOmplError
+        If Matplotlib is not installed.
+    """
+
+    def __init__(self, file: str | Path, width: float, height: float) -> None:
+        try:
+            import matplotlib
+            from matplotlib.backends.backend_agg import FigureCanvasAgg
+            from matplotlib.figure import Figure
+        except ImportError as missing:
+            raise SafeOmplError("plots need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+        self._file = Path(file)
+        self._style = matplotlib.rc_context(_STYLE)
+        with matplotlib.rc_context(_STYLE):
+            self.figure = Figure(figsize=(width, height), dpi=_DPI, layout="constrained")
+            FigureCanvasAgg(self.figure)
+
+    def __enter__(self) -> Page:
+        self._style.__enter__()
+        return self
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        try:
+            if error is None:
+                self._file.parent.mkdir(parents=True, exist_ok=True)
+                self.figure.savefig(self._file)
+        finally:
+            self._style.__exit__(kind, error, trace)
+
+
+def natural(count: int) -> FloatArray:
+    """Return the natural parameter in [0, 1] at `count` equal steps of a path."""
+    return np.linspace(0.0, 1.0, count)

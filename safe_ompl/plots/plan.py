@@ -1,0 +1,92 @@
+"""The danger and the clearance along one path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.palette import Colour, planner_styles
+from safe_ompl.plots.data import curve
+from safe_ompl.plots.page import ALARM, ALONG, DANGER, GREY, Page, natural
+
+_PAPER = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}  # behind words on lines
+
+
+def plot_plan(
+    danger: ArrayLike,
+    file: str | Path,
+    *,
+    clearance: ArrayLike | None = None,
+    near: float = 0.05,
+    planner: str = "",
+    title: str | None = None,
+) -> Any:
+    """Draw the danger along one path, and the clearance below it.
+
+    The levels of start and goal are marked; what exceeds both is the avoidable danger, and shaded.
+
+    Parameters
+    ----------
+    danger : (S,) array
+        Danger at equal steps of the path.
+    file : path-like
+        Where the picture goes; missing folders are made.
+    clearance : (S',) array, optional
+        Clearance at equal steps of the path [m].
+    near : float
+        Clearance under which the path is too near [m]; shaded.
+    planner : str
+        Who planned it; decides the colour.
+    title : str, optional
+        Above the axes; the name of the planner by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        If an array is empty, has the wrong shape, or holds a value that is not finite.
+    SafeOmplError
+        If Matplotlib is not installed.
+    """
+    values = curve(danger, "danger")
+    gaps = None if clearance is None else 1e3 * curve(clearance, "clearance")
+    with Page(file, 7.0, 3.7 if gaps is None else 6.2) as page:
+        upper = page.figure.add_subplot(1 if gaps is None else 2, 1, 1)
+        _draw_danger(upper, values, planner_styles([planner])[planner].colour)
+        upper.set_title(planner if title is None else title)
+        lowest = upper
+        if gaps is not None:
+            lowest = page.figure.add_subplot(2, 1, 2)
+            _draw_clearance(lowest, gaps, 1e3 * near)
+        lowest.set_xlabel(ALONG)
+    return page.figure
+
+
+def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
+    at, forced = natural(len(values)), max(values[0], values[-1])
+    axes.fill_between(
+        at, forced, values, where=values > forced, interpolate=True, color=ALARM, alpha=0.25, lw=0
+    )
+    axes.plot(at, values, color=colour, linewidth=2.4)
+    for value, name, place, side in ((values[0], "start", 0.01, "left"), (values[-1], "goal", 0.99, "right")):
+        axes.axhline(value, color=GREY, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
+        axes.text(place, value, name, ha=side, va="center", color=GREY, bbox=_PAPER, zorder=4)
+    axes.set(ylabel=DANGER, xlim=(0.0, 1.0))
+    axes.set_ylim(0.0, 1.12 * float(values.max()) or 1.0)
+
+
+def _draw_clearance(axes: Any, values: FloatArray, near: float) -> None:
+    at, least = natural(len(values)), int(np.argmin(values))
+    axes.axhspan(0.0, near, color=ALARM, alpha=0.12, linewidth=0)
+    axes.plot(at, values, color="0.25", linewidth=2.4)
+    axes.plot(at[least], values[least], "o", color=ALARM, markersize=7, clip_on=False)
+    axes.set_title(f"closest: {values[least]:.0f} mm", loc="right", color=ALARM, fontsize=11, weight="normal")
+    axes.set(ylabel="clearance [mm]", xlim=(0.0, 1.0))
+    axes.set_ylim(0.0, 1.12 * max(float(values.max()), near))
