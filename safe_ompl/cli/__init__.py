@@ -1,0 +1,5 @@
+"""The command line: `safe-ompl`."""
+
+from safe_ompl.cli.main import main
+
+__all__ = ["main"]

@@ -1,0 +1,195 @@
+"""Values on the command line: how they are read, and the options that commands share."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.models import document
+from safe_ompl.models.examples import find_example
+from safe_ompl.models.robot_spec import RobotSpec
+from safe_ompl.models.scenario import Scenario, find_scenario
+from safe_ompl.planners.registry import planner_names
+
+_Number = TypeVar("_Number", int, float)
+
+# -------------------------------------------------------------------------------------------------- values
+
+
+def seconds(text: str) -> float:
+    """Read a time limit [s]."""
+    return _number(float, text, lambda value: 0 < value < math.inf, "a positive number of seconds")
+
+
+def count(text: str) -> int:
+    """Read how many."""
+    return _number(int, text, lambda value: value >= 1, "a whole number of at least 1")
+
+
+def seed(text: str) -> int:
+    """Read a seed."""
+    return _number(int, text, lambda value: 0 <= value < 2**32, "a whole number in [0, 2**32)")
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Read names with commas between them."""
+    found = tuple(name.strip() for name in text.split(","))
+    if not all(found):
+        raise argparse.ArgumentTypeError(f"must be names with commas between them, not {text!r}")
+    return found
+
+
+def positions(text: str) -> slice:
+    """Read a range of positions like Python's: ``0:50``, ``:50``, ``50:``; or one position."""
+    first, colon, last = text.partition(":")
+    try:
+        start = int(first) if first else 0
+        stop = (int(last) if last else None) if colon else start + 1
+    except ValueError:
+        start, stop = -1, None
+    if not text or start < 0 or (stop is not None and stop <= start):
+        raise argparse.ArgumentTypeError(f"must be a range such as 0:50, or a position, not {text!r}")
+    return slice(start, stop)
+
+
+def parameter(text: str) -> tuple[str, Any]:
+    """Read ``name=value`` with a number, true, false, or else text."""
+    name, value = _assignment(text, "name=value")
+    for kind in (int, float):
+        try:
+            return name, kind(value)
+        except ValueError:
+            pass
+    return name, {"true": True, "false": False}.get(value.lower(), value)
+
+
+def joint_value(text: str) -> tuple[str, float]:
+    """Read ``joint=value`` [rad or m]."""
+    name, value = _assignment(text, "joint=value")
+    return name, _number(float, value, math.isfinite, f"a finite number for joint {name!r}")
+
+
+def _assignment(text: str, form: str) -> tuple[str, str]:
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise argparse.ArgumentTypeError(f"must have the form {form}, not {text!r}")
+    return name, value
+
+
+def _number(kind: Callable[[str], _Number], text: str, fits: Callable[[_Number], bool], what: str) -> _Number:
+    try:
+        value = kind(text)
+        if fits(value):
+            return value
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"must be {what}, not {text!r}")
+
+
+# ------------------------------------------------------------------------------------------------- options
+
+
+def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
+    """Add what says how to plan: planner, parameters, time, seed."""
+    parser.add_argument("--planner", default="SafeRRTConnect", metavar="NAME", help="default: %(default)s")
+    parser.add_argument(
+        "--param",
+        action="append",
+        default=[],
+        type=parameter,
+        metavar="KEY=VALUE",
+        help="parameter of the planner, such as alpha=2 (repeatable)",
+    )
+    add_run_options(parser, usual_time)
+
+
+def add_run_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
+    """Add time limit and seed."""
+    parser.add_argument(
+        "--time", type=seconds, metavar="SECONDS", help=f"time limit of a run (default: {usual_time})"
+    )
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: 0)")
+
+
+def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
+    """Add what says which robot plans, if not the one `instead_of` which it is."""
+    group = parser.add_argument_group(f"another robot than {instead_of}")
+    kinds = group.add_mutually_exclusive_group()
+    kinds.add_argument("--robot", metavar="NAME", help="an example robot, see `safe-ompl robots`")
+    kinds.add_argument("--urdf", metavar="FILE", help="a robot's URDF")
+    group.add_argument("--srdf", metavar="FILE", help="its SRDF, which says which links may touch")
+    group.add_argument(
+        "--package-dir",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="folder that holds packages which the URDF names (repeatable)",
+    )
+    group.add_argument("--tip", metavar="FRAME", help="frame at the end of the arm")
+    group.add_argument(
+        "--lock",
+        action="append",
+        default=[],
+        type=joint_value,
+        metavar="JOINT=VALUE",
+        help="hold a joint still [rad or m] (repeatable)",
+    )
+
+
+def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters of the planner that the options give."""
+    return _once("--param", options.param)
+
+
+def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> RobotSpec:
+    """Return the robot that the options ask for: another one, or the usual one with another tip or locks.
+
+    Raises
+    ------
+    InputError
+        If SRDF or package folders come without a URDF, or a file does not exist.
+    """
+    if options.urdf is None and (options.srdf or options.package_dir):
+        raise InputError("needs --urdf", "--srdf" if options.srdf else "--package-dir")
+    locked = _once("--lock", options.lock)
+    with document.within("--", separator=""):
+        if options.urdf is not None:
+            folders = tuple(map(Path, options.package_dir))
+            srdf = None if options.srdf is None else Path(options.srdf)
+            return RobotSpec(None, Path(options.urdf), srdf, folders, options.tip, locked)
+        spec = usual() if options.robot is None else RobotSpec(options.robot)
+    if locked:
+        spec = dataclasses.replace(spec, locked={**_usually_locked(spec), **locked})
+    return dataclasses.replace(spec, tip=options.tip) if options.tip else spec
+
+
+def _usually_locked(spec: RobotSpec) -> Mapping[str, float]:
+    if spec.locked is None and spec.example is not None:
+        return find_example(spec.example).locked
+    return spec.locked or {}
+
+
+def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise InputError(f"{name!r} is given twice: {found[name]!r} and {value!r}", option)
+        found[name] = value
+    return found
+
+
+# ----------------------------------------------------------------------------------------------- scenarios
+
+
+def load_scenario(name_or_file: str) -> Scenario:
+    """Load a scenario; also the planners that it has parameters for must exist."""
+    scenario = Scenario.load(find_scenario(name_or_file))
+    for planner in scenario.planners:
+        if planner not in planner_names():
+            raise UnknownNameError("planner", planner, planner_names(), f"{scenario.file}: planners")
+    return scenario

@@ -1,0 +1,114 @@
+"""`safe-ompl compare`: several planners on one scenario, in a table and in pictures."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from safe_ompl.campaign import Campaign, Summary, default_planners, summarize
+from safe_ompl.cli.arguments import add_run_options, count, load_scenario, names
+from safe_ompl.cli.console import error_console, output_console, progress_bar
+from safe_ompl.cli.files import json_line, make_folder, opened
+from safe_ompl.cli.pictures import draw_comparison, how_to_get_pictures
+from safe_ompl.cli.plan import record
+from safe_ompl.cli.tables import comparison_table
+from safe_ompl.setup import PlanResult, SafeSetup, setup_scenario
+
+_RUNS = 50
+
+
+def add_command(commands: Any) -> None:
+    """Add `compare` to the commands."""
+    parser = commands.add_parser(
+        "compare",
+        help="compare planners: table, report.json and pictures",
+        description="Run several planners with several seeds each, and compare them: a table, report.json, "
+        "and pictures of danger, times, and the robot along each planner's typical path.",
+    )
+    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
+    parser.add_argument(
+        "--planners",
+        type=names,
+        default=default_planners(),
+        metavar="A,B,...",
+        help="default: OMPL's RRTConnect and all planners of this package",
+    )
+    parser.add_argument(
+        "--runs", type=count, default=_RUNS, metavar="N", help="runs of each planner (default: %(default)s)"
+    )
+    add_run_options(parser, usual_time="the scenario's")
+    parser.add_argument(
+        "--processes",
+        type=count,
+        default=1,
+        metavar="N",
+        help="runs at the same time; times are cleanest with one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for report and pictures (default: compare-SCENARIO)"
+    )
+    parser.set_defaults(prepare=prepare)
+
+
+def prepare(options: argparse.Namespace) -> Callable[[], int]:
+    """Check what the options name, and return the job."""
+    scenario = load_scenario(options.scenario)
+    campaign = Campaign(scenario, options.planners, options.runs, options.time, options.seed)
+    setup = setup_scenario(scenario)
+    campaign.check(setup)
+    folder = options.out or Path(f"compare-{scenario.name}")
+    make_folder(folder, "--out")
+    return Compare(campaign, setup, options.processes, folder)
+
+
+@dataclass(frozen=True)
+class Compare:
+    """The job of `safe-ompl compare`."""
+
+    campaign: Campaign
+    setup: SafeSetup
+    processes: int
+    folder: Path
+
+    def __call__(self) -> int:
+        """Run the campaign, show the table, write the report, draw the pictures."""
+        results = self._results()
+        summaries = summarize(results)
+        self._write_report(results, summaries)
+        output_console().print(comparison_table(self.campaign, self.setup.robot.name, summaries))
+        self._draw(summaries)
+        return 0 if all(summary.solved for summary in summaries) else 1
+
+    def _results(self) -> list[PlanResult]:
+        found = []
+        with progress_bar(error_console()) as progress:
+            task = progress.add_task(f"planning {self.campaign.scenario.name}", total=len(self.campaign))
+            for result in self.campaign.results(self.setup, self.processes):
+                found.append(result)
+                progress.advance(task)
+        return found
+
+    def _write_report(self, results: Sequence[PlanResult], summaries: Sequence[Summary]) -> None:
+        name = self.campaign.scenario.name
+        report = {
+            "scenario": name,
+            "robot": self.setup.robot.name,
+            "seed": self.campaign.seed,
+            "summary": [summary.as_dict() for summary in summaries],
+            "runs": [record(name, self.setup.robot, result) for result in results],
+        }
+        with opened(str(self.folder / "report.json")) as stream:
+            print(json_line(report), file=stream)
+
+    def _draw(self, summaries: Sequence[Summary]) -> None:
+        console = error_console()
+        advice = how_to_get_pictures()
+        if advice:
+            console.print(f"safe-ompl: no pictures: {advice}")
+        else:
+            with console.status("drawing"):
+                draw_comparison(self.setup, summaries, self.folder)
+        console.print(f"report{'' if advice else ' and pictures'} in {self.folder}")

@@ -1,0 +1,66 @@
+"""Files that the command line writes: strict JSON, and a look beforehand whether they can be written."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO
+
+from safe_ompl.errors import InputError
+
+STANDARD_OUTPUT = "-"
+
+
+def check_writable(file: str | None, option: str) -> None:
+    """Raise InputError, naming `option`, if a file cannot be written; it is left as it was."""
+    if file is None or file == STANDARD_OUTPUT:
+        return
+    path = Path(file)
+    if path.exists() and not path.is_file() and not path.is_dir():
+        return  # a pipe or a device: opening it would be more than a look
+    is_new = not path.exists()
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise InputError(f"cannot write {file!r} ({error.strerror})", option) from None
+    if is_new:
+        path.unlink()
+
+
+def make_folder(folder: Path, option: str) -> None:
+    """Create a folder, or raise InputError, naming `option`, if that or writing into it is not possible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot create the folder {str(folder)!r} ({error.strerror})", option) from None
+    check_writable(str(folder / "report.json"), option)
+
+
+@contextmanager
+def opened(file: str) -> Iterator[TextIO]:
+    """Open a file to write text to; ``-`` is standard output."""
+    if file == STANDARD_OUTPUT:
+        yield sys.stdout
+        sys.stdout.flush()
+    else:
+        with Path(file).open("w", encoding="utf-8") as stream:
+            yield stream
+
+
+def json_line(data: Any) -> str:
+    """Return `data` as one line of strict JSON: what is not finite becomes null."""
+    return json.dumps(_finite(data), allow_nan=False)
+
+
+def _finite(data: Any) -> Any:
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
+    if isinstance(data, Mapping):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_finite(item) for item in data]
+    return data

@@ -1,0 +1,72 @@
+"""`safe-ompl scenarios` and `safe-ompl robots`: what there is."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from safe_ompl.cli.console import output_console
+from safe_ompl.cli.tables import plain_table
+from safe_ompl.errors import InputError
+from safe_ompl.models.examples import EXAMPLES, ExampleRobot, robots_folder
+from safe_ompl.models.scenario import Scenario, list_scenarios
+from safe_ompl.models.skeleton import frame_index
+from safe_ompl.models.urdf import UrdfFile
+
+
+def add_commands(commands: Any) -> None:
+    """Add `scenarios` and `robots` to the commands."""
+    for name, table, what in (
+        ("scenarios", scenarios_table, "list the scenarios"),
+        ("robots", robots_table, "list the example robots"),
+    ):
+        parser = commands.add_parser(name, help=what, description=f"{what.capitalize()}.")
+        parser.set_defaults(prepare=_prepared(table))
+
+
+def _prepared(table: Callable[[], Table]) -> Callable[[argparse.Namespace], Callable[[], int]]:
+    def prepare(options: argparse.Namespace) -> Callable[[], int]:
+        return job
+
+    def job() -> int:
+        output_console().print(table())
+        return 0
+
+    return prepare
+
+
+def scenarios_table() -> Table:
+    """Return the scenarios by name: robot, obstacles, and what happens in them."""
+    table = plain_table("scenario", "robot", "obstacles", "description")
+    for name, file in list_scenarios().items():
+        table.add_row(name, *_scenario_cells(file))
+    return table
+
+
+def _scenario_cells(file: Path) -> tuple[str, str, str]:
+    try:
+        scenario = Scenario.load(file)
+    except InputError as error:
+        return "", "", f"cannot be used: {error}"
+    robot = scenario.robot.example or (scenario.robot.urdf.stem if scenario.robot.urdf else "")
+    return robot, str(len(scenario.scene.obstacles)), " ".join(scenario.description.split())
+
+
+def robots_table() -> Table:
+    """Return the example robots by name: how many joints move, the tip, and what is locked."""
+    table = plain_table("robot", "joints", "tip", "locked")
+    for name, example in sorted(EXAMPLES.items()):
+        locked = ", ".join(f"{joint} = {value:g}" for joint, value in example.locked.items())
+        table.add_row(name, str(_moving_joints(example)), example.tip, locked)
+    return table
+
+
+def _moving_joints(example: ExampleRobot) -> int:
+    """Return how many joints move the tip; the meshes, which take long, are not read."""
+    model = UrdfFile(robots_folder() / example.urdf).build_model()
+    chain = model.supports[model.frames[frame_index(model, example.tip)].parentJoint]
+    return sum(model.names[joint] not in example.locked for joint in list(chain)[1:])

@@ -1,0 +1,84 @@
+"""`safe-ompl`: from the command line to an exit status."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import NoReturn
+
+from safe_ompl.cli import compare, listing, mbm, plan
+from safe_ompl.cli.console import error_console, quiet_ompl, shown_log
+from safe_ompl.errors import InputError, SafeOmplError
+
+BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
+
+_EPILOG = "exit status: 0 solved, 1 not solved, 2 bad input"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `safe-ompl`.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The words after the program's name; those of the process by default.
+
+    Returns
+    -------
+    int
+        0 solved, 1 not solved, 2 bad input, 130 interrupted.
+    """
+    console = error_console()
+    try:
+        options = command_line().parse_args(arguments)
+        with quiet_ompl(), shown_log(console, options.verbose) as log:
+            job = options.prepare(options)
+            log.release()
+            return int(job())
+    except (SafeOmplError, OSError) as error:
+        if isinstance(error, BrokenPipeError):
+            return _no_one_listens()
+        console.print(f"safe-ompl: {_one_line(error)}")
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        console.print("safe-ompl: interrupted")
+        return INTERRUPTED
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints are errors like all others."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(message)
+
+
+def command_line() -> argparse.ArgumentParser:
+    """Return the parser; each command leaves its `prepare` in the options.
+
+    `prepare` reads and checks whatever can be refused, and returns the job: a function that does the work and
+    returns the exit status.
+    """
+    parser = _Parser(
+        prog="safe-ompl", description="Safety-oriented motion planning for robot arms.", epilog=_EPILOG
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {version('safe-ompl')}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for add_command in (plan.add_command, compare.add_command, mbm.add_command, listing.add_commands):
+        add_command(commands)
+    for command in commands.choices.values():
+        command.add_argument("-v", "--verbose", action="store_true", help="show what is being done")
+        command.epilog = _EPILOG
+    return parser
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _no_one_listens() -> int:
+    """Leave quietly, as is usual in a pipe; else Python would complain when it closes standard output."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return BROKEN_PIPE

@@ -1,0 +1,87 @@
+"""`safe-ompl plan`: one path for one scenario."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from safe_ompl.campaign import check_planner
+from safe_ompl.cli.arguments import (
+    add_planner_options,
+    add_robot_options,
+    given_parameters,
+    given_robot,
+    load_scenario,
+)
+from safe_ompl.cli.console import output_console
+from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
+from safe_ompl.cli.pictures import check_picture, draw_plan
+from safe_ompl.cli.tables import plan_table
+from safe_ompl.models.robot import Robot
+from safe_ompl.models.scenario import Scenario
+from safe_ompl.planners.registry import make_planner
+from safe_ompl.setup import PlanResult, SafeSetup, setup_scenario
+
+
+def add_command(commands: Any) -> None:
+    """Add `plan` to the commands."""
+    parser = commands.add_parser(
+        "plan", help="plan one path and report on it", description="Plan one path and report on it."
+    )
+    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
+    add_planner_options(parser, usual_time="the scenario's")
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the result as JSON; - is standard output, without the table"
+    )
+    parser.add_argument("--plot", metavar="FILE", help="draw the path, its danger and its clearance (.png)")
+    add_robot_options(parser, instead_of="the scenario's")
+    parser.set_defaults(prepare=prepare)
+
+
+def prepare(options: argparse.Namespace) -> Callable[[], int]:
+    """Check what the options name, and return the job."""
+    check_writable(options.json, "--json")
+    check_picture(options.plot, "--plot")
+    scenario = load_scenario(options.scenario)
+    spec = given_robot(options, lambda: scenario.robot)
+    robot = scenario.build_robot() if spec is scenario.robot else spec.build()
+    setup = setup_scenario(scenario, robot)
+    check_planner(scenario, options.planner, setup)
+    parameters = {**scenario.planners.get(options.planner, {}), **given_parameters(options)}
+    make_planner(options.planner, setup.getSpaceInformation(), parameters)
+    return Plan(scenario, setup, parameters, options)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The job of `safe-ompl plan`."""
+
+    scenario: Scenario
+    setup: SafeSetup
+    parameters: dict[str, Any]
+    options: argparse.Namespace
+
+    def __call__(self) -> int:
+        """Plan, and show the result in all the ways that are asked for."""
+        options = self.options
+        result = self.setup.plan(
+            options.planner,
+            time=options.time or self.scenario.time,
+            seed=options.seed,
+            parameters=self.parameters,
+        )
+        if options.json:
+            with opened(options.json) as stream:
+                print(json_line(record(self.scenario.name, self.setup.robot, result)), file=stream)
+        if options.json != STANDARD_OUTPUT:
+            output_console().print(plan_table(self.scenario.name, self.setup.robot.name, result))
+        if options.plot and result.path is not None:
+            draw_plan(self.setup, result, options.plot)
+        return 0 if result else 1
+
+
+def record(scenario: str, robot: Robot, result: PlanResult) -> dict[str, Any]:
+    """Return a result in the form of the command line's JSON."""
+    return {"scenario": scenario, "robot": robot.name, **result.as_dict()}
