@@ -240,7 +240,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             raise InputError(f"time limit must be a positive number of seconds, got {time!r}")
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**32:
             raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
+        if not self.getSpaceInformation().isSetup():
+            self.getSpaceInformation().setup()  # draws random numbers, so it goes before the seed
         _seed_ompl(int(seed))
+        name = planner if isinstance(planner, str) else planner.getName()  # BITstar renames itself kBITstar
         if isinstance(planner, str):
             planner = make_planner(planner, self.getSpaceInformation(), parameters)
         if isinstance(planner, SafePlanner):
@@ -258,14 +261,12 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         path = self.solution() if self.haveExactSolutionPath() else None
         report = None if path is None else self.report(path)
         if report is not None and not report.certified:
-            raise PlanningError(
-                f"{planner.getName()} returned a path that is not proven free: {report.refused}"
-            )
+            raise PlanningError(f"{name} returned a path that is not proven free: {report.refused}")
         return PlanResult(
             status.asString(),
             path,
             report,
-            planner.getName(),
+            name,
             int(seed),
             self.robot.joint_names,
             elapsed,
@@ -333,6 +334,8 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
 
 
 def _danger_field(robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts) -> DangerField:
+    with document.within("danger"):
+        document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "sharpness"))
     options = dict(options)
     points, weights, _ = scene.danger_points(options.pop("spacing", None))
     return DangerField(robot, points, weights, counts=counts, **options)
@@ -343,7 +346,8 @@ def _seed_ompl(seed: int) -> None:
     handler = ou.getOutputHandler()
     ou.noOutputHandler()
     ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"
-    ou.useOutputHandler(handler)
+    if handler is not None:
+        ou.useOutputHandler(handler)
 
 
 def _nodes(planner: Any) -> int:

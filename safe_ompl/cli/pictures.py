@@ -12,6 +12,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.campaign import Summary
 from safe_ompl.cli.files import check_writable
 from safe_ompl.errors import InputError
+from safe_ompl.palette import planner_styles
 from safe_ompl.paths.report import PROFILE_POINTS, Curve
 from safe_ompl.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
 from safe_ompl.render import render_comparison, render_path, save_png
@@ -50,6 +51,7 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
         result.report.danger.profile,
         file,
         clearance=_clearances(setup, result.path),
+        planner=result.planner,
         title=f"{result.planner}, seed {result.seed}",
     )
     right = np.asarray(curves.canvas.buffer_rgba())[..., :3]
@@ -60,6 +62,7 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
         result.path,
         size=(height * 5 // 4, height),
         samples=_SAMPLES,
+        accent=planner_styles([result.planner])[result.planner].colour,
         closest=result.report.clearance.at,
     )
     save_png(np.hstack([left, right]), file)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import warnings
 from dataclasses import dataclass
 
 import coal
@@ -19,7 +20,8 @@ from safe_ompl.models.scene import Scene
 _log = logging.getLogger(__name__)
 
 _MANY_OBSTACLES = 100  # from here on the sweep-and-prune manager beats the naive one
-_PROOF_SAMPLES = 200
+_PROOF_SAMPLES = 100
+_PROOF_MARGIN = 0.02  # [m]
 DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
 
 
@@ -60,6 +62,8 @@ class CollisionChecker:
 
     Attributes
     ----------
+    geometry : pin.GeometryModel
+        Bodies of the robot and parts of the obstacles, with the P pairs of them that are checked.
     pair_names : tuple of (str, str)
         Names of the P checked pairs: link and obstacle, or link and link.
     pair_radii : ndarray, shape (P, n)
@@ -74,31 +78,35 @@ class CollisionChecker:
         bodies = robot.collision_model
         geometry, self._names = _with_obstacles(bodies, scene)
         obstacles = range(len(bodies.geometryObjects), len(geometry.geometryObjects))
-        moving = [k for k, body in enumerate(bodies.geometryObjects) if body.parentJoint != 0]
+        moving = {
+            k: _reach(robot, body) for k, body in enumerate(bodies.geometryObjects) if body.parentJoint != 0
+        }
 
         self._apart = geometry.copy()
         self._apart.removeAllCollisionPairs()
         for obstacle in obstacles:
-            for body in moving:
+            for body, reach in moving.items():
                 pair = pin.CollisionPair(body, obstacle)
                 self._apart.addCollisionPair(pair)
-                if _can_meet(robot, body, geometry.geometryObjects[obstacle]):
+                if _can_meet(reach, geometry.geometryObjects[obstacle]):
                     geometry.addCollisionPair(pair)
-        self._apart_pairs = [(pair.first, pair.second) for pair in self._apart.collisionPairs]
-        self._distances = pin.GeometryData(self._apart)
+        self._apart_pairs = _indices(self._apart)
+        self._distances = _fresh_data(self._apart)
         self._distance_data = robot.model.createData()
 
-        pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+        self.geometry = geometry
+        pairs = _indices(geometry)
         self.pair_names = tuple((self._names[a], self._names[b]) for a, b in pairs)
         self.pair_radii: FloatArray = _pair_radii(robot, np.array(pairs, dtype=np.intp).reshape(-1, 2))
         self._contact = _Queries(robot.model, geometry, len(obstacles))
         self._margin = _Queries(robot.model, geometry, len(obstacles))
-        self._margin_requests = list(self._margin.data.collisionRequests)
-        _prove_manager(robot, self._contact)
-        self._margin.use_manager = self._contact.use_manager
+        self._margin.set_margins(np.full(len(pairs), _PROOF_MARGIN))
+        for queries in (self._contact, self._margin):
+            _prove_manager(robot, queries)
 
     def __repr__(self) -> str:
-        return f"CollisionChecker({self.robot.name!r}, {len(self.scene.obstacles)} obstacles, {len(self.pair_names)} pairs)"
+        obstacles, pairs = len(self.scene.obstacles), len(self.pair_names)
+        return f"CollisionChecker({self.robot.name!r}, {obstacles} obstacles, {pairs} pairs)"
 
     def in_collision(self, q: FloatArray) -> bool:
         """Return whether the robot touches an obstacle or itself at `q: (n,)`; limits are not looked at."""
@@ -111,9 +119,8 @@ class CollisionChecker:
         return self._named_contact(self._contact, q)
 
     def set_margins(self, margins: FloatArray) -> None:
-        """Set the security margin (P,) [m] of every pair for the next calls of `within_margins`."""
-        for request, margin in zip(self._margin_requests, margins.tolist(), strict=True):
-            request.security_margin = margin
+        """Set the security margin (P,) [m], ≥ 0, of every pair for the next calls of `within_margins`."""
+        self._margin.set_margins(margins)
 
     def within_margins(self, q: FloatArray) -> bool:
         """Return whether any pair is nearer than its margin at `q: (n,)`."""
@@ -162,7 +169,13 @@ class _Queries:
         self.model = model
         self.geometry = geometry
         self.kinematics = model.createData()
-        self.data = pin.GeometryData(geometry)
+        self.data = _fresh_data(geometry)
+        # Pinocchio takes margins as a matrix over bodies; writing it is ten times faster than request by request.
+        bodies = len(geometry.geometryObjects)
+        self._margins: FloatArray = np.zeros((bodies, bodies), order="F")
+        self._margin_entries: FloatArray = self._margins.reshape(-1, order="F")  # a view
+        self._entries = np.array([a + bodies * b for a, b in _indices(geometry)], dtype=np.intp)
+        self.set_margins(np.zeros(len(self._entries)))
         kind = (
             pin.BroadPhaseManager_SSaPCollisionManager
             if obstacles > _MANY_OBSTACLES
@@ -171,14 +184,41 @@ class _Queries:
         self.manager = kind(model, geometry, self.data)
         self.use_manager = True
 
+    def set_margins(self, margins: FloatArray) -> None:
+        # With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre
+        # apart, and calls them free: what is nearer than it can tell counts as touching.
+        self._margin_entries[self._entries] = margins + DISTANCE_ERROR
+        self.data.setSecurityMargins(self.geometry, self._margins, True, False)
+
     def touches(self, q: FloatArray) -> bool:
         if self.use_manager:
             return bool(pin.computeCollisions(self.model, self.kinematics, self.manager, q, True))
+        return self.touches_plainly(q)
+
+    def touches_plainly(self, q: FloatArray) -> bool:
         return bool(pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, True))
 
     def all_contacts(self, q: FloatArray) -> BoolArray:
         pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, False)
         return np.array([result.isCollision() for result in self.data.collisionResults], dtype=bool)
+
+
+def _fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
+    """Return working memory in which a query does not start from the result of the one before.
+
+    That would change distances by micrometres, and with them, now and then, what a planner finds with the same seed.
+    """
+    data = pin.GeometryData(geometry)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # in favour of an option that Pinocchio overrides
+        for request in (*data.collisionRequests, *data.distanceRequests):
+            request.enable_cached_gjk_guess = False
+    return data
+
+
+def _indices(geometry: pin.GeometryModel) -> list[tuple[int, int]]:
+    """Return the two bodies of each pair, the first one with the smaller index."""
+    return [(int(pair.first), int(pair.second)) for pair in geometry.collisionPairs]
 
 
 def _with_obstacles(bodies: pin.GeometryModel, scene: Scene) -> tuple[pin.GeometryModel, list[str]]:
@@ -192,16 +232,21 @@ def _with_obstacles(bodies: pin.GeometryModel, scene: Scene) -> tuple[pin.Geomet
     return geometry, names
 
 
-def _can_meet(robot: Robot, body: int, obstacle: pin.GeometryObject) -> bool:
-    """Return False only if the body provably never touches the obstacle, whatever the joints do."""
-    part = robot.collision_model.geometryObjects[body]
-    reach = robot.chain.reach(part.parentJoint, bounding_hull(part.geometry).moved(part.placement))
+def _reach(robot: Robot, body: pin.GeometryObject) -> coal.CollisionObject:
+    """Return a cylinder in the world that a moving body never leaves."""
+    reach = robot.chain.reach(body.parentJoint, bounding_hull(body.geometry).moved(body.placement))
     rotation = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach.axis).matrix()
+    return coal.CollisionObject(coal.Cylinder(reach.radius, 2 * reach.half_length), rotation, reach.center)
+
+
+def _can_meet(reach: coal.CollisionObject, obstacle: pin.GeometryObject) -> bool:
+    """Return False only if a body with this reach provably never touches the obstacle, whatever the joints do."""
+    place = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
     distance = coal.distance(
-        coal.Cylinder(reach.radius, 2 * reach.half_length),
-        coal.Transform3s(rotation, reach.center),
+        reach.collisionGeometry(),
+        reach.getTransform(),
         obstacle.geometry,
-        coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation),
+        place,
         coal.DistanceRequest(),
         coal.DistanceResult(),
     )
@@ -225,9 +270,8 @@ def _pair_radii(robot: Robot, pairs: IntArray) -> FloatArray:
 
 def _prove_manager(robot: Robot, queries: _Queries) -> None:
     """Hold the broad-phase manager against the plain query; do without it where they differ."""
-    samples = sample_configurations(robot.model)[:_PROOF_SAMPLES]
-    for q in samples:
-        if queries.touches(q) != bool(queries.all_contacts(q).any()):
+    for q in sample_configurations(robot.model)[:_PROOF_SAMPLES]:
+        if queries.touches(q) != queries.touches_plainly(q):
             _log.warning(
                 "%s: broad phase %s disagrees with coal; not used", robot.name, type(queries.manager).__name__
             )

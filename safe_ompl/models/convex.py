@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 
 import coal
 import numpy as np
@@ -59,11 +60,16 @@ def select_self_pairs(
         Configurations in Pinocchio's form.
     robot : str
         Name for the log.
+
+    Raises
+    ------
+    InputError
+        If the SRDF is not one.
     """
     geometry.addAllCollisionPairs()
     before = len(geometry.collisionPairs)
     if srdf is not None:
-        pin.removeCollisionPairs(model, geometry, srdf, False)
+        _disable_pairs(model, geometry, Path(srdf))
     removed = before - len(geometry.collisionPairs)
     if removed:
         _log.info("%s: %d self-collision pairs disabled by %s", robot, removed, srdf)
@@ -73,6 +79,13 @@ def select_self_pairs(
         _drop(geometry, adjacent, f"{robot}: {reason}; dropped pairs of adjacent links")
     touching = _always_in_contact(model, geometry, samples)
     _drop(geometry, touching, f"{robot}: dropped pairs in contact in over {_ALWAYS:.0%} of samples")
+
+
+def _disable_pairs(model: pin.Model, geometry: pin.GeometryModel, srdf: Path) -> None:
+    try:
+        pin.removeCollisionPairsFromXML(model, geometry, srdf.read_text(encoding="utf-8"), False)
+    except (ValueError, RuntimeError) as error:
+        raise InputError(f"not a valid SRDF ({error})", str(srdf)) from None
 
 
 def sample_configurations(model: pin.Model) -> FloatArray:
@@ -89,8 +102,16 @@ def sample_configurations(model: pin.Model) -> FloatArray:
 
 
 def _adjacent(model: pin.Model, geometry: pin.GeometryModel, pair: pin.CollisionPair) -> bool:
-    a, b = (int(geometry.geometryObjects[k].parentJoint) for k in (pair.first, pair.second))
-    return int(model.parents[b]) == a or int(model.parents[a]) == b
+    """Return whether a single joint, and no third body, is between the two links of a pair."""
+    a, b = (geometry.geometryObjects[k] for k in (pair.first, pair.second))
+    below, above = (a, b) if model.parents[a.parentJoint] == b.parentJoint else (b, a)
+    if model.parents[below.parentJoint] != above.parentJoint:
+        return False
+    links = {part.parentFrame for part in geometry.geometryObjects}
+    frame = model.frames[below.parentFrame].parentFrame
+    while frame not in links and frame != 0:
+        frame = model.frames[frame].parentFrame
+    return bool(frame == above.parentFrame)
 
 
 def _always_in_contact(
@@ -105,7 +126,7 @@ def _always_in_contact(
 
 
 def _pairs(geometry: pin.GeometryModel) -> list[pin.CollisionPair]:
-    """Copies of the pairs: an element of Pinocchio's vector would change under our hands as others are removed."""
+    """Return copies of the pairs: an element of Pinocchio's vector would change under our hands as others go."""
     return [pin.CollisionPair(pair.first, pair.second) for pair in geometry.collisionPairs]
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
-from safe_ompl.models.collision import DISTANCE_ERROR, CollisionChecker
-
+from safe_ompl.models.collision import CollisionChecker
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
 # instead of at the whole edge saves a third of the time of a free edge (bench/motion.py).
@@ -33,12 +32,12 @@ class MotionVerdict:
     Attributes
     ----------
     verdict : Verdict
-        FREE: proven for every configuration of the edge. BLOCKED: `at` is in collision. UNDECIDED: near `at` the
-        clearance is below the floor.
+        FREE: proven for every configuration of the edge. BLOCKED: `at` is in collision, or outside the joint
+        limits. UNDECIDED: near `at` the clearance is below the floor.
     at : float or None
         Fraction of the edge in [0, 1] where it is blocked or undecided.
     pair : tuple of str or None
-        Names of the pair in contact.
+        Names of the pair in contact, or of the joint and "its limits".
     """
 
     verdict: Verdict
@@ -86,15 +85,19 @@ class CertifiedMotion:
         return f"CertifiedMotion({self.checker!r}, floor={self.floor:g})"
 
     def is_free(self, start: FloatArray, end: FloatArray) -> bool:
-        """Return whether the straight motion between two configurations (n,) is proven free."""
+        """Return whether the straight motion between two configurations (n,) within limits is proven free."""
         return self._bisect(start, end)[0] is Verdict.FREE
 
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free."""
+        robot = self.checker.robot
         verdict, at = self._bisect(start, end)
+        for fraction, q in ((0.0, start), (1.0, end)):
+            for i in np.flatnonzero(~robot.within_limits(q)):
+                return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
         if verdict is not Verdict.BLOCKED or at is None:
             return MotionVerdict(verdict, at)
-        delta = self.checker.robot.difference(start, end)
+        delta = robot.difference(start, end)
         return MotionVerdict(verdict, at, self.checker.colliding_pair(start + at * delta))
 
     def _bisect(self, start: FloatArray, end: FloatArray) -> tuple[Verdict, float | None]:
@@ -103,13 +106,12 @@ class CertifiedMotion:
         if not np.isfinite(delta).all():
             raise InputError(f"motion between {start.tolist()} and {end.tolist()} is not finite")
         approach = checker.pair_radii @ np.abs(delta)
-        moves = approach > 0
         widest = float(approach.max(initial=0.0))
         count = max(1, ceil(0.5 * widest / _FIRST_REACH))
         half = 0.5 / count
         centres = [(2 * k + 1) * half for k in range(count)]
         while True:
-            checker.set_margins(np.where(moves, half * approach + DISTANCE_ERROR, 0.0))
+            checker.set_margins(half * approach)
             unproven = []
             for t in centres:
                 q = start + t * delta

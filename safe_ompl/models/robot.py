@@ -23,6 +23,8 @@ from safe_ompl.models.urdf import UrdfFile, existing_file
 
 _log = logging.getLogger(__name__)
 
+_LINK = " (link)"  # tells a link from a joint of the same name
+
 
 class Robot:
     """A robot of revolute, prismatic and continuous joints; frozen once built.
@@ -167,12 +169,12 @@ class Robot:
         locked: Mapping[str, float] | None = None,
         hulls: bool = True,
     ) -> Robot:
-        """Build a robot of example-robot-data: "panda", "ur5", "xarm7", "ur10", "kinova", "z1", "so101", …
+        """Build a robot of example-robot-data.
 
         Parameters
         ----------
         name : str
-            A key of `safe_ompl.models.examples.EXAMPLES`.
+            A key of `safe_ompl.models.examples.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
         tip, locked, hulls
             As in `from_urdf`; by default those of the table of examples.
 
@@ -216,7 +218,7 @@ class Robot:
         return full
 
     def difference(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the joint motion from `start` to `end` (any matching shapes (…, n)); continuous joints go the short way."""
+        """Return the motion from `start` to `end` (matching shapes (…, n)); continuous joints go the short way."""
         delta = end - start
         if self.continuous.any():
             wrapped = delta[..., self.continuous]
@@ -265,7 +267,8 @@ class Robot:
         force = self._moved_by @ gradients
         torque = self._moved_by @ _cross(self._keypoints_of(rotation, translation), gradients)
         turning = torque - _cross(origins, force)
-        return np.einsum("bic,bic->bi", axes, np.where(self.prismatic[:, None], force, turning))
+        pulled: FloatArray = np.einsum("bic,bic->bi", axes, np.where(self.prismatic[:, None], force, turning))
+        return pulled
 
     def keypoint_jacobians(self, q: FloatArray) -> FloatArray:
         """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
@@ -465,7 +468,7 @@ def _override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]],
 def _joints_to_hold(
     full: pin.Model, urdf: UrdfFile, tip: str | None, locked: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return all joints to lock with their values: those asked for, their mimics, and those that do not move the tip."""
+    """Return the joints to lock with their values: those asked for, those that do not move the tip, and mimics."""
     source = str(urdf.path)
     names = list(full.names)[1:]
     held: dict[str, float] = {}
@@ -473,23 +476,25 @@ def _joints_to_hold(
         if name not in names:
             raise UnknownNameError("joint to lock", name, names, source)
         held[name] = _joint_value(full, name, value, source)
+    followers = {name: mimic for name, mimic in urdf.mimics().items() if name in names and name not in held}
     if tip is not None:
         moving = {full.names[j] for j in full.supports[full.frames[frame_index(full, tip)].parentJoint]}
-        idle = [name for name in names if name not in moving and name not in held]
-        for name in idle:
-            held[name] = _resting_value(full, name)
-        if idle:
-            values = ", ".join(f"{name} = {held[name]:g}" for name in idle)
-            _log.info("%s: locked what does not move the tip %s: %s", urdf.path.name, tip, values)
-    for name, mimic in urdf.mimics().items():
-        if name not in names:
-            continue
-        if mimic.primary in held:
-            held.setdefault(name, mimic.multiplier * held[mimic.primary] + mimic.offset)
-        elif name not in held:
+        for name in names:
+            if name not in moving and name not in held and name not in followers:
+                held[name] = _resting_value(full, name)
+    while followers:
+        ready = [name for name, mimic in followers.items() if mimic.primary in held]
+        if not ready:
+            name, mimic = next(iter(followers.items()))
             raise InputError(
                 f"joint {name!r} mimics {mimic.primary!r}, which is free: lock {mimic.primary!r}", source
             )
+        for name in ready:
+            mimic = followers.pop(name)
+            held[name] = mimic.multiplier * held[mimic.primary] + mimic.offset
+    implied = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in locked)
+    if implied:
+        _log.info("%s: locked, too, as not moving the tip or mimicking: %s", urdf.path.name, implied)
     return held
 
 
@@ -501,6 +506,8 @@ def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float
     joint = full.joints[full.getJointId(name)]
     if not np.isfinite(number):
         raise InputError(f"locked joint {name!r}: {value!r} is not finite", source)
+    if joint.nv > 1 and number != 0:
+        raise InputError(f"locked joint {name!r}: a {joint.shortname()} can be locked at 0 only", source)
     if joint.nq == 1:
         low, high = (
             float(limit[joint.idx_q]) for limit in (full.lowerPositionLimit, full.upperPositionLimit)
@@ -524,14 +531,27 @@ def _resting_value(full: pin.Model, name: str) -> float:
 def _reduce(
     full: pin.Model, geometry: pin.GeometryModel, held: Mapping[str, float]
 ) -> tuple[pin.Model, pin.GeometryModel]:
+    """Return model and geometry with the joints in `held` fixed at their values."""
     reference = pin.neutral(full)
     for name, value in held.items():
         joint = full.joints[full.getJointId(name)]
-        reference[joint.idx_q : joint.idx_q + joint.nq] = (
-            value if joint.nq == 1 else (np.cos(value), np.sin(value))
-        )
+        if joint.nv == 1:
+            reference[joint.idx_q : joint.idx_q + joint.nq] = (
+                value if joint.nq == 1 else (np.cos(value), np.sin(value))
+            )
     ids = [full.getJointId(name) for name in held]
-    model, reduced = pin.buildReducedModel(full, geometry, ids, reference)
+    # Pinocchio 4.1 looks frames up by name alone, and refuses where a joint and a link share one.
+    distinct = full.copy()
+    for frame in distinct.frames:
+        frame.name += _LINK if frame.type == pin.FrameType.BODY else ""
+    model, reduced = pin.buildReducedModel(distinct, geometry, ids, reference)
+    # It also makes the frame of a locked joint its own parent.
+    above = {frame.name: distinct.frames[frame.parentFrame].name for frame in distinct.frames}
+    index = {frame.name: k for k, frame in enumerate(model.frames)}
+    for frame in model.frames:
+        frame.parentFrame = index[above[frame.name]]
+    for frame in model.frames:
+        frame.name = frame.name.removesuffix(_LINK)
     return model, reduced
 
 

@@ -48,22 +48,21 @@ class Skeleton:
             Frame at the end of the last link.
         """
         on_chain = _frames_above(model, frame_index(model, tip))
-        ends = [(name, frame_index(model, name)) for name in joint_names]
+        ends = [(name, _joint_frame(model, name)) for name in joint_names]
         frames = [frame for name, frame in ends if frame in on_chain or model.existJointName(name)]
         frames.append(frame_index(model, tip))
         index = {frame: k for k, frame in enumerate(frames)}
         joints = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
         offsets = np.array([model.frames[frame].placement.translation for frame in frames], dtype=np.float64)
 
-        data = model.createData()
-        pin.framesForwardKinematics(model, data, pin.neutral(model))
-        position = [data.oMf[frame].translation.copy() for frame in frames]
+        stretched = _frame_positions(model, frames)
         segments, names = [], []
         for distal, frame in enumerate(frames):
             proximal = _nearest_above(model, frame, index)
             if proximal is None or joints[proximal] == 0:
                 continue
-            if np.linalg.norm(position[distal] - position[proximal]) > _ZERO_LENGTH:
+            lengths = np.linalg.norm(stretched[:, distal] - stretched[:, proximal], axis=1)
+            if lengths.max() > _ZERO_LENGTH:
                 segments.append((proximal, distal))
                 names.append(model.frames[frame].name)
         return cls(joints, offsets, np.array(segments, dtype=np.intp).reshape(-1, 2), tuple(names))
@@ -74,6 +73,24 @@ def frame_index(model: pin.Model, name: str) -> int:
     matches = [k for k, frame in enumerate(model.frames) if frame.name == name]
     bodies = [k for k in matches if model.frames[k].type == pin.FrameType.BODY]
     return (bodies or matches)[0]
+
+
+def _joint_frame(model: pin.Model, name: str) -> int:
+    """Return the index of the frame of a joint, free or locked; a link may have the same name."""
+    return next(k for k, f in enumerate(model.frames) if f.name == name and f.type != pin.FrameType.BODY)
+
+
+def _frame_positions(model: pin.Model, frames: list[int]) -> FloatArray:
+    """Return positions (3, K, 3) of frames, joints at zero and at either limit: where joints slide, lengths change."""
+    data, positions = model.createData(), []
+    for limit in (pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit):
+        q = pin.neutral(model)
+        for joint in list(model.joints)[1:]:
+            if joint.nq == 1:
+                q[joint.idx_q] = limit[joint.idx_q]
+        pin.framesForwardKinematics(model, data, q)
+        positions.append([data.oMf[frame].translation.copy() for frame in frames])
+    return np.array(positions)
 
 
 def _frames_above(model: pin.Model, frame: int) -> set[int]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.errors import InputError
 from safe_ompl.models.collision import Clearance, CollisionChecker
 from safe_ompl.models.danger import DangerField
 from safe_ompl.models.motion import CertifiedMotion, MotionVerdict, Verdict
@@ -118,7 +119,9 @@ class PathReport:
         """
         robot = checker.robot
         path = finite_array(path, (None, robot.n), "path")
-        curve = _Curve(robot, path)
+        if not len(path):
+            raise InputError("path must have a configuration at least, got none")
+        curve = Curve(robot, path)
         s = np.linspace(0.0, curve.length, max(PROFILE_POINTS, 1 + int(np.ceil(curve.length / _STEP))))
         samples = curve.at(s)
         refused = first_refused(path, motion or CertifiedMotion(checker))
@@ -160,7 +163,7 @@ def first_refused(path: FloatArray, motion: CertifiedMotion) -> tuple[int, Motio
     return None
 
 
-class _Curve:
+class Curve:
     """A path by its arc length in joint space."""
 
     def __init__(self, robot: Robot, path: FloatArray) -> None:
@@ -190,7 +193,7 @@ def _danger(field: DangerField, s: FloatArray, samples: FloatArray) -> DangerRep
 
 
 def _clearance(
-    checker: CollisionChecker, curve: _Curve, s: FloatArray, samples: FloatArray
+    checker: CollisionChecker, curve: Curve, s: FloatArray, samples: FloatArray
 ) -> ClearanceReport:
     clearances = [checker.clearance(q) for q in samples]
     distances = np.array([c.distance for c in clearances])
@@ -203,7 +206,7 @@ def _clearance(
 
 
 def _refined_minimum(
-    checker: CollisionChecker, curve: _Curve, s: FloatArray, clearances: list[Clearance]
+    checker: CollisionChecker, curve: Curve, s: FloatArray, clearances: list[Clearance]
 ) -> tuple[Clearance, float]:
     """Look between the samples beside the smallest one for a smaller clearance still."""
     k = int(np.argmin([c.distance for c in clearances]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from abc import abstractmethod
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,9 @@ _log = logging.getLogger(__name__)
 _SCALE_SAMPLES = 50
 _SCALE_SEED = 0  # the scale belongs to robot and scene: it must not change with the planner's seed
 _FIRST_GOALS = 100  # taken before planning begins
-_RANGE_FRACTION = 0.055  # of the space's extent: 0.8 rad on an arm; longer steps are trapped, shorter ones crawl
+_RANGE_FRACTION = (
+    0.055  # of the space's extent: 0.8 rad on an arm; longer steps are trapped, shorter ones crawl
+)
 
 
 class SafePlanner(ob.Planner):  # type: ignore[misc]
@@ -51,7 +54,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def setSeed(self, seed: int) -> None:
         """Start the planner's random numbers anew; the same seed gives the same path."""
-        if isinstance(seed, bool) or int(seed) != seed or seed < 0:
+        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise InputError(f"seed must be a non-negative integer, got {seed!r}")
         self._seed = int(seed)
         self._rng = np.random.default_rng(self._seed)
@@ -202,7 +205,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         rng = np.random.default_rng(_SCALE_SEED)
         lower, upper = self._bridge.lower, self._bridge.upper
         candidates = lower + (upper - lower) * rng.random((8 * _SCALE_SAMPLES, self._bridge.n))
-        valid = [q for q in candidates if self._is_valid(q)][:_SCALE_SAMPLES]
+        valid = list(islice((q for q in candidates if self._is_valid(q)), _SCALE_SAMPLES))
         norms = self._cost.gradient_norms(np.array(valid or candidates))
         norms = norms[np.isfinite(norms)]
         return float(np.median(norms)) if len(norms) else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,11 +10,14 @@ from ompl import geometric as og
 
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 
 _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "SafeRRTConnect": (SafeRRTConnect, {}),
     "ClassicRRTConnect": (SafeRRTConnect, {"alpha": 0.0}),
+    "SafeJTRRT": (SafeJTRRT, {}),
+    "ClassicJTRRT": (SafeJTRRT, {"alpha": 0.0, "transpose": True}),
 }
 
 # Bound in OMPL's Python wheel, and safe to run with callbacks in Python (PRM and PRMstar are not: they deadlock).
@@ -75,9 +79,9 @@ def _setter(planner: Any, key: str) -> Callable[[Any], None]:
     name = "set" + "".join(word.capitalize() for word in key.split("_"))
     setter = getattr(planner, name, None)
     if setter is None:
-        own = [n for n in dir(type(planner)) if n.startswith("set") and n[3:4].isupper()]
-        inherited = {"setName", "setProblemDefinition"}
-        raise UnknownNameError(f"parameter of {planner.getName()}", key, sorted(set(own) - inherited))
+        setters = {n[3:] for n in dir(type(planner)) if n.startswith("set") and n[3:4].isupper()}
+        known = sorted(_snake_case(name) for name in setters - {"Name", "ProblemDefinition"})
+        raise UnknownNameError(f"parameter of {planner.getName()}", key, known)
 
     def call(value: Any) -> None:
         try:
@@ -88,3 +92,8 @@ def _setter(planner: Any, key: str) -> Callable[[Any], None]:
             ) from None
 
     return call
+
+
+def _snake_case(name: str) -> str:
+    """GoalBias → goal_bias."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()

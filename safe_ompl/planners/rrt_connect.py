@@ -105,7 +105,7 @@ class SafeRRTConnect(SafePlanner):
             outcome, new = self._extend(tree, old, q_rand)
             if outcome is not Extension.TRAPPED:
                 q_new = tree.configurations[new]
-                outcome, met = self._connect(other, self._select(other, q_new), q_new)
+                outcome, met = self._connect(other, self._select(other, q_new), q_new, ptc)
                 if outcome is Extension.REACHED:
                     return self._join(tree, new, other, met)
             tree, other = other, tree
@@ -162,10 +162,10 @@ class SafeRRTConnect(SafePlanner):
         self.counts.nodes += 1
         return tree.add(q, parent)
 
-    def _connect(self, tree: Tree, node: int, target: FloatArray) -> tuple[Extension, int]:
-        """CONNECT: extend until the target is reached or the tree is trapped."""
+    def _connect(self, tree: Tree, node: int, target: FloatArray, ptc: Any) -> tuple[Extension, int]:
+        """CONNECT: extend until the target is reached, the tree is trapped, or `ptc` fires."""
         outcome = Extension.ADVANCED
-        while outcome is Extension.ADVANCED:
+        while outcome is Extension.ADVANCED and not ptc():
             outcome, node = self._extend(tree, node, target)
         return outcome, node
 

@@ -75,7 +75,8 @@ class Tree:
     def distances(self, q: FloatArray) -> FloatArray:
         """Return ρ (N,) from every node to `q: (n,)` [rad or m]."""
         delta = self._bridge.difference(self.configurations, q)
-        return np.sqrt(np.einsum("ij,ij->i", delta, delta))
+        distances: FloatArray = np.sqrt(np.einsum("ij,ij->i", delta, delta))
+        return distances
 
     def best(self, q: FloatArray, alpha: float) -> int:
         """Return argmin of ρ(node, q) + α·cost(node); the nearest node for α = 0."""

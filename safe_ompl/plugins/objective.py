@@ -102,7 +102,10 @@ class StateCost:
         if self.is_zero:
             return np.zeros(len(Q))
         if self.has_gradients:
-            return np.linalg.norm(self._objective.values_and_gradients(Q)[1], axis=1)
-        step = 1e-5 * np.eye(self._bridge.n)
-        rises = [(self.values(Q + h) - self.values(Q - h)) / 2e-5 for h in step]
-        return np.linalg.norm(np.array(rises), axis=0)
+            gradients = self._objective.values_and_gradients(Q)[1]
+        else:
+            step = 1e-5 * np.eye(self._bridge.n)
+            rises = [(self.values(Q + h) - self.values(Q - h)) / 2e-5 for h in step]
+            gradients = np.stack(rises, axis=1)
+        norms: FloatArray = np.linalg.norm(gradients, axis=1)
+        return norms
