@@ -18,7 +18,7 @@ from safe_ompl.errors import InputError, PlanningError, SafeOmplError
 from safe_ompl.models import document
 from safe_ompl.models.scenario import Scenario
 from safe_ompl.paths.report import PathReport
-from safe_ompl.planners.registry import is_ours, make_planner, planner_names
+from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.setup import PlanResult, SafeSetup, setup_scenario
 
 _log = logging.getLogger(__name__)
@@ -165,9 +165,11 @@ def _received(results: Connection) -> PlanResult:
     return result
 
 
-def default_planners() -> tuple[str, ...]:
-    """Return the planners that a comparison looks at: OMPL's RRT-Connect, and all of ours."""
-    return ("RRTConnect", *(name for name in planner_names() if is_ours(name)))
+def default_planners(scenario: Scenario) -> tuple[str, ...]:
+    """Return the planners that a comparison looks at: OMPL's RRT-Connect, and all of ours that fit the goal."""
+    has_place = scenario.goal.position is not None
+    ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
+    return ("RRTConnect", *ours)
 
 
 def check_planner(scenario: Scenario, planner: str, setup: SafeSetup) -> None:

@@ -26,7 +26,9 @@ from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.paths.report import PathReport
 from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.registry import make_planner
+from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.plugins.states import StateBridge, joint_space
@@ -147,6 +149,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         if self.field is not None:
             self.setOptimizationObjective(DangerObjective(si, self.field))
         self._bridge = StateBridge(self.getStateSpace())
+        self._goal_region: Any = None
+        self._place: WorkspaceGoal | None = None
 
     def __repr__(self) -> str:
         return f"SafeSetup({self.robot!r}, {self.scene!r})"
@@ -163,15 +167,51 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         CollisionError
             In collision: names the pair. Of several goals only those that are free count; one must be.
         """
-        q_start = self._checked_configuration(start, "start")
         rows = np.atleast_2d(np.asarray(goals, dtype=object))
         q_goals = self._checked_goals([list(row) for row in rows])
-        self.clearStartStates()
-        self.addStartState(self._state(q_start))
+        self.setStartConfiguration(start)
         region = ob.GoalStates(self.getSpaceInformation())
         for q in q_goals:
             region.addState(self._state(q))
+        self._goal_region = region
         self.setGoal(region)
+
+    def setStartConfiguration(self, start: ArrayLike) -> None:
+        """Set the start configuration (n,) [rad or m]; errors as `setConfigurations`."""
+        q_start = self._checked_configuration(start, "start")
+        self.clearStartStates()
+        self.addStartState(self._state(q_start))
+
+    def setWorkspaceGoal(
+        self, position: ArrayLike, rotation: ArrayLike | None = None, tolerance: float = TOLERANCE
+    ) -> None:
+        """Set a place for the tip as the goal: `position: (3,)` [m], for a pose `rotation: (3, 3)` as well.
+
+        Goal configurations set before stay for the planners that `plan` starts and that plan to configurations.
+
+        Raises
+        ------
+        InputError
+            Wrong shape, NaN, a matrix that is not a rotation, or a tolerance that is not positive.
+        """
+        self._place = WorkspaceGoal(
+            self.getSpaceInformation(),
+            self.robot,
+            position,
+            rotation,
+            tolerance=tolerance,
+            field=self.field,
+            seed=0,
+        )
+        self.setGoal(self._place)
+
+    def _choose_goal(self, planner: Any, seed: int) -> None:
+        """Of a place and goal configurations that were both set, take what the planner plans to."""
+        if self._place is None:
+            return
+        self._place.setSeed(seed)
+        if self._goal_region is not None:
+            self.setGoal(self._place if isinstance(planner, SafeJTRRT) else self._goal_region)
 
     def _checked_goals(self, goals: Sequence[ArrayLike]) -> list[FloatArray]:
         if len(goals) == 1:
@@ -249,6 +289,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         if isinstance(planner, SafePlanner):
             planner.setSeed(int(seed))
         self.clear()
+        self._choose_goal(planner, int(seed))
         self.setPlanner(planner)
         self.setup()
 
@@ -326,10 +367,16 @@ def plan(
 def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
     """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
     robot = robot or scenario.build_robot()
-    start, goals = scenario.start_configuration(robot), scenario.goal_configurations(robot)
+    start, goal = scenario.start_configuration(robot), scenario.goal
+    goals = scenario.goal_configurations(robot) if goal.configurations else None
     with document.within(str(scenario.file or scenario.name), ": "):
         setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
-        setup.setConfigurations(start, goals)
+        if goal.position is not None:
+            setup.setWorkspaceGoal(goal.position, goal.rotation, goal.tolerance)
+        if goals is None:
+            setup.setStartConfiguration(start)
+        else:
+            setup.setConfigurations(start, goals)
     return setup
 
 

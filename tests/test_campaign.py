@@ -113,9 +113,13 @@ def test_bad_planners_and_processes_are_refused_before_any_run(scenario: Scenari
         check_planner(wrong, "SafeRRTConnect", setup)
 
 
-def test_default_planners_are_rrt_connect_and_all_of_ours() -> None:
+def test_default_planners_are_rrt_connect_and_all_of_ours_that_fit_the_goal(scenario: Scenario) -> None:
     ours = [name for name in planner_names() if is_ours(name)]
-    assert default_planners() == ("RRTConnect", *ours)
+    both = dataclasses.replace(scenario.goal, position=(0.3, 0.0, 0.4))
+    assert default_planners(dataclasses.replace(scenario, goal=both)) == ("RRTConnect", *ours)
+    configurations = dataclasses.replace(scenario.goal, position=None)
+    fitting = [name for name in ours if "JTRRT" not in name]
+    assert default_planners(dataclasses.replace(scenario, goal=configurations)) == ("RRTConnect", *fitting)
 
 
 def test_summaries(results: list[PlanResult]) -> None:

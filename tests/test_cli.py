@@ -502,11 +502,6 @@ BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
         "mesh: {file: no.stl}",
         ["obstacles[1]", "'post'", "no.stl"],
     ),
-    "goal that is only a place": (
-        "configuration: {joint1: -1.2, joint2: -0.2}",
-        "position: [0, 0, 0]",
-        ["goal", "configuration"],
-    ),
 }
 
 

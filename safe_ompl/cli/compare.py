@@ -32,7 +32,6 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--planners",
         type=names,
-        default=default_planners(),
         metavar="A,B,...",
         help="default: OMPL's RRTConnect and all planners of this package",
     )
@@ -56,7 +55,8 @@ def add_command(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = load_scenario(options.scenario)
-    campaign = Campaign(scenario, options.planners, options.runs, options.time, options.seed)
+    planners = options.planners or default_planners(scenario)
+    campaign = Campaign(scenario, planners, options.runs, options.time, options.seed)
     setup = setup_scenario(scenario)
     campaign.check(setup)
     folder = options.out or Path(f"compare-{scenario.name}")

@@ -63,6 +63,14 @@ class Goal:
         elif not self.configurations:
             raise InputError("missing: give configuration, configurations or position", "configuration")
 
+    @property
+    def rotation(self) -> FloatArray | None:
+        """Orientation of the tip as a matrix (3, 3), or None where any will do."""
+        if self.position is None or self.quaternion_xyzw is None:
+            return None
+        rotation: FloatArray = Pose(self.position, self.quaternion_xyzw).se3.rotation
+        return rotation
+
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Goal:
         """Read ``configuration`` or ``configurations``, and ``position`` with orientation and tolerance."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from math import ceil
+from math import ceil, isfinite
 
 import numpy as np
 
@@ -46,11 +46,12 @@ class MotionVerdict:
 
 
 class CertifiedMotion:
-    """Proves straight joint motions free of collision by bisection with security margins.
+    """Proves straight joint motions free of collision by subdivision with security margins.
 
     While the joints move by Δ, the bodies of pair p approach each other by at most W_p = Σ_i R_pi·|Δ_i|. So if at
     the centre of an interval of half-length s (a fraction of the edge) every pair keeps more than s·W_p, the
-    whole interval is free: one boolean query. Intervals that fail are halved.
+    whole interval is free: one boolean query. An interval that fails is divided in three, if its centre is free of
+    contact; the middle one keeps the centre. (Halves would cost a sixth more.)
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ class CertifiedMotion:
         Answers the queries.
     floor : float
         [m] Give up on an interval in which the bodies move less than this: an edge with less clearance than
-        about the floor stays undecided.
+        about half the floor stays undecided.
 
     Raises
     ------
@@ -72,7 +73,7 @@ class CertifiedMotion:
 
     @property
     def floor(self) -> float:
-        """Displacement [m] below which an interval is not halved any more."""
+        """Displacement [m] below which an interval is not divided any more."""
         return self._floor
 
     @floor.setter
@@ -86,12 +87,12 @@ class CertifiedMotion:
 
     def is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the straight motion between two configurations (n,) within limits is proven free."""
-        return self._bisect(start, end)[0] is Verdict.FREE
+        return self._subdivide(start, end)[0] is Verdict.FREE
 
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free."""
         robot = self.checker.robot
-        verdict, at = self._bisect(start, end)
+        verdict, at = self._subdivide(start, end)
         for fraction, q in ((0.0, start), (1.0, end)):
             for i in np.flatnonzero(~robot.within_limits(q)):
                 return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
@@ -100,28 +101,29 @@ class CertifiedMotion:
         delta = robot.difference(start, end)
         return MotionVerdict(verdict, at, self.checker.colliding_pair(start + at * delta))
 
-    def _bisect(self, start: FloatArray, end: FloatArray) -> tuple[Verdict, float | None]:
+    def _subdivide(self, start: FloatArray, end: FloatArray) -> tuple[Verdict, float | None]:
         checker = self.checker
         delta = checker.robot.difference(start, end)
-        if not np.isfinite(delta).all():
+        if not isfinite(sum(delta.tolist())):
             raise InputError(f"motion between {start.tolist()} and {end.tolist()} is not finite")
         approach = checker.pair_radii @ np.abs(delta)
         widest = float(approach.max(initial=0.0))
         count = max(1, ceil(0.5 * widest / _FIRST_REACH))
         half = 0.5 / count
         centres = [(2 * k + 1) * half for k in range(count)]
+        unproven: list[float] = []
         while True:
             checker.set_margins(half * approach)
-            unproven = []
+            known_free, unproven = unproven, []
             for t in centres:
                 q = start + t * delta
                 if checker.within_margins(q):
-                    if checker.in_collision(q):
+                    if t not in known_free and checker.in_collision(q):
                         return Verdict.BLOCKED, t
                     unproven.append(t)
             if not unproven:
                 return Verdict.FREE, None
-            half /= 2
             if half * widest < self._floor:
                 return Verdict.UNDECIDED, unproven[0]
-            centres = [t + side for t in unproven for side in (-half, half)]
+            half /= 3
+            centres = [t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)]

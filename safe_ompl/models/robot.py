@@ -92,6 +92,7 @@ class Robot:
         self.joint_names: tuple[str, ...] = tuple(self.model.names)[1:]
         self.n: int = len(self.joint_names)
         self.continuous: BoolArray = np.array([j.nq == 2 for j in list(self.model.joints)[1:]])
+        self._wraps = bool(self.continuous.any())
         self.prismatic: BoolArray = np.array(["P" in j.shortname()[10:] for j in list(self.model.joints)[1:]])
         self.lower, self.upper = self._limits(str(urdf.path))
         select_self_pairs(
@@ -209,7 +210,7 @@ class Robot:
 
     def pinocchio_configuration(self, q: FloatArray) -> FloatArray:
         """Return `q: (n,)` in Pinocchio's form (nq,): cosine and sine for each continuous joint."""
-        if self.model.nq == self.n:
+        if not self._wraps:
             return q
         full = np.empty(self.model.nq)
         full[self._straight] = q[~self.continuous]
@@ -220,7 +221,7 @@ class Robot:
     def difference(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the motion from `start` to `end` (matching shapes (…, n)); continuous joints go the short way."""
         delta = end - start
-        if self.continuous.any():
+        if self._wraps:
             wrapped = delta[..., self.continuous]
             delta[..., self.continuous] = wrapped - 2 * np.pi * np.round(wrapped / (2 * np.pi))
         return delta

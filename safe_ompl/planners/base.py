@@ -122,7 +122,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     # ------------------------------------------------------------------------- what a planner must implement
 
     def _accepts(self, goal: Any) -> bool:
-        """Return whether the planner can plan to such a goal; by default one that offers goal configurations."""
+        """Return whether the planner can plan to such a goal; by default one that offers configurations."""
         return isinstance(goal, ob.GoalSampleableRegion)
 
     @abstractmethod
@@ -160,7 +160,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return bool(self.getSpaceInformation().checkMotion(self._from.set(start), self._to.set(end)))
 
     def _take_goals(self, ptc: Any) -> None:
-        """Take the goals that the problem offers: all at first, then one now and then from those still being found.
+        """Take the goals that the problem offers: all at first, later one now and then.
 
         Where there is none yet, this waits for the first until `ptc` fires; later calls never wait. Goals taken
         while planning stay fewer than half of the nodes, as in OMPL: a region may have goals without end.
@@ -173,8 +173,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         if not goal.maxSampleCount():
             self._take_goal(inputs.nextGoal(ptc))
         for _ in range(_FIRST_GOALS):
-            if inputs.haveMoreGoalStates():
-                self._take_goal(inputs.nextGoal())
+            if ptc() or not inputs.haveMoreGoalStates():
+                return
+            self._take_goal(inputs.nextGoal())
 
     def _take_goal(self, state: Any) -> None:
         if state is not None:

@@ -46,6 +46,11 @@ def is_ours(name: str) -> bool:
     return name in _OURS
 
 
+def needs_place(name: str) -> bool:
+    """Return whether the planner called `name` plans to a `WorkspaceGoal` only."""
+    return name in _OURS and issubclass(_OURS[name][0], SafeJTRRT)
+
+
 def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None) -> Any:
     """Return a planner.
 

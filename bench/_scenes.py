@@ -1,0 +1,59 @@
+"""Robots and scenes that the benches share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_ompl.models.obstacle import Obstacle
+from safe_ompl.models.pose import Pose
+from safe_ompl.models.scene import Scene
+from safe_ompl.models.shapes import Box, Capsule, Cylinder, Shape, Sphere
+
+
+def scattered(number: int, seed: int = 0, room: float = 0.3) -> Scene:
+    """Return boxes, balls, cylinders and capsules at random places within an arm's reach, off the robot's base.
+
+    Parameters
+    ----------
+    number : int
+        How many.
+    seed : int
+        Another one gives another scene.
+    room : float
+        Distance from the base's axis that stays empty [m].
+    """
+    rng = np.random.default_rng(seed)
+    obstacles = []
+    while len(obstacles) < number:
+        place = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.0])
+        if np.hypot(*place[:2]) > room:
+            turn = Pose.from_rpy(tuple(place), tuple(rng.uniform(-np.pi, np.pi, 3)))
+            obstacles.append(Obstacle(f"obstacle {len(obstacles)}", _shape(rng, len(obstacles)), turn))
+    return Scene(tuple(obstacles))
+
+
+def _shape(rng: np.random.Generator, k: int) -> Shape:
+    a, b, c = rng.uniform(0.05, 0.25, 3).tolist()
+    return (Box((a, b, c)), Sphere(a / 2), Cylinder(a / 2, 2 * b), Capsule(a / 2, b))[k % 4]
+
+
+def bookshelf() -> Scene:
+    """Return a shelf of four compartments in front of the robot, with things in it, on a floor with a table."""
+    front, depth, width, thick = 0.55, 0.3, 0.9, 0.02
+    middle = front + depth / 2
+    boards = [
+        Obstacle(f"board {k}", Box((depth, width, thick)), Pose((middle, 0.0, z)))
+        for k, z in enumerate((0.1, 0.5, 0.9))
+    ]
+    sides = [
+        Obstacle(f"side {k}", Box((depth, thick, 1.0)), Pose((middle, y, 0.5)))
+        for k, y in enumerate((-width / 2, 0.0, width / 2))
+    ]
+    things = [
+        Obstacle("can", Cylinder(0.035, 0.12), Pose((middle, -0.2, 0.17))),
+        Obstacle("book", Box((0.15, 0.03, 0.22)), Pose((middle, 0.3, 0.62))),
+        Obstacle("ball", Sphere(0.06), Pose((middle, -0.3, 0.57))),
+        Obstacle("table", Box((0.6, 1.2, 0.04)), Pose((-0.6, 0.0, 0.2))),
+        Obstacle("floor", Box((3.0, 3.0, 0.02)), Pose((0.0, 0.0, -0.06))),
+    ]
+    return Scene((*boards, *sides, *things))

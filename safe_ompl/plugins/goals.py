@@ -1,0 +1,183 @@
+"""A place of the robot's tip as an OMPL goal that any planner can sample."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from ompl import base as ob
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError, PlanningError
+from safe_ompl.models.danger import DangerField
+from safe_ompl.models.kinematics import Place, inverse_kinematics
+from safe_ompl.models.robot import Robot
+from safe_ompl.plugins.states import ScratchState, StateBridge
+
+TOLERANCE = 0.01  # [m]
+_PRECISION = 0.01  # of the tolerance: a solution is this near to the place
+
+_FIRST_SEEDS = 16  # seeds of the first search: enough to see several of the arm's postures
+_MORE_SEEDS = 1  # of the later ones, which happen while a planner plans
+_PATIENCE = 16  # a planner that has seen all solutions is given another after it asked this often
+_SAME = 0.05  # [rad] solutions nearer to each other than this are one
+
+
+class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
+    """The configurations whose tip is at a place (the paper's goal region, §2).
+
+    Planners see it as a growing list of configurations: valid solutions of the inverse kinematics from random
+    seeds. The first to be offered is the safest of several; planners that go on asking get the next ones, and new
+    ones are searched for. The search runs in the planner's own thread, when OMPL asks; if nothing is found
+    planners wait until their time is up. The same seed gives the same solutions; `setSeed` begins anew.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its space must have the robot's joints as coordinates (see `joint_space`).
+    robot : Robot
+        The robot.
+    position : array_like, shape (3,)
+        Where its tip is to be, in the world frame [m].
+    rotation : array_like, shape (3, 3), optional
+        Orientation of the tip; without it any will do.
+    tolerance : float
+        How near to the place is near enough [m]. With a rotation a radian counts as
+        `safe_ompl.models.kinematics.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
+    field : DangerField, optional
+        Ranks the solutions.
+    seed : int, optional
+        Seed of the random numbers; by default another every time.
+
+    Attributes
+    ----------
+    place : Place
+        The place, for planners that work in the workspace.
+    tolerance : float
+        As given.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, NaN, a matrix that is not a rotation, a tolerance that is not positive.
+
+    Notes
+    -----
+    What OMPL calls, and hence what is overridden: `maxSampleCount` (how many solutions there are now),
+    `couldSample` (could there be more?), `sampleGoal` and `distanceGoal`.
+    """
+
+    def __init__(
+        self,
+        si: Any,
+        robot: Robot,
+        position: ArrayLike,
+        rotation: ArrayLike | None = None,
+        *,
+        tolerance: float = TOLERANCE,
+        field: DangerField | None = None,
+        seed: int | None = None,
+    ) -> None:
+        super().__init__(si)
+        if not (isinstance(tolerance, (int, float, np.number)) and 0 < tolerance < np.inf):
+            raise InputError(f"tolerance must be a positive length [m], got {tolerance!r}")
+        self.place = Place(robot, position, rotation)
+        self.tolerance = float(tolerance)
+        self.setThreshold(self.tolerance)
+        self._field = field
+        self._bridge = StateBridge(si.getStateSpace())
+        if self._bridge.n != robot.n:
+            raise InputError(
+                f"the space has {self._bridge.n} coordinates, but {robot.name!r} {robot.n} joints"
+            )
+        self._scratch = ScratchState(self._bridge)
+        self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed)
+
+    def __repr__(self) -> str:
+        return f"WorkspaceGoal({self.place!r}, tolerance={self.tolerance:g}, seed={self._seed})"
+
+    def setSeed(self, seed: int) -> None:
+        """Start the random numbers anew and forget all solutions."""
+        if isinstance(seed, bool) or int(seed) != seed or seed < 0:
+            raise InputError(f"seed must be a non-negative integer, got {seed!r}")
+        self._seed = int(seed)
+        self._rng = np.random.default_rng(self._seed)
+        self._found: list[FloatArray] = []
+        self._offered = 0  # of those found, in order
+        self._next = 0  # to be handed out
+        self._asked = 0
+
+    def getSeed(self) -> int:
+        """Return the seed."""
+        return self._seed
+
+    @property
+    def solutions(self) -> FloatArray:
+        """The goal configurations (G, n) offered so far [rad or m]."""
+        return np.array(self._found[: self._offered]).reshape(-1, self._bridge.n)
+
+    # ------------------------------------------------------------------------------------- OMPL's questions
+
+    def distanceGoal(self, state: Any) -> float:
+        """Return the distance [m] of the tip from the place."""
+        return self.place.distance(self._bridge.read(state))
+
+    def maxSampleCount(self) -> int:
+        """Return how many solutions are offered now; looks for the first if there is none."""
+        if not self._offered:
+            self._offer()
+        return self._offered
+
+    def couldSample(self) -> bool:
+        """Return True: there may be more, and who keeps asking gets them."""
+        self._asked += 1
+        if self._asked >= max(_PATIENCE, self._offered):
+            self._offer()
+        return True
+
+    def sampleGoal(self, state: Any) -> None:
+        """Write the next solution into `state`; after the last one, a new one if it is found, else the first.
+
+        Raises
+        ------
+        PlanningError
+            If no solution is known. Planners ask `maxSampleCount` first.
+        """
+        if self._next >= self._offered:
+            self._offer()
+        if not self._offered:
+            raise PlanningError(f"no valid configuration brings the tip to {self.place!r}, as far as known")
+        self._next %= self._offered
+        self._bridge.write(self._found[self._next], state)
+        self._next += 1
+
+    # -------------------------------------------------------------------------------- looking for solutions
+
+    def _offer(self) -> None:
+        """Offer one solution more, the safest of those that were found together."""
+        self._asked = 0
+        if self._offered == len(self._found):
+            self._found += self._search(_MORE_SEEDS if self._found else _FIRST_SEEDS)
+        self._offered += self._offered < len(self._found)
+
+    def _search(self, seeds: int) -> list[FloatArray]:
+        """Return new valid solutions from random seeds, the safest first."""
+        robot = self.place.robot
+        new: list[FloatArray] = []
+        for _ in range(seeds):
+            seed = robot.lower + (robot.upper - robot.lower) * self._rng.random(robot.n)
+            q = inverse_kinematics(self.place, seed, _PRECISION * self.tolerance)
+            if q is not None and self._is_new(q, new) and self._is_valid(q):
+                new.append(q)
+        if self._field is None or not new:
+            return new
+        return [new[k] for k in np.argsort(self._field.values(np.array(new)), kind="stable")]
+
+    def _is_new(self, q: FloatArray, others: list[FloatArray]) -> bool:
+        known = np.array([*self._found, *others]).reshape(-1, len(q))
+        return not (np.linalg.norm(self._bridge.difference(known, q), axis=1) < _SAME).any()
+
+    def _is_valid(self, q: FloatArray) -> bool:
+        si, state = self.getSpaceInformation(), self._scratch.set(q)
+        return bool(si.satisfiesBounds(state) and si.isValid(state))

@@ -1,0 +1,167 @@
+"""Robots and an independent collision check for the tests; robots are frozen, so all tests share them."""
+
+from functools import cache
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import settings
+
+from safe_ompl.models.displacement import bounding_hull
+from safe_ompl.models.obstacle import Obstacle
+from safe_ompl.models.pose import Pose
+from safe_ompl.models.robot import Robot
+from safe_ompl.models.scene import Scene
+from safe_ompl.models.shapes import Box, Capsule, Cylinder, Sphere
+
+DATA = Path(__file__).parent / "data"
+
+settings.register_profile("reproducible", derandomize=True, deadline=None, print_blob=True)
+settings.load_profile("reproducible")
+
+
+@cache
+def _robot(name: str) -> Robot:
+    if name == "twin_arm":  # prismatic, continuous and revolute joints, and a branch
+        return Robot.from_urdf(DATA / "twin_arm.urdf")
+    if name == "slider":  # its right arm alone: two of four joints slide
+        return Robot.from_urdf(DATA / "twin_arm.urdf", tip="right_hand", name="slider")
+    return Robot.from_example(name)
+
+
+@pytest.fixture(scope="session")
+def data_folder():
+    """Return the folder of test data."""
+    return DATA
+
+
+@pytest.fixture(scope="session")
+def robot_named():
+    """Return a function from a name to a shared robot: "twin_arm", "slider", or an example robot."""
+    return _robot
+
+
+@pytest.fixture(scope="session")
+def panda():
+    return _robot("panda")
+
+
+@pytest.fixture(scope="session")
+def ur5():
+    return _robot("ur5")
+
+
+@pytest.fixture(scope="session")
+def kinova():
+    """Six joints, three of them continuous."""
+    return _robot("kinova")
+
+
+@pytest.fixture(scope="session")
+def twin_arm():
+    """Two arms on a lift: prismatic, continuous and revolute joints, and a branch."""
+    return _robot("twin_arm")
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+@pytest.fixture(scope="session")
+def clutter():
+    """Boxes, a ball, a cylinder and a capsule around the robot, turned in all directions; a table under it."""
+    return Scene(
+        (
+            Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.06))),
+            Obstacle("plank", Box((0.05, 0.6, 0.3)), Pose((0.55, 0.1, 0.45), (0.6, 0.0, 0.0, 0.8))),
+            Obstacle("ball", Sphere(0.12), Pose((-0.45, 0.35, 0.6))),
+            Obstacle("post", Cylinder(0.05, 1.0), Pose((-0.3, -0.5, 0.5))),
+            Obstacle("beam", Capsule(0.04, 0.7), Pose((0.2, 0.55, 0.75), (0.48, 0.36, 0.0, 0.8))),
+        )
+    )
+
+
+class PlainCheck:
+    """Robot against scene by coal's pairwise distances alone: no broad phase, no margins, nothing left out."""
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self.robot = robot
+        self.geometry = robot.collision_model.copy()
+        bodies = list(robot.collision_model.geometryObjects)
+        self.names = [body.name.rsplit("_", 1)[0] for body in bodies]
+        for obstacle in scene:
+            for name, shape, placement in obstacle.geometries():
+                number = self.geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, shape))
+                self.names.append(obstacle.name)
+                for k, body in enumerate(bodies):
+                    if body.parentJoint != 0:
+                        self.geometry.addCollisionPair(pin.CollisionPair(k, number))
+        self.pairs = [
+            (self.names[pair.first], self.names[pair.second]) for pair in self.geometry.collisionPairs
+        ]
+        self._data = robot.model.createData()
+        self._results = pin.GeometryData(self.geometry)
+
+    def distances(self, q):
+        """Signed distance [m] of every pair at `q`."""
+        full = self.robot.pinocchio_configuration(q)
+        pin.computeDistances(self.robot.model, self._data, self.geometry, self._results, full)
+        return np.array([result.min_distance for result in self._results.distanceResults])
+
+    def nearest(self, q):
+        """Return the smallest signed distance [m] at `q`."""
+        return float(self.distances(q).min(initial=np.inf))
+
+    def first_contact(self, start, end, step):
+        """Return the first fraction of the edge at which something touches, looking every `step` [rad], or None."""
+        delta = self.robot.difference(start, end)
+        for t in np.linspace(0.0, 1.0, 1 + max(1, ceil(np.linalg.norm(delta) / step))):
+            full = self.robot.pinocchio_configuration(start + t * delta)
+            if pin.computeCollisions(self.robot.model, self._data, self.geometry, self._results, full, True):
+                return float(t)
+        return None
+
+
+@pytest.fixture(scope="session")
+def plain_check():
+    """Return the class of an independent collision check; see `PlainCheck`."""
+    return PlainCheck
+
+
+class BodyPoints:
+    """Points of the bodies of a robot, among them the extreme ones, at any configuration."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        parts = list(robot.collision_model.geometryObjects)
+        self.hulls = [bounding_hull(part.geometry).moved(part.placement) for part in parts]
+        self.joints = [part.parentJoint for part in parts]
+        self._points = [_with_balls(hull) for hull in self.hulls]
+        self._data = robot.model.createData()
+
+    def at(self, q):
+        """For each body its points (P, 3) [m] in the world at `q`."""
+        pin.forwardKinematics(self.robot.model, self._data, self.robot.pinocchio_configuration(q))
+        poses = [self._data.oMi[joint] for joint in self.joints]
+        return [
+            points @ pose.rotation.T + pose.translation
+            for points, pose in zip(self._points, poses, strict=True)
+        ]
+
+
+def _with_balls(hull):
+    """Points on the balls that a hull is grown by, or its corners where it is not."""
+    if not hull.radius:
+        return hull.points
+    directions = np.random.default_rng(0).normal(size=(40, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return (hull.points[:, None] + hull.radius * directions).reshape(-1, 3)
+
+
+@pytest.fixture(scope="session")
+def body_points():
+    """Return the class that places a robot's bodies; see `BodyPoints`."""
+    return cache(BodyPoints)
