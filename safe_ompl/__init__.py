@@ -8,8 +8,11 @@ from safe_ompl.models.robot import Robot
 from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.paths.report import PathReport
+from safe_ompl.planners.jt_rrt import SafeJTRRT
+from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner, planner_names
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
@@ -28,13 +31,16 @@ __all__ = [
     "PlanResult",
     "PlanningError",
     "Robot",
+    "SafeJTRRT",
     "SafeOmplError",
+    "SafePRM",
     "SafeRRTConnect",
     "SafeSetup",
     "Scenario",
     "Scene",
     "UnknownNameError",
     "Verdict",
+    "WorkspaceGoal",
     "make_planner",
     "plan",
     "planner_names",

@@ -17,7 +17,7 @@ from safe_ompl.cli.plan import record
 from safe_ompl.cli.tables import comparison_table
 from safe_ompl.setup import PlanResult, SafeSetup, setup_scenario
 
-_RUNS = 50
+_RUNS = 30
 
 
 def add_command(commands: Any) -> None:

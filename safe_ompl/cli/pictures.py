@@ -20,6 +20,7 @@ from safe_ompl.setup import PlanResult, SafeSetup
 
 EXTRAS = ("matplotlib", "mitsuba")
 _SAMPLES = 16  # light paths per pixel
+_SAMPLES_IN_ALL = 64  # of the panels of one picture: many planners must not make the main job slow
 
 
 def how_to_get_pictures() -> str | None:
@@ -102,4 +103,7 @@ def _draw_paths(setup: SafeSetup, results: Sequence[PlanResult], file: Path) -> 
                 f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}; "
                 f"clearance: min {1e3 * clearance.min:.0f} mm"
             )
-    render_comparison(setup.robot, setup.scene, paths, file, subtitles=subtitles, closest=closest)
+    samples = min(_SAMPLES, max(4, _SAMPLES_IN_ALL // max(1, len(paths))))
+    render_comparison(
+        setup.robot, setup.scene, paths, file, subtitles=subtitles, closest=closest, samples=samples
+    )

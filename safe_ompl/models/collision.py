@@ -97,7 +97,10 @@ class CollisionChecker:
         self.geometry = geometry
         pairs = _indices(geometry)
         self.pair_names = tuple((self._names[a], self._names[b]) for a, b in pairs)
-        self.pair_radii: FloatArray = _pair_radii(robot, np.array(pairs, dtype=np.intp).reshape(-1, 2))
+        self._pairs: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+        self.pair_radii: FloatArray = _pair_radii(robot, self._pairs)
+        self._pair_distances = _fresh_data(geometry)
+        self._pair_results = list(self._pair_distances.distanceResults)
         self._contact = _Queries(robot.model, geometry, len(obstacles))
         self._margin = _Queries(robot.model, geometry, len(obstacles))
         self._margin.set_margins(np.full(len(pairs), _PROOF_MARGIN))
@@ -138,6 +141,30 @@ class CollisionChecker:
             self.robot.pinocchio_configuration(q),
         )
         return np.array([result.min_distance for result in self._distances.distanceResults])
+
+    def pair_distances(self, q: FloatArray) -> FloatArray:
+        """Return the distance (P,) [m] of every checked pair at `q: (n,)`, the robot's own pairs included."""
+        self.counts.distance_queries += 1
+        pin.computeDistances(
+            self.robot.model,
+            self._distance_data,
+            self.geometry,
+            self._pair_distances,
+            self.robot.pinocchio_configuration(q),
+        )
+        return np.array([result.min_distance for result in self._pair_results])
+
+    def pair_radii_at(self, q: FloatArray) -> FloatArray:
+        """Return the displacement radii (P, n) of the pairs at `q: (n,)`; tighter than `pair_radii`, and dearer.
+
+        They hold for motions that start at `q` (`math.md` §3).
+        """
+        bodies = np.zeros((len(self.geometry.geometryObjects), self.robot.n))
+        radii = self.robot.displacement_radii_at(q)
+        bodies[: len(radii)] = radii
+        first, second = self._pairs.T
+        both: FloatArray = bodies[first] + bodies[second]
+        return np.where(self.pair_radii > 0, both, 0.0)
 
     @property
     def distance_names(self) -> list[tuple[str, str]]:

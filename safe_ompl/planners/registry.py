@@ -11,11 +11,14 @@ from ompl import geometric as og
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
+from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 
 _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "SafeRRTConnect": (SafeRRTConnect, {}),
     "ClassicRRTConnect": (SafeRRTConnect, {"alpha": 0.0}),
+    "SafePRM": (SafePRM, {}),
+    "ClassicPRM": (SafePRM, {"alpha": 0.0}),
     "SafeJTRRT": (SafeJTRRT, {}),
     "ClassicJTRRT": (SafeJTRRT, {"alpha": 0.0, "transpose": True}),
 }

@@ -179,9 +179,7 @@ def test_it_shows_itself(setup):
 
 
 @pytest.mark.parametrize("rotation", [None, ROTATION])
-@pytest.mark.parametrize(
-    "planner", ["SafeRRTConnect", "RRTConnect", "RRT", "KPIECE1", "BKPIECE1", "FMT", "BFMT"]
-)
+@pytest.mark.parametrize("planner", ["SafeRRTConnect", "RRTConnect", "RRT", "KPIECE1", "BKPIECE1"])
 def test_planners_reach_the_place(setup, planner, rotation):
     setup.setWorkspaceGoal(POSITION, rotation)
     result = setup.plan(planner, time=10.0, seed=1)
@@ -213,7 +211,7 @@ class Wall(ob.MotionValidator):
     """Lets nothing leave the start."""
 
     def checkMotion(self, start, end):
-        return start[0] != START[0] and end[0] != START[0]
+        return bool(start[0] != START[0] and end[0] != START[0])
 
 
 @pytest.mark.parametrize(
@@ -271,12 +269,14 @@ def test_nothing_is_left_over_at_exit():
     """Goals, planners and setups let go of each other: nanobind would name what leaks."""
     program = """
 from safe_ompl.models.obstacle import Obstacle
+from safe_ompl.models.pose import Pose
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
 from safe_ompl.models.shapes import Sphere
 from safe_ompl.setup import SafeSetup
 
-setup = SafeSetup(Robot.from_example("ur5"), Scene((Obstacle("ball", Sphere(0.1), weight=1.0),)), danger=None)
+ball = Obstacle("ball", Sphere(0.1), Pose((0.5, 0.0, 0.8)), weight=1.0)
+setup = SafeSetup(Robot.from_example("ur5"), Scene((ball,)))
 setup.setStartConfiguration([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 for position in ([0.35, -0.45, 0.35], [2.0, 0.0, 0.5]):
     setup.setWorkspaceGoal(position)
@@ -286,5 +286,5 @@ for position in ([0.35, -0.45, 0.35], [2.0, 0.0, 0.5]):
     run = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
     )
-    assert run.returncode == 0
+    assert run.returncode == 0, run.stderr
     assert "leaked" not in run.stderr

@@ -1,0 +1,355 @@
+"""SafePRM: lazy bidirectional A* over random milestones that prefers safe ones."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.errors import InputError
+from safe_ompl.planners.base import SafePlanner, fraction, non_negative
+from safe_ompl.planners.roadmap import ROOT, Graph, JointMetric, LinkMetric, Metric, Roadmap
+from safe_ompl.plugins.validity import CollisionFreeValidity
+
+_GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …
+_LARGEST_GROWTH = 500  # … but by no more milestones at a time, …
+_TOWARDS_SHARE = 0.8  # … of which this share grows out of the graph that is stuck, …
+_NEAREST_TO_GRAPH = 0.05  # … from this fraction of the way to a random configuration on.
+_LARGEST_FRINGE = 1000  # milestones of a stuck graph that it grows out of
+_LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
+
+
+class SafePRM(SafePlanner):
+    """Two graphs over the same random milestones, grown by A* from start and goal until they meet (SAFE_PRM_PLANNER).
+
+    The milestone that leaves Open next minimises f = g + h + α·CDF: the length of the way to it, the distance to the
+    milestone that the other graph added last, and its danger. With α = 0 it is a classical lazy PRM. When the samples
+    do not suffice, more are drawn, and the search begins anew on the larger roadmap.
+
+    The roadmap, with all verdicts on milestones and edges, is kept from query to query: `clearQuery` forgets start and
+    goal only, `clear` everything.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Any space of real vectors and SO(2) parts. If its validity checker is a `CollisionFreeValidity`, neighbours
+        are chosen by the ends of the robot's links, eq. (11), else by the length of the motion.
+    name : str
+        Name in logs and benchmarks.
+    alpha : float
+        Weight of danger, relative to the median of ‖∇CDF‖ over valid configurations: at 1, as much danger as a
+        typical step of 1 rad adds is worth a detour of 1 rad. One default serves all robots.
+    neighbors : int
+        K, how many of the nearest milestones are neighbours.
+    samples : int
+        Number of milestones to begin with.
+    slide : float
+        Largest sideways slide of the middle of an edge, as a fraction of the range (`setRange`), in [0, 1]; 0 drives
+        straight edges as in the paper. Edges of the path that are longer than twice the range slide down the gradient
+        of the danger in their middle, where both halves stay free; so do the halves. It acts where α > 0 and the
+        objective offers gradients (`DangerObjective` does).
+
+    Notes
+    -----
+    Laziness goes further than in the paper: an edge is checked when its milestone is about to leave Open, not when it
+    enters. The search is the same, step by step, since Open yields the best milestone *with a free edge*; but edges
+    to milestones that are never wanted are never checked. So K costs little, and a large one makes for short paths.
+    A milestone is checked when it first becomes somebody's neighbour, and does not count among the K if invalid.
+
+    The distance h is to one milestone for all of Open, so that the length of the way from there to the other root
+    would change nothing. A milestone that was closed is not opened again.
+
+    Most of the samples added later lie on the way from a milestone of the stuck graph to the uniform random
+    configuration nearest to it: at 5 to 100 % of the way, log-uniform. So the graph grows out of narrow places, as an
+    RRT does. The others are uniform, which makes the planner probabilistically complete.
+
+    Motions are taken to be free both ways or neither way. Those of a path are checked in the direction of driving.
+
+    References
+    ----------
+    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.2.
+    .. [2] R. Bohlin, L. Kavraki: Path planning using lazy PRM. ICRA 2000.
+    .. [3] B. Cohen, M. Phillips, M. Likhachev: Planning single-arm manipulations with n-arm robots (lazy A*).
+       RSS 2014.
+    """
+
+    def __init__(
+        self,
+        si: Any,
+        name: str = "SafePRM",
+        *,
+        alpha: float = 5.0,
+        neighbors: int = 25,
+        samples: int = 50,
+        slide: float = 0.8,
+    ) -> None:
+        super().__init__(si, name)
+        self.setAlpha(alpha)
+        self.setNeighbors(neighbors)
+        self.setSamples(samples)
+        self.setSlide(slide)
+        self._forget()
+
+    def setAlpha(self, alpha: float) -> None:
+        """Set the weight of danger α, in the robot's own scale; 0 plans classically."""
+        self._alpha = non_negative("alpha", alpha)
+
+    def getAlpha(self) -> float:
+        """Return the weight of danger α."""
+        return self._alpha
+
+    def setNeighbors(self, k: int) -> None:
+        """Set the number K of milestones that count as neighbours."""
+        self._neighbor_count = _positive_integer("neighbors", k)
+
+    def getNeighbors(self) -> int:
+        """Return the number K of milestones that count as neighbours."""
+        return self._neighbor_count
+
+    def setSamples(self, count: int) -> None:
+        """Set the number of milestones to begin with."""
+        self._samples = _positive_integer("samples", count)
+
+    def getSamples(self) -> int:
+        """Return the number of milestones to begin with."""
+        return self._samples
+
+    def setSlide(self, slide: float) -> None:
+        """Set the largest sideways slide of the middle of an edge, in [0, 1], as a fraction of the range."""
+        self._slide = fraction("slide", slide)
+
+    def getSlide(self) -> float:
+        """Return the largest sideways slide of the middle of an edge, as a fraction of the range."""
+        return self._slide
+
+    def clearQuery(self) -> None:
+        """Forget start and goal, but keep the roadmap and all that is known of it."""
+        self.getPlannerInputStates().restart()
+        self._starts.clear()
+        self._goals.clear()
+
+    # ------------------------------------------------------------------------------- the paper's pseudocode
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        roots = len(self._starts) + len(self._goals)
+        self._random_set(self._samples + roots - len(self._roadmap))
+        while not ptc():
+            self._take_goals(ptc)
+            graph = Graph(len(self._roadmap), self._starts, from_start=True)
+            other = Graph(len(self._roadmap), self._goals, from_start=False)
+            path = self._safe_prm_planner(graph, other, ptc)
+            if path is not None and self._can_be_driven(path):
+                return self._driven(path, ptc)
+            if path is None and not ptc():
+                self._enlarge(min(graph, other, key=lambda g: len(g.milestones)))
+        return None
+
+    def _safe_prm_planner(self, graph: Graph, other: Graph, ptc: Any) -> list[int] | None:
+        """SAFE_PRM_PLANNER on the present samples; None where they do not suffice, or when `ptc` fires."""
+        current_goal = self._goals[0]
+        while (new := self._best_of_open(graph, current_goal, ptc)) is not None:
+            # CONNECTED: only q_new can have become common to Closed(1) and Closed(2).
+            if other.closed[new]:
+                return self._path(graph, other, new)
+            neighbors = self._neighbors(graph, new, ptc)
+            graph.add_open(neighbors, new, self._lengths_from(new)[neighbors])
+            graph, other = other, graph
+            current_goal = new
+        return None
+
+    def _best_of_open(self, graph: Graph, current_goal: int, ptc: Any) -> int | None:
+        """Move argmin of f from Open(1) to Closed(1): the best that has a free edge to its parent."""
+        f = self._f(graph, current_goal)
+        tried: list[int] = []
+        best = None
+        while best is None and len(tried) < len(f) and not ptc():
+            offer = int(f.argmin())
+            f[offer] = np.inf
+            tried.append(offer)
+            parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
+            if parent == ROOT or self._edge_is_free(graph, parent, milestone):
+                best = graph.add_closed(offer)
+                self._count(best)
+        graph.remove_open(tried)
+        return best
+
+    def _f(self, graph: Graph, current_goal: int) -> FloatArray:
+        """Return f = g + h + α·CDF, without diversity term (10), for the offers in Open(1)."""
+        f = graph.g + self._lengths_from(current_goal)[graph.milestones]
+        if self._heeds_danger:
+            f += self._alpha / self._cost_scale * self._roadmap.costs(graph.milestones)
+        return f
+
+    def _neighbors(self, graph: Graph, new: int, ptc: Any) -> IntArray:
+        """NEIGHBORS: of Samples ∖ Closed(1) the K valid milestones nearest to `new`."""
+        neighbors: list[int] = []
+        for milestone in self._roadmap.nearest(new, graph.closed).tolist():
+            if len(neighbors) == self._neighbor_count or ptc():
+                break
+            if self._milestone_is_valid(milestone):
+                neighbors.append(milestone)
+        return np.array(neighbors, dtype=np.intp)
+
+    def _path(self, graph: Graph, other: Graph, met: int) -> list[int]:
+        """PATH: the two branches, from start to goal; the milestone where they meet counts once."""
+        if not graph.from_start:
+            graph, other = other, graph
+        return graph.branch(met) + other.branch(met)[-2::-1]
+
+    # ---------------------------------------------------------------------------------------------- samples
+
+    def _random_set(self, count: int) -> None:
+        """RANDOM_SET: add uniform random milestones."""
+        if count > 0:
+            self._roadmap.add(self._uniform(count))
+
+    def _enlarge(self, stuck: Graph) -> None:
+        """Add milestones: some uniform, most of them around the graph that cannot go on."""
+        if len(self._roadmap) > _LARGEST_ROADMAP:
+            self._begin_anew()
+            return
+        count = min(_LARGEST_GROWTH, 1 + int(_GROWTH * len(self._roadmap)))
+        outwards = round(_TOWARDS_SHARE * count) if stuck.closed.any() else 0
+        if outwards:
+            self._roadmap.add(self._outwards(stuck, outwards))
+        self._random_set(count - outwards)
+
+    def _outwards(self, graph: Graph, count: int) -> FloatArray:
+        """Return configurations (count, n) between Closed and random configurations, from the nearest in Closed on."""
+        closed = np.flatnonzero(graph.closed)
+        if len(closed) > _LARGEST_FRINGE:
+            closed = self._rng.choice(closed, _LARGEST_FRINGE, replace=False)
+        fringe, targets = self._roadmap.configurations[closed], self._uniform(count)
+        deltas = [self._bridge.difference(fringe, target) for target in targets]
+        nearest = [int(np.einsum("ij,ij->i", delta, delta).argmin()) for delta in deltas]
+        steps = np.array([delta[k] for delta, k in zip(deltas, nearest, strict=True)])
+        fractions = _NEAREST_TO_GRAPH ** self._rng.random((count, 1))
+        return self._bridge.wrapped(fringe[nearest] + fractions * steps)
+
+    def _uniform(self, count: int) -> FloatArray:
+        lower, upper = self._bridge.lower, self._bridge.upper
+        return lower + (upper - lower) * self._rng.random((count, self._bridge.n))
+
+    # --------------------------------------------------------------------------------------------- verdicts
+
+    def _milestone_is_valid(self, milestone: int) -> bool:
+        """Whether a milestone is valid, asked once."""
+        roadmap = self._roadmap
+        if not (roadmap.valid[milestone] or roadmap.invalid[milestone]):
+            found = roadmap.valid if self._is_valid(roadmap.configurations[milestone]) else roadmap.invalid
+            found[milestone] = True
+        return bool(roadmap.valid[milestone])
+
+    def _edge_is_free(self, graph: Graph, parent: int, milestone: int) -> bool:
+        """Whether an edge of a graph is free, asked once, in the direction in which the path would drive it."""
+        start, end = (parent, milestone) if graph.from_start else (milestone, parent)
+        verdict = self._roadmap.verdict(start, end)
+        return self._check(start, end) if verdict is None else verdict
+
+    def _can_be_driven(self, path: list[int]) -> bool:
+        """Whether the edges of a path are free in this direction too, where only the way back was checked."""
+        edges = self._roadmap.edges
+        return all(edges[edge] if edge in edges else self._check(*edge) for edge in pairwise(path))
+
+    def _check(self, start: int, end: int) -> bool:
+        configurations = self._roadmap.configurations
+        verdict = self._motion_is_free(configurations[start], configurations[end])
+        self._roadmap.edges[start, end] = verdict
+        return verdict
+
+    # --------------------------------------------------------------------------------- the path as it is driven
+
+    def _driven(self, path: list[int], ptc: Any) -> FloatArray:
+        """Return the configurations (N, n) of a path, with the way points that keep its long edges from danger."""
+        configurations = self._roadmap.configurations
+        rows = [configurations[path[0]]]
+        for start, end in pairwise(path):
+            rows += [*self._detour(start, end, ptc), configurations[end]]
+        return np.array(rows)
+
+    def _detour(self, start: int, end: int, ptc: Any) -> list[FloatArray]:
+        """Return the way points of an edge, found once."""
+        if not (self._slide and self._heeds_danger and self._cost.has_gradients):
+            return []
+        detours, key = self._roadmap.detours, (start, end, self._slide, self.getRange())
+        if key not in detours:
+            configurations = self._roadmap.configurations
+            detours[key] = self._bent(configurations[start], configurations[end], ptc)
+        return detours[key]
+
+    def _bent(self, start: FloatArray, end: FloatArray, ptc: Any) -> list[FloatArray]:
+        """Return way points between two configurations (n,): the middle, slid sideways, and those of the halves."""
+        delta = self._bridge.difference(start, end)
+        length = float(np.sqrt(delta @ delta))
+        if length <= 2 * self.getRange() or ptc():
+            return []
+        middle = self._slid(start + delta / 2, delta / length)
+        if middle is None or not (self._motion_is_free(start, middle) and self._motion_is_free(middle, end)):
+            return []
+        return [*self._bent(start, middle, ptc), middle, *self._bent(middle, end, ptc)]
+
+    def _slid(self, q: FloatArray, direction: FloatArray) -> FloatArray | None:
+        """Return `q` moved down the danger's gradient at right angles to `direction`; None where there is no slope."""
+        slope = self._cost.value_and_gradient(q)[1] / self._cost_scale
+        slope -= (slope @ direction) * direction
+        steepness = float(np.sqrt(slope @ slope))
+        if not 0 < steepness < np.inf:
+            return None
+        reach = self._slide * self.getRange() * min(1.0, steepness)
+        return self._bridge.inside(q - (reach / steepness) * slope)
+
+    # ------------------------------------------------------------------------------------------- the roadmap
+
+    @property
+    def _heeds_danger(self) -> bool:
+        return self._alpha > 0 and self._cost_scale > 0
+
+    def _lengths_from(self, milestone: int) -> FloatArray:
+        """Return the lengths (N,) of the straight motions between all milestones and one of them."""
+        return self._roadmap.lengths(self._roadmap.configurations[milestone])
+
+    def _count(self, milestone: int) -> None:
+        self.counts.nodes += not self._roadmap.connected[milestone]
+        self._roadmap.connected[milestone] = True
+
+    def _metric(self) -> Metric:
+        validity = self.getSpaceInformation().getStateValidityChecker()
+        if isinstance(validity, CollisionFreeValidity):
+            return LinkMetric(validity.checker.robot)
+        return JointMetric(self._bridge)
+
+    def _forget(self) -> None:
+        self._roadmap = Roadmap(self._bridge, self._cost, self._metric())
+        self._starts: list[int] = []
+        self._goals: list[int] = []
+
+    def _begin_anew(self) -> None:
+        """Forget all milestones but starts and goals."""
+        configurations = self._roadmap.configurations
+        starts, goals = configurations[self._starts], configurations[self._goals]
+        self._forget()
+        for start in starts:
+            self._add_start(start)
+        for goal in goals:
+            self._add_goal(goal)
+        self._random_set(self._samples)
+
+    def _add_start(self, q: FloatArray) -> None:
+        self._starts.append(self._roadmap.milestone_at(q))
+
+    def _add_goal(self, q: FloatArray) -> None:
+        self._goals.append(self._roadmap.milestone_at(q))
+
+    def _has_starts(self) -> bool:
+        return bool(self._starts)
+
+    def _has_goals(self) -> bool:
+        return bool(self._goals)
+
+
+def _positive_integer(name: str, value: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InputError(f"{name} must be a positive integer, got {value!r}")
+    return int(value)
