@@ -114,7 +114,7 @@ class CertifiedMotion:
         unproven: list[float] = []
         while True:
             checker.set_margins(half * approach)
-            known_free, unproven = unproven, []
+            known_free, unproven = set(unproven), []
             for t in centres:
                 q = start + t * delta
                 if checker.within_margins(q):
