@@ -64,7 +64,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return self._seed
 
     def setRange(self, distance: float) -> None:
-        """Set the largest length of one extension [rad]; 0 takes 5.5 % of the space's extent."""
+        """Set the largest length of one extension, before it slides [rad]; 0 takes 5.5 % of the space's extent."""
         self._range = non_negative("range", distance)
 
     def getRange(self) -> float:
