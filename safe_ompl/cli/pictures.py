@@ -20,7 +20,7 @@ from safe_ompl.setup import PlanResult, SafeSetup
 
 EXTRAS = ("matplotlib", "mitsuba")
 _SAMPLES = 16  # light paths per pixel
-_SAMPLES_IN_ALL = 64  # of the panels of one picture: many planners must not make the main job slow
+_SAMPLES_IN_ALL = 48  # of the panels of one picture: many planners must not make the main job slow
 
 
 def how_to_get_pictures() -> str | None:
