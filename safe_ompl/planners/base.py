@@ -47,6 +47,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._objective: Any = None
         self._cost = StateCost(None, self._bridge)
         self._cost_scale = 0.0
+        self._alpha = 1.0
         self._range = 0.0
         self._default_range = _RANGE_FRACTION * self._bridge.extent
 
@@ -62,6 +63,14 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def getSeed(self) -> int:
         """Return the seed."""
         return self._seed
+
+    def setAlpha(self, alpha: float) -> None:
+        """Set the weight of danger α, in the robot's own scale; 0 plans classically."""
+        self._alpha = non_negative("alpha", alpha)
+
+    def getAlpha(self) -> float:
+        """Return the weight of danger α."""
+        return self._alpha
 
     def setRange(self, distance: float) -> None:
         """Set the largest length of one extension, before it slides [rad]; 0 takes 5.5 % of the space's extent."""
@@ -148,6 +157,11 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Return a path (N, n) whose edges `_motion_is_free` accepts, or None when `ptc` fires."""
 
     # --------------------------------------------------------------------------------- what planners can ask
+
+    @property
+    def _danger_weight(self) -> float:
+        """α in units of length per danger; 0 where there is no danger to heed."""
+        return self._alpha / self._cost_scale if self._cost_scale else 0.0
 
     def _random_configuration(self) -> FloatArray:
         lower, upper = self._bridge.lower, self._bridge.upper

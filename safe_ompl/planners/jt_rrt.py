@@ -13,7 +13,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
 from safe_ompl.models.kinematics import Limits, Place, limited_step, pseudoinverse_step, transpose_step
 from safe_ompl.planners.base import fraction, non_negative
-from safe_ompl.planners.rrt_connect import Extension, SafeRRTConnect
+from safe_ompl.planners.rrt import Extension, SafeRRT
 from safe_ompl.planners.tree import Tree
 from safe_ompl.plugins.goals import WorkspaceGoal
 
@@ -24,7 +24,7 @@ _AT_RANDOM = 0.3  # share of the starts towards the goal from any node: the best
 _SAME_SLOPE = 4  # steps for which the gradient of the danger, the dearest part of a step, is kept
 
 
-class SafeJTRRT(SafeRRTConnect):
+class SafeJTRRT(SafeRRT):
     """One tree from the start that grows towards a place of the tip, a goal in the workspace (SAFE_JT-RRT).
 
     Some extensions go towards a random configuration, as in SafeRRTConnect. The others start from a safe node
@@ -83,12 +83,17 @@ class SafeJTRRT(SafeRRTConnect):
         self._place: Place
         self._limits: Limits
         self._arrived: int | None = None  # the first node at the goal
-        super().__init__(si, name, range=range, alpha=alpha, nearest_fraction=nearest_fraction, slide=slide)
+        super().__init__(si, name)
+        self.setRange(range)
+        self.setAlpha(alpha)
+        self.setNearestFraction(nearest_fraction)
+        self.setSlide(slide)
         self.setStep(step)
         self.setGoalBias(goal_bias)
         self.setNullSpaceGain(null_space_gain)
         self.setDangerThreshold(danger_threshold)
         self.setTranspose(transpose)
+        self._forget()
 
     def setStep(self, step: float) -> None:
         """Set the largest length of one step towards the goal [rad]."""
@@ -188,7 +193,7 @@ class SafeJTRRT(SafeRRTConnect):
 
     def _rank(self) -> None:
         """Put the new nodes among those ranked by WS_DISTANCE + α·CDF."""
-        weight = self._alpha * self._place.lever / self._cost_scale if self._cost_scale else 0.0
+        weight = self._danger_weight * self._place.lever
         danger = self._tree.costs if weight and self._untried else np.zeros(len(self._tree))
         for node in self._untried:
             heappush(self._ranked, (self._distances[node] + weight * float(danger[node]), node))

@@ -9,8 +9,8 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
-from safe_ompl.planners.base import SafePlanner, fraction, non_negative
 from safe_ompl.planners.roadmap import ROOT, Graph, JointMetric, LinkMetric, Metric, Roadmap
+from safe_ompl.planners.sliding import SlidingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …
@@ -21,7 +21,7 @@ _LARGEST_FRINGE = 1000  # milestones of a stuck graph that it grows out of
 _LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
 
 
-class SafePRM(SafePlanner):
+class SafePRM(SlidingPlanner):
     """Two graphs over the same random milestones, grown by A* from start and goal until they meet (SAFE_PRM_PLANNER).
 
     The milestone that leaves Open next minimises f = g + h + α·CDF: the length of the way to it, the distance to the
@@ -92,14 +92,6 @@ class SafePRM(SafePlanner):
         self.setSlide(slide)
         self._forget()
 
-    def setAlpha(self, alpha: float) -> None:
-        """Set the weight of danger α, in the robot's own scale; 0 plans classically."""
-        self._alpha = non_negative("alpha", alpha)
-
-    def getAlpha(self) -> float:
-        """Return the weight of danger α."""
-        return self._alpha
-
     def setNeighbors(self, k: int) -> None:
         """Set the number K of milestones that count as neighbours."""
         self._neighbor_count = _positive_integer("neighbors", k)
@@ -115,14 +107,6 @@ class SafePRM(SafePlanner):
     def getSamples(self) -> int:
         """Return the number of milestones to begin with."""
         return self._samples
-
-    def setSlide(self, slide: float) -> None:
-        """Set the largest sideways slide of the middle of an edge, in [0, 1], as a fraction of the range."""
-        self._slide = fraction("slide", slide)
-
-    def getSlide(self) -> float:
-        """Return the largest sideways slide of the middle of an edge, as a fraction of the range."""
-        return self._slide
 
     def clearQuery(self) -> None:
         """Forget start and goal, but keep the roadmap and all that is known of it."""
@@ -178,8 +162,8 @@ class SafePRM(SafePlanner):
     def _f(self, graph: Graph, current_goal: int) -> FloatArray:
         """Return f = g + h + α·CDF, without diversity term (10), for the offers in Open(1)."""
         f = graph.g + self._lengths_from(current_goal)[graph.milestones]
-        if self._heeds_danger:
-            f += self._alpha / self._cost_scale * self._roadmap.costs(graph.milestones)
+        if self._danger_weight:
+            f += self._danger_weight * self._roadmap.costs(graph.milestones)
         return f
 
     def _neighbors(self, graph: Graph, new: int, ptc: Any) -> IntArray:
@@ -271,7 +255,7 @@ class SafePRM(SafePlanner):
 
     def _detour(self, start: int, end: int, ptc: Any) -> list[FloatArray]:
         """Return the way points of an edge, found once."""
-        if not (self._slide and self._heeds_danger and self._cost.has_gradients):
+        if not self._slides:
             return []
         detours, key = self._roadmap.detours, (start, end, self._slide, self.getRange())
         if key not in detours:
@@ -285,26 +269,12 @@ class SafePRM(SafePlanner):
         length = float(np.sqrt(delta @ delta))
         if length <= 2 * self.getRange() or ptc():
             return []
-        middle = self._slid(start + delta / 2, delta / length)
+        middle = self._slid(start + delta / 2, delta / length, self._slide * self.getRange())
         if middle is None or not (self._motion_is_free(start, middle) and self._motion_is_free(middle, end)):
             return []
         return [*self._bent(start, middle, ptc), middle, *self._bent(middle, end, ptc)]
 
-    def _slid(self, q: FloatArray, direction: FloatArray) -> FloatArray | None:
-        """Return `q` moved down the danger's gradient at right angles to `direction`; None where there is no slope."""
-        slope = self._cost.value_and_gradient(q)[1] / self._cost_scale
-        slope -= (slope @ direction) * direction
-        steepness = float(np.sqrt(slope @ slope))
-        if not 0 < steepness < np.inf:
-            return None
-        reach = self._slide * self.getRange() * min(1.0, steepness)
-        return self._bridge.inside(q - (reach / steepness) * slope)
-
     # ------------------------------------------------------------------------------------------- the roadmap
-
-    @property
-    def _heeds_danger(self) -> bool:
-        return self._alpha > 0 and self._cost_scale > 0
 
     def _lengths_from(self, milestone: int) -> FloatArray:
         """Return the lengths (N,) of the straight motions between all milestones and one of them."""

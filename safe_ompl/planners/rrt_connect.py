@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from enum import Enum
 from typing import Any
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.planners.base import SafePlanner, fraction, non_negative
+from safe_ompl.planners.rrt import Extension, SafeRRT
 from safe_ompl.planners.tree import Tree
 
 
-class Extension(Enum):
-    """Outcome of EXTEND."""
-
-    TRAPPED = "no new node"
-    ADVANCED = "a new node on the way"
-    REACHED = "a new node at the target"
-
-
-class SafeRRTConnect(SafePlanner):
+class SafeRRTConnect(SafeRRT):
     """Two trees, from start and goal, that grow from safe nodes and greedily connect (SAFE_RRT-CONNECT).
 
     A random configuration is approached from the node that minimises ρ + α·CDF, a compromise between nearness and
@@ -70,30 +60,6 @@ class SafeRRTConnect(SafePlanner):
         self.setSlide(slide)
         self._forget()
 
-    def setAlpha(self, alpha: float) -> None:
-        """Set the weight of danger α, in the robot's own scale; 0 plans classically."""
-        self._alpha = non_negative("alpha", alpha)
-
-    def getAlpha(self) -> float:
-        """Return the weight of danger α."""
-        return self._alpha
-
-    def setNearestFraction(self, epsilon: float) -> None:
-        """Set the share ε in [0, 1] of selections by distance alone."""
-        self._nearest_fraction = fraction("nearest_fraction", epsilon)
-
-    def getNearestFraction(self) -> float:
-        """Return the share ε of selections by distance alone."""
-        return self._nearest_fraction
-
-    def setSlide(self, slide: float) -> None:
-        """Set the largest sideways slide of a new node, in [0, 1], as a fraction of the range."""
-        self._slide = fraction("slide", slide)
-
-    def getSlide(self) -> float:
-        """Return the largest sideways slide of a new node, as a fraction of the range."""
-        return self._slide
-
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
@@ -110,57 +76,6 @@ class SafeRRTConnect(SafePlanner):
                     return self._join(tree, new, other, met)
             tree, other = other, tree
         return None
-
-    def _select(self, tree: Tree, q: FloatArray) -> int:
-        """Return argmin of ρ(node, q) + α·CDF(node)."""
-        ignore_danger = self._rng.random() < self._nearest_fraction
-        return tree.best(q, 0.0 if ignore_danger or not self._cost_scale else self._alpha / self._cost_scale)
-
-    def _extend(self, tree: Tree, old: int, target: FloatArray) -> tuple[Extension, int]:
-        """EXTEND: one step of at most the range from node `old` towards `target`."""
-        q_old = tree.configurations[old]
-        delta = self._bridge.difference(q_old, target)
-        length, step = float(np.sqrt(delta @ delta)), self.getRange()
-        if length <= step:
-            if not self._edge_is_free(tree, q_old, target):
-                return Extension.TRAPPED, old
-            return Extension.REACHED, self._add(tree, target, old)
-        straight = q_old + (step / length) * delta
-        direction, reach = delta / length, self._slide * min(step, length - step)
-        # Where the straight step is free, the slope at its end says best where to slide. Where it is not, one at
-        # `old` must do: it costs nothing when the node is tried again.
-        if self._edge_is_free(tree, q_old, straight):
-            slid = self._slid(lambda: self._cost.value_and_gradient(straight)[1], straight, direction, reach)
-            ahead = straight if slid is None or not self._edge_is_free(tree, q_old, slid) else slid
-            return Extension.ADVANCED, self._add(tree, ahead, old)
-        slid = self._slid(lambda: tree.gradient(old), straight, direction, reach)
-        if slid is None or not self._edge_is_free(tree, q_old, slid):
-            return Extension.TRAPPED, old
-        return Extension.ADVANCED, self._add(tree, slid, old)
-
-    def _slid(
-        self, gradient: Callable[[], FloatArray], q: FloatArray, direction: FloatArray, reach: float
-    ) -> FloatArray | None:
-        """Return `q` moved down the danger's gradient at right angles to `direction`, by at most `reach`.
-
-        The reach shrinks as the target comes near, so that every step comes nearer to it.
-        """
-        if not (self._alpha and reach and self._cost_scale and self._cost.has_gradients):
-            return None
-        slope = gradient() / self._cost_scale
-        slope -= (slope @ direction) * direction
-        steepness = float(np.sqrt(slope @ slope))
-        if not 0 < steepness < np.inf:
-            return None
-        return self._bridge.inside(q - (reach * min(1.0, steepness) / steepness) * slope)
-
-    def _edge_is_free(self, tree: Tree, near: FloatArray, far: FloatArray) -> bool:
-        """Check the edge between a node and a new one in the direction in which the path drives it."""
-        return self._motion_is_free(near, far) if tree.from_start else self._motion_is_free(far, near)
-
-    def _add(self, tree: Tree, q: FloatArray, parent: int) -> int:
-        self.counts.nodes += 1
-        return tree.add(q, parent)
 
     def _connect(self, tree: Tree, node: int, target: FloatArray, ptc: Any) -> tuple[Extension, int]:
         """CONNECT: extend until the target is reached, the tree is trapped, or `ptc` fires."""

@@ -1,0 +1,53 @@
+"""Motions that slide away from danger on their way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.planners.base import SafePlanner, fraction
+
+
+class SlidingPlanner(SafePlanner):
+    """A planner whose way points slide down the gradient of the danger, at right angles to the way.
+
+    This is the null-space motion of the paper's JT-RRT (§4.3) for a straight motion in C-space: what the way
+    leaves free turns the links from danger. It acts where α > 0 and the objective offers gradients.
+    """
+
+    _slide = 0.0
+
+    def setSlide(self, slide: float) -> None:
+        """Set the largest sideways slide of a way point, in [0, 1], as a fraction of the range."""
+        self._slide = fraction("slide", slide)
+
+    def getSlide(self) -> float:
+        """Return the largest sideways slide of a way point, as a fraction of the range."""
+        return self._slide
+
+    @property
+    def _slides(self) -> bool:
+        return self._slide > 0 and self._danger_weight > 0 and self._cost.has_gradients
+
+    def _slid(
+        self,
+        q: FloatArray,
+        direction: FloatArray,
+        reach: float,
+        gradient: Callable[[], FloatArray] | None = None,
+    ) -> FloatArray | None:
+        """Return `q: (n,)` moved down the danger's gradient at right angles to `direction: (n,)`, a unit vector.
+
+        By at most `reach`, and by less where the danger hardly changes; None where it does not change at all.
+        `gradient` gives another one than that at `q`.
+        """
+        if not (self._slides and reach):
+            return None
+        slope = (gradient() if gradient else self._cost.value_and_gradient(q)[1]) / self._cost_scale
+        slope -= (slope @ direction) * direction
+        steepness = float(np.sqrt(slope @ slope))
+        if not 0 < steepness < np.inf:
+            return None
+        return self._bridge.inside(q - (reach * min(1.0, steepness) / steepness) * slope)
