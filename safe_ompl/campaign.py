@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -51,6 +51,8 @@ class Campaign:
         Time limit of a run [s]; the scenario's own by default.
     seed : int
         Seed of the first run; the next ones count up.
+    done : collection of Run
+        Runs to leave out: a campaign that was interrupted goes on where it stopped.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class Campaign:
     runs: int = 50
     time: float | None = None
     seed: int = 0
+    done: Collection[Run] = frozenset()
 
     def __post_init__(self) -> None:
         if not self.planners:
@@ -74,11 +77,12 @@ class Campaign:
             raise InputError(f"runs must be a whole number of at least 1, got {self.runs!r}")
 
     def __len__(self) -> int:
-        return self.runs * len(self.planners)
+        return sum(len(self.round(k)) for k in range(self.runs))
 
     def round(self, k: int) -> list[Run]:
-        """Return the runs with the k-th seed, one for each planner."""
-        return [Run(planner, self.seed + k) for planner in self.planners]
+        """Return the runs with the k-th seed that are to be done, one for each planner."""
+        runs = (Run(planner, self.seed + k) for planner in self.planners)
+        return [run for run in runs if run not in self.done]
 
     def check(self, setup: SafeSetup) -> None:
         """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
@@ -134,7 +138,7 @@ class Campaign:
                 worker.start()
                 sender.close()  # so that reading ends if the worker does
             for k in range(self.runs):
-                for _ in self.planners:
+                for _ in self.round(k):
                     yield _received(pipes[k % processes][0])
         finally:
             for worker in workers:

@@ -70,6 +70,15 @@ def test_processes_do_not_change_the_paths(scenario: Scenario, results: list[Pla
         np.testing.assert_array_equal(one.path, other.path)
 
 
+@pytest.mark.parametrize("processes", [1, 2])
+def test_runs_that_are_done_are_left_out(scenario: Scenario, setup: SafeSetup, processes: int) -> None:
+    done = {Run("RRTConnect", 0), Run("SafeRRTConnect", 1), Run("RRTConnect", 2)}
+    campaign = Campaign(scenario, PLANNERS, runs=3, done=done)
+    runs = [(result.planner, result.seed) for result in campaign.results(setup, processes)]
+    assert runs == [("SafeRRTConnect", 0), ("RRTConnect", 1), ("SafeRRTConnect", 2)]
+    assert len(campaign) == 3
+
+
 def test_a_process_that_ends_early_is_an_error(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     campaign = Campaign(scenario, PLANNERS, runs=2)
     monkeypatch.setattr("safe_ompl.campaign._work", print)  # takes any arguments, sends nothing
