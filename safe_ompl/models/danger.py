@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.arrays import FloatArray, IntArray, finite_array
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import field as maths
 from safe_ompl.maths.field import Segments, Weighting
@@ -161,6 +161,74 @@ class DangerField:
         """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`."""
         Q = self._single(q)
         return int(self._levels(self._keypoints(Q), self._points_at(Q))[0].argmax())
+
+    # --------------------------------------------------------------------------------------- parts of danger
+
+    @property
+    def segments(self) -> Segments:
+        """The link segments; their lengths are None where a prismatic joint may change them."""
+        return self._segments
+
+    def link_fields(self, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the field of every link at the danger points, and the points' distances from the links.
+
+        Parameters
+        ----------
+        keypoints : ndarray, shape (B, K, 3)
+            Key points of the skeleton at B configurations [m].
+
+        Returns
+        -------
+        fields : ndarray, shape (B, L, M)
+            φ_l(p_m) with unit weighting (4), unweighted; +inf on a segment.
+        distances : ndarray, shape (B, L, M)
+            [m]
+
+        Raises
+        ------
+        InputError
+            If a callable gives the danger points.
+        """
+        points = self.points
+        if points is None:
+            raise InputError("the danger points depend on the configuration; fields of links need fixed ones")
+        self._count(keypoints, points)
+        fields = maths.segment_fields(keypoints, self._segments, points, k1=self.k1)
+        return fields, maths.segment_distances(keypoints, self._segments, points)
+
+    def aggregated(self, fields: FloatArray) -> FloatArray:
+        """Return the danger (B,) where the robot's field at the danger points is `fields: (B, M)`, unweighted."""
+        return self._aggregated(fields if self._weights is None else fields * self._weights)
+
+    def active(self, Q: ArrayLike, share: float) -> DangerField:
+        """Return the field of those danger points that matter near the configurations `Q: (B, n)`.
+
+        These are the points whose w_m CDF(p_m) reaches the given share of the maximum at one of them, at least. Where
+        the danger is a mean, or a callable gives the points, all of them matter, and the field itself is returned.
+
+        Raises
+        ------
+        InputError
+            If `Q` has the wrong shape or is not finite.
+        """
+        if self.points is None or self.aggregate != "max":
+            return self
+        levels = self._levels(self._keypoints(self._batch(Q)), self.points)
+        near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
+        return self if near.all() else self._of_points(np.flatnonzero(near))
+
+    def _of_points(self, chosen: IntArray) -> DangerField:
+        assert self.points is not None
+        return DangerField(
+            self.robot,
+            self.points[chosen],
+            None if self._weights is None else self._weights[chosen],
+            aggregate=self.aggregate,
+            weighting=self.weighting,
+            k1=self.k1,
+            sharpness=self.sharpness,
+            counts=self.counts,
+        )
 
     # ---------------------------------------------------------------------------- the field in the workspace
 

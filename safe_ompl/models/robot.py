@@ -16,7 +16,7 @@ from numpy.lib.stride_tricks import as_strided
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.models.convex import make_convex, sample_configurations, select_self_pairs
-from safe_ompl.models.displacement import JointChain, bounding_hull
+from safe_ompl.models.displacement import Hull, JointChain, bounding_hull
 from safe_ompl.models.examples import find_example, robots_folder
 from safe_ompl.models.skeleton import Skeleton, frame_index
 from safe_ompl.models.urdf import UrdfFile, existing_file
@@ -278,6 +278,70 @@ class Robot:
         columns = np.where(self.prismatic[:, None], axes, np.cross(axes, arms))
         return np.swapaxes(columns * self._support[:, :, None], 1, 2)
 
+    def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return positions, velocities and accelerations of the key points while the joints move at a steady rate.
+
+        Parameters
+        ----------
+        Q : ndarray, shape (B, n)
+            Configurations.
+        delta : ndarray, shape (B, n)
+            Rate of the joints, such as the Δ of an edge q₁ + tΔ.
+
+        Returns
+        -------
+        three ndarrays, shape (B, K, 3)
+            x [m], dx/dt and d²x/dt² [m, for t without unit].
+        """
+        data, model, steady = self._scratch.data, self.model, np.zeros(self.n)
+        rotation, translation = np.empty((len(Q), model.njoints, 3, 3)), np.empty((len(Q), model.njoints, 3))
+        rates = np.empty((2, len(Q), model.njoints, 6))
+        for row, (q, rate) in enumerate(zip(Q, delta, strict=True)):
+            pin.forwardKinematics(model, data, self.pinocchio_configuration(q), rate, steady)
+            rotation[row], translation[row] = self._scratch.poses
+            rates[0, row] = [motion.vector for motion in data.v]
+            rates[1, row] = [motion.vector for motion in data.a]
+        turning = rotation[:, self._key_joints]
+        (linear, angular), (push, twist) = (
+            (rate[..., :3], rate[..., 3:]) for rate in rates[:, :, self._key_joints]
+        )
+        velocity = linear + _cross(angular, self._key_offsets)  # in the frames of the joints
+        acceleration = push + _cross(twist, self._key_offsets) + _cross(angular, velocity)
+        velocity, acceleration = ((turning @ rate[..., None])[..., 0] for rate in (velocity, acceleration))
+        return self._keypoints_of(rotation, translation), velocity, acceleration
+
+    def body_points(
+        self, Q: FloatArray, joints: IntArray, points: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return where points of bodies are, and what moves them.
+
+        Parameters
+        ----------
+        Q : ndarray, shape (C, n)
+            A configuration for each point.
+        joints : ndarray of int, shape (C,)
+            Pinocchio's number of the joint that carries it.
+        points : ndarray, shape (C, 3)
+            In the frame of that joint [m].
+
+        Returns
+        -------
+        places : ndarray, shape (C, 3)
+            In the world frame [m].
+        jacobians : ndarray, shape (C, n, 3)
+            Velocity of the point per unit of each joint's rate; the Jacobian, transposed.
+        frames : ndarray, shape (C, 3, 3)
+            Rotation of the joint's frame.
+        """
+        rotation, translation = self._poses(Q)
+        rows = np.arange(len(Q))
+        frames = rotation[rows, joints]
+        places = translation[rows, joints] + (frames @ points[:, :, None])[..., 0]
+        axes = self._axes_of(rotation)
+        turning = _cross(axes, places[:, None] - translation[:, 1:])
+        columns = np.where(self.prismatic[:, None], axes, turning)
+        return places, columns * self._supporting_joints(joints)[:, :, None], frames
+
     def tip_pose(self, q: FloatArray) -> pin.SE3:
         """Return the pose of the tip frame at `q: (n,)` in the world frame."""
         data = self._scratch.data
@@ -308,6 +372,17 @@ class Robot:
             for part in self.collision_model.geometryObjects
         ]
         return np.array(radii).reshape(-1, self.n)
+
+    @cached_property
+    def keypoint_radii(self) -> FloatArray:
+        """Proven radii R̄ (K, n) of the key points of the skeleton; otherwise like `displacement_radii`."""
+        keys = zip(self._key_joints, self._key_offsets, strict=True)
+        return np.array([self.chain.radii(int(joint), Hull(offset[None], 0.0)) for joint, offset in keys])
+
+    @property
+    def keypoint_support(self) -> BoolArray:
+        """Which joints move each key point, (K, n)."""
+        return self._support
 
     def displacement_radii_at(self, q: FloatArray) -> FloatArray:
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.
@@ -440,6 +515,11 @@ class _Scratch(threading.local):
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return views of the rotations (J, 3, 3) and origins (J, 3) of the joint frames at `q: (nq,)`."""
         pin.forwardKinematics(self._model, self.data, q)
+        return self.poses
+
+    @property
+    def poses(self) -> tuple[FloatArray, FloatArray]:
+        """The views on the poses found last."""
         return self._rotation, self._translation
 
 
