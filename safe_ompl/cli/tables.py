@@ -136,9 +136,15 @@ def _facts(result: PlanResult) -> Iterator[tuple[str, str]]:
 
 def _danger(danger: DangerReport) -> str:
     return (
-        f"mean {danger.mean:.3f}, max {danger.max:.3f}, integral {danger.integral:.2f}, "
+        f"mean {danger.mean:.3f}, {_peak(danger)}, integral {danger.integral:.2f}, "
         f"avoidable {danger.avoidable:.3f}"
     )
+
+
+def _peak(danger: DangerReport) -> str:
+    if danger.max_bound is None or not math.isfinite(danger.max_bound):
+        return f"peak at least {danger.max:.3f}"
+    return f"peak between {danger.max:.3f} and {danger.max_bound:.3f}"
 
 
 def _clearance(clearance: ClearanceReport) -> str:

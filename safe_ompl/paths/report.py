@@ -11,6 +11,7 @@ from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import InputError
 from safe_ompl.models.collision import Clearance, CollisionChecker
 from safe_ompl.models.danger import DangerField
+from safe_ompl.models.danger_bounds import CertifiedDanger, DangerBounds
 from safe_ompl.models.motion import CertifiedMotion, MotionVerdict, Verdict
 from safe_ompl.models.robot import Robot
 
@@ -29,7 +30,10 @@ class DangerReport:
     profile : ndarray, shape (101,)
         CDF at equal steps of the natural parameter, from start to goal.
     mean, max : float
-        Over the path.
+        Over the path; `max` is the largest danger found.
+    max_bound : float or None
+        Proven: no configuration of the path is more dangerous. Infinity where the path cannot be kept from a danger
+        point; None where nothing can be proven, because danger points move or the path leaves the limits.
     integral : float
         ∫ CDF(q(s)) ds [field · rad].
     avoidable : float
@@ -39,6 +43,7 @@ class DangerReport:
     profile: FloatArray
     mean: float
     max: float
+    max_bound: float | None
     integral: float
     avoidable: float
 
@@ -127,7 +132,7 @@ class PathReport:
         refused = first_refused(path, motion or CertifiedMotion(checker))
         return cls(
             length=curve.length,
-            danger=None if field is None else _danger(field, s, samples),
+            danger=None if field is None else _danger(field, path, s, samples),
             clearance=_clearance(checker, curve, s, samples),
             certified=refused is None,
             refused=refused,
@@ -138,6 +143,7 @@ class PathReport:
         danger = self.danger and {
             "mean": self.danger.mean,
             "max": self.danger.max,
+            "max_bound": self.danger.max_bound,
             "integral": self.danger.integral,
             "avoidable": self.danger.avoidable,
             "profile": self.danger.profile.tolist(),
@@ -179,17 +185,25 @@ class Curve:
         return np.stack(columns, axis=1)
 
 
-def _danger(field: DangerField, s: FloatArray, samples: FloatArray) -> DangerReport:
+def _danger(field: DangerField, path: FloatArray, s: FloatArray, samples: FloatArray) -> DangerReport:
     values = field.values(samples)
+    peak = _proven_peak(field, path)
     integral = float(np.trapezoid(values, s))
     excess = np.maximum(0.0, values - max(values[0], values[-1]))
     return DangerReport(
         profile=np.interp(np.linspace(0.0, s[-1], PROFILE_POINTS), s, values) if s[-1] else values,
         mean=integral / float(s[-1]) if s[-1] else float(values[0]),
-        max=float(values.max()),
+        max=max(float(values.max()), peak.lower if peak else 0.0),
+        max_bound=peak and peak.upper,
         integral=integral,
         avoidable=float(np.trapezoid(excess, s)),
     )
+
+
+def _proven_peak(field: DangerField, path: FloatArray) -> DangerBounds | None:
+    if field.points is None or not all(field.robot.within_limits(q).all() for q in path):
+        return None
+    return CertifiedDanger(field).of_path(path)
 
 
 def _clearance(
