@@ -248,6 +248,36 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
 
     # -------------------------------------------------------------------------------------------- planning
 
+    def solve(self, time: Any = 1.0) -> Any:
+        """Plan with the planner that is set, as OMPL's `solve`; may be interrupted.
+
+        Ctrl-C and exceptions of the user's callbacks end it at once and arrive unchanged. Then there is no solution,
+        and the planner is cleared: it may have stopped between two halves of a step.
+
+        Parameters
+        ----------
+        time : float or ob.PlannerTerminationCondition
+            Time limit [s], or when to stop.
+
+        Returns
+        -------
+        ob.PlannerStatus
+            The outcome.
+
+        Raises
+        ------
+        InputError
+            If the time is neither.
+        """
+        stop = _termination(time)
+        try:
+            return super().solve(stop)
+        except BaseException:
+            self.getProblemDefinition().clearSolutionPaths()
+            if self.getPlanner() is not None:
+                self.getPlanner().clear()
+            raise
+
     def plan(
         self,
         planner: str | Any = "SafeRRTConnect",
@@ -386,6 +416,15 @@ def _danger_field(robot: Robot, scene: Scene, options: Mapping[str, Any], counts
     options = dict(options)
     points, weights, _ = scene.danger_points(options.pop("spacing", None))
     return DangerField(robot, points, weights, counts=counts, **options)
+
+
+def _termination(time: Any) -> Any:
+    """Return when to stop. It asks Python, which notices Ctrl-C only when it runs, whenever a C++ planner asks it."""
+    if not isinstance(time, ob.PlannerTerminationCondition):
+        if not (isinstance(time, (int, float)) and time >= 0):
+            raise InputError(f"time must be a number of seconds or a termination condition, got {time!r}")
+        time = ob.timedPlannerTerminationCondition(float(time))
+    return ob.PlannerTerminationCondition(lambda: bool(time()))
 
 
 def _seed_ompl(seed: int) -> None:
