@@ -8,6 +8,7 @@ from safe_ompl.models.robot import Robot
 from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.paths.report import PathReport
+from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner, planner_names
@@ -19,6 +20,7 @@ from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.setup import PlanResult, SafeSetup, plan
 
 __all__ = [
+    "BubblePlanner",
     "CertifiedMotion",
     "CertifiedMotionValidator",
     "CollisionChecker",

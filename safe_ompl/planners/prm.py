@@ -263,17 +263,6 @@ class SafePRM(SlidingPlanner):
             detours[key] = self._bent(configurations[start], configurations[end], ptc)
         return detours[key]
 
-    def _bent(self, start: FloatArray, end: FloatArray, ptc: Any) -> list[FloatArray]:
-        """Return way points between two configurations (n,): the middle, slid sideways, and those of the halves."""
-        delta = self._bridge.difference(start, end)
-        length = float(np.sqrt(delta @ delta))
-        if length <= 2 * self.getRange() or ptc():
-            return []
-        middle = self._slid(start + delta / 2, delta / length, self._slide * self.getRange())
-        if middle is None or not (self._motion_is_free(start, middle) and self._motion_is_free(middle, end)):
-            return []
-        return [*self._bent(start, middle, ptc), middle, *self._bent(middle, end, ptc)]
-
     # ------------------------------------------------------------------------------------------- the roadmap
 
     def _lengths_from(self, milestone: int) -> FloatArray:

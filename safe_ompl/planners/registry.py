@@ -10,6 +10,7 @@ from ompl import geometric as og
 
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
@@ -21,6 +22,8 @@ _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "ClassicPRM": (SafePRM, {"alpha": 0.0}),
     "SafeJTRRT": (SafeJTRRT, {}),
     "ClassicJTRRT": (SafeJTRRT, {"alpha": 0.0, "transpose": True}),
+    "BubblePlanner": (BubblePlanner, {}),
+    "ClassicBubble": (BubblePlanner, {"alpha": 0.0}),
 }
 
 # Bound in OMPL's Python wheel, and safe to run with callbacks in Python (PRM and PRMstar are not: they deadlock).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -51,3 +52,17 @@ class SlidingPlanner(SafePlanner):
         if not 0 < steepness < np.inf:
             return None
         return self._bridge.inside(q - (reach * min(1.0, steepness) / steepness) * slope)
+
+    def _bent(self, start: FloatArray, end: FloatArray, ptc: Any) -> list[FloatArray]:
+        """Return way points between two configurations (n,): the middle, slid sideways, and those of the halves.
+
+        Motions no longer than twice the range stay straight, and so do those whose halves would not be free.
+        """
+        delta = self._bridge.difference(start, end)
+        length = float(np.sqrt(delta @ delta))
+        if not self._slides or length <= 2 * self.getRange() or ptc():
+            return []
+        middle = self._slid(start + delta / 2, delta / length, self._slide * self.getRange())
+        if middle is None or not (self._motion_is_free(start, middle) and self._motion_is_free(middle, end)):
+            return []
+        return [*self._bent(start, middle, ptc), middle, *self._bent(middle, end, ptc)]

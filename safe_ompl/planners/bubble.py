@@ -1,0 +1,418 @@
+"""BubblePlanner: bidirectional search that chains bubbles of free configuration space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.maths import bubbles
+from safe_ompl.maths.halton import halton_point
+from safe_ompl.models.collision import DISTANCE_ERROR, CollisionChecker
+from safe_ompl.planners.base import fraction, non_negative
+from safe_ompl.planners.sliding import SlidingPlanner
+from safe_ompl.planners.volume_tree import ROOT, EndPoint, Metric, VolumeTree
+from safe_ompl.plugins.validity import CollisionFreeValidity
+
+_INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`math.md` §2)
+_LEAST_CLEARANCE = 1e-3  # [m]; smaller bubbles lead nowhere
+_PATH_SHARE = 0.1  # weight of g where f is normalised: greedy, as in weighted A*
+_LEAST_GAIN = 2e-3  # [m] a turn ends where the tree comes less near to its goal in a step than this, …
+_GAIN_SHARE = 0.2  # … or than this share of its best step
+_SCALE_POINTS = 100
+_BAND_POINTS = 8
+
+
+class Shape(NamedTuple):
+    """A kind of bubble: its weights from radii and distances, and how two of its kind meet."""
+
+    weights: Callable[[FloatArray, FloatArray], FloatArray]
+    meetings: Callable[[FloatArray, FloatArray], bubbles.Meetings]
+
+
+SHAPES = {
+    "paper": Shape(bubbles.common_diamond, bubbles.diamond_meetings),
+    "link": Shape(bubbles.link_diamond, bubbles.diamond_meetings),
+    "cube": Shape(bubbles.inscribed_cube, bubbles.box_meetings),
+}
+
+
+class Bubble(NamedTuple):
+    """A bubble: centre q (n,), weights (n,), and the radii (P, n) and distances (P,) that it comes from."""
+
+    q: FloatArray
+    weights: FloatArray
+    radii: FloatArray
+    distances: FloatArray
+
+
+class BubblePlanner(SlidingPlanner):
+    """Two volume trees of bubbles, from start and goal, grown by A* until they intersect (BUBBLE_PLANNER).
+
+    One distance query at a configuration gives a whole bubble of free configurations around it. Its end points
+    wait in Open; the next one to be closed minimises f = g + h + α·CDF − β·diversity, eq. (10). No edge needs a
+    check: it lies within a bubble. The planner is deterministic.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its validity checker must be a `CollisionFreeValidity`: bubbles come from distances.
+    name : str
+        Name in logs and benchmarks.
+    alpha : float
+        Weight of danger; with `normalized`, relative to the median of ‖∇CDF‖ over valid configurations.
+        With α = 0 the search is the classical one.
+    beta : float
+        β, weight of the diversity: how far a point is from all closed configurations of its tree. Where the
+        search is `guided` it does not pay; the paper's form needs it.
+    nearest_fraction : float
+        ε: share of the turns that ignore danger, so that no passage stays closed because it is dangerous.
+    shape : {"link", "paper", "cube"}
+        The paper's diamond (9); the diamond of all links' own distances, which holds it and is 4 times as
+        large on a 6-DOF arm; or the largest cube, with which the search is complete [2].
+    slide : float
+        Largest sideways slide of the middle of a motion, as a fraction of the range (`guided`, α > 0).
+    normalized : bool
+        Measure the terms of f in metres, so that one set of parameters serves all robots and scenes: joints by
+        how far they move the arm, danger by its usual slope and on a logarithmic scale. False is the paper's
+        f: joint angles in the 1-norm, danger as it is.
+    guided : bool
+        Add an end point where the way to the current goal leaves the bubble; expand one tree as long as it comes
+        nearer to that goal, then towards a next place of Halton's sequence; contract the path found like an
+        elastic band [3] where that is as safe. False is the paper's pseudocode.
+    max_open : int
+        Largest number of points that wait in each Open list; when it is reached the better half stays.
+        0 for no limit.
+
+    Notes
+    -----
+    The bubbles take in the robot's own pairs, and the radii at their centres (`math.md` §3).
+
+    References
+    ----------
+    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.1.
+    .. [2] B. Lacevic, P. Rocco: Sampling-based safe path planning for robotic manipulators. ETFA 2010.
+    .. [3] S. Quinlan: Real-time modification of collision-free paths. PhD thesis, Stanford 1994.
+    """
+
+    def __init__(
+        self,
+        si: Any,
+        name: str = "BubblePlanner",
+        *,
+        alpha: float = 1.0,
+        beta: float = 0.0,
+        nearest_fraction: float = 1 / 3,
+        shape: str = "link",
+        slide: float = 0.8,
+        normalized: bool = True,
+        guided: bool = True,
+        max_open: int = 0,
+    ) -> None:
+        super().__init__(si, name)
+        validity = si.getStateValidityChecker()
+        if not isinstance(validity, CollisionFreeValidity):
+            raise InputError(
+                f"{name} needs a CollisionFreeValidity as state validity checker, for the distances that bubbles "
+                f"come from; got {type(validity).__name__}"
+            )
+        self._checker: CollisionChecker = validity.checker
+        self._rates = self._arm_rates()
+        self._usual_cost = 0.0
+        self.setAlpha(alpha)
+        self.setBeta(beta)
+        self.setNearestFraction(nearest_fraction)
+        self.setShape(shape)
+        self.setSlide(slide)
+        self.setNormalized(normalized)
+        self.setGuided(guided)
+        self.setMaxOpen(max_open)
+        self._forget()
+
+    def setBeta(self, beta: float) -> None:
+        """Set the weight β of the diversity."""
+        self._beta = non_negative("beta", beta)
+
+    def getBeta(self) -> float:
+        """Return the weight β of the diversity."""
+        return self._beta
+
+    def setNearestFraction(self, epsilon: float) -> None:
+        """Set the share ε in [0, 1] of turns that ignore danger."""
+        self._nearest_fraction = fraction("nearest_fraction", epsilon)
+
+    def getNearestFraction(self) -> float:
+        """Return the share ε of turns that ignore danger."""
+        return self._nearest_fraction
+
+    def setShape(self, shape: str) -> None:
+        """Set the shape of the bubbles: "link", "paper" or "cube"."""
+        if shape not in SHAPES:
+            raise UnknownNameError("shape", shape, SHAPES)
+        self._shape = shape
+
+    def getShape(self) -> str:
+        """Return the shape of the bubbles."""
+        return self._shape
+
+    def setNormalized(self, normalized: bool) -> None:
+        """Set whether the terms of f are normalised."""
+        self._normalized = bool(normalized)
+
+    def getNormalized(self) -> bool:
+        """Return whether the terms of f are normalised."""
+        return self._normalized
+
+    def setGuided(self, guided: bool) -> None:
+        """Set whether the search is guided."""
+        self._guided = bool(guided)
+
+    def getGuided(self) -> bool:
+        """Return whether the search is guided."""
+        return self._guided
+
+    def setMaxOpen(self, count: int) -> None:
+        """Set the largest number of points in each Open list; 0 for no limit."""
+        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
+            raise InputError(f"max_open must be a non-negative integer, got {count!r}")
+        self._max_open = int(count)
+
+    def getMaxOpen(self) -> int:
+        """Return the largest number of points in each Open list; 0 for no limit."""
+        return self._max_open
+
+    # ------------------------------------------------------------------------------- the paper's pseudocode
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        tree, other = self._start_tree, self._goal_tree
+        while not ptc() and (len(tree.open) or len(other.open)):
+            self._take_goals(ptc)
+            for current_goal in self._headings(other):
+                path = self._expand(tree, other, current_goal, ptc)
+                if path is not None:
+                    return self._elastic(path, ptc) if self._guided else path
+            tree, other = other, tree
+            self._turns += 1
+        return None
+
+    def _expand(self, tree: VolumeTree, other: VolumeTree, goal: FloatArray, ptc: Any) -> FloatArray | None:
+        """Close the most promising point of Open(1): once, or guided as long as the tree comes nearer to the goal."""
+        progress = _Progress()
+        while len(tree.open) and not ptc():
+            x = tree.take(int(self._f(tree, goal).argmin()))
+            bubble = self._bubble(x)
+            if bubble is None:
+                return None
+            new = tree.close(x, bubble.weights)
+            self.counts.nodes += 1
+            path = self._intersect(tree, new, other)
+            if path is not None:
+                return path
+            points = self._bubble_endpoints(bubble, goal)
+            tree.add(points, new, self._danger(points))
+            self._bound_open(tree, goal)
+            before, after = (self._metric.lengths(rows, goal).min() for rows in (x.q, points))
+            if not (self._guided and progress.goes_on(float(before), float(after))):
+                return None
+        return None
+
+    def _f(self, tree: VolumeTree, goal: FloatArray) -> FloatArray:
+        """Return f = g + h + α·CDF − β·diversity, eq. (10), for the points in Open."""
+        rows = tree.open
+        f = self._metric.lengths(rows["q"], goal)
+        f += (_PATH_SHARE if self._normalized else 1.0) * rows["path_length"]
+        if self._alpha and not self._careless:
+            f += self._alpha * rows["cost"]
+        if self._beta:
+            f -= self._beta * rows["diversity"]
+        return f
+
+    def _intersect(self, tree: VolumeTree, new: int, other: VolumeTree) -> FloatArray | None:
+        """INTERSECT: the path through the new bubble and the bubble of the other tree that it overlaps most."""
+        if not len(other.closed):
+            return None
+        q, weights = tree.closed["center"][new], tree.closed["weights"][new]
+        delta = self._bridge.difference(q, other.closed["center"])
+        reach = np.abs(delta)
+        u, v = weights * reach, other.closed["weights"] * reach
+        near = np.flatnonzero(other.closed["alive"] & bubbles.may_meet(u, v))
+        gaps, shares = SHAPES[self._shape].meetings(u[near], v[near])
+        if gaps.min(initial=np.inf) >= _INSIDE:
+            return None
+        best = int(gaps.argmin())
+        met = int(near[best])
+        return self._path(tree, new, other, met, q + shares[best] * delta[met])
+
+    def _path(
+        self, tree: VolumeTree, new: int, other: VolumeTree, met: int, meeting: FloatArray
+    ) -> FloatArray | None:
+        """PATH: the two branches, from start to goal, joined at a point of both bubbles.
+
+        The problem's own motion validator may know more than bubbles do. What it refuses is cut off.
+        """
+        if not tree.from_start:
+            tree, new, other, met = other, met, tree, new
+        there, back = tree.branch(new), other.branch(met)[::-1]
+        path = np.vstack([tree.closed["center"][there], meeting, other.closed["center"][back]])
+        for k, (start, end) in enumerate(pairwise(self._bridge.wrapped(path))):
+            if not self._motion_is_free(start, end):
+                if k < len(there):
+                    tree.cut(there[min(k + 1, len(there) - 1)])
+                else:
+                    other.cut(back[max(k - len(there) - 1, 0)])
+                return None
+        return self._bridge.wrapped(path)
+
+    def _bubble_endpoints(self, bubble: Bubble, goal: FloatArray) -> FloatArray:
+        """BUBBLE_ENDPOINTS: the vertices (K, n), and guided the point where the way to the goal leaves the bubble."""
+        circular = self._bridge.circular
+        lower = np.where(circular, -np.inf, self._bridge.lower)
+        upper = np.where(circular, np.inf, self._bridge.upper)
+        # Half a turn is as far as a joint that wraps can go, and where both ways to it are the same.
+        reaches = np.minimum(_INSIDE * bubbles.extents(bubble.weights), np.where(circular, 3.1, np.inf))
+        points = bubbles.axis_points(bubble.q, reaches, lower, upper)
+        if self._guided:
+            motion = self._bridge.difference(bubble.q, goal)
+            reach = min(1.0, _INSIDE * bubbles.reach_along(motion, bubble.radii, bubble.distances))
+            points = np.vstack([points, bubble.q + reach * motion])
+        points = self._bridge.inside(points)
+        return points[self._metric.separations(bubble.q, points) > 1e-9]
+
+    # ------------------------------------------------------------------------------------------ the searching
+
+    def _headings(self, other: VolumeTree) -> Iterator[FloatArray]:
+        """Yield what a tree heads for in its turn: the configuration that the other tree closed last; guided, a place.
+
+        The places of Halton's sequence lead the trees out of dead ends, as an RRT's random configurations do.
+        """
+        yield other.latest
+        if self._guided:
+            self._places += 1
+            lower, upper = self._bridge.lower, self._bridge.upper
+            yield lower + (upper - lower) * halton_point(self._places, self._bridge.n)
+
+    @property
+    def _careless(self) -> bool:
+        """Whether this turn, of start and goal tree one after the other, is one of those that ignore danger."""
+        turn = self._turns // 2
+        return int((turn + 1) * self._nearest_fraction) > int(turn * self._nearest_fraction)
+
+    def _bound_open(self, tree: VolumeTree, goal: FloatArray) -> None:
+        if self._max_open and len(tree.open) > self._max_open:
+            half = max(1, self._max_open // 2)
+            tree.open.keep(np.argpartition(self._f(tree, goal), half)[:half])
+
+    def _bubble(self, x: EndPoint) -> Bubble | None:
+        """Return the bubble of an end point; None where it is too small to lead anywhere."""
+        distances = self._checker.pair_distances(x.q) - DISTANCE_ERROR
+        if distances.min(initial=np.inf) <= (0.0 if x.parent == ROOT else _LEAST_CLEARANCE):
+            return None
+        radii = self._checker.pair_radii_at(x.q)
+        return Bubble(x.q, SHAPES[self._shape].weights(radii, distances), radii, distances)
+
+    def _danger(self, points: FloatArray) -> FloatArray:
+        """Return the danger (K,) as f takes it: in metres where f is normalised."""
+        if not self._alpha or self._cost.is_zero:
+            return np.zeros(len(points))
+        costs = self._cost.values(points)
+        if not self._normalized:
+            return costs
+        usual, slope = self._usual_cost, self._cost_scale
+        if not (usual > 0 and slope > 0):
+            return costs * 0.0
+        metres = float(np.sqrt(np.mean(self._rates**2))) / slope
+        scaled: FloatArray = metres * usual * np.log1p(costs / usual)
+        return scaled
+
+    # ------------------------------------------------------------------------------------ the path as it is driven
+
+    def _elastic(self, path: FloatArray, ptc: Any) -> FloatArray:
+        """Return the path (N, n) as an elastic band [3]: contracted where that is as safe, then bent from danger."""
+        band = [path[0]]
+        at = 0
+        while at < len(path) - 1:
+            at = self._farthest(path, at, ptc)
+            band += [*self._bent(band[-1], path[at], ptc), path[at]]
+        return np.array(band)
+
+    def _farthest(self, path: FloatArray, at: int, ptc: Any) -> int:
+        """Return the way point to which a straight motion from way point `at` does what the path between does."""
+        end = len(path) - 1
+        while end > at + 1 and not ptc():
+            if self._is_as_safe(path[at], path[end], path[at : end + 1]) and self._motion_is_free(
+                path[at], path[end]
+            ):
+                return end
+            end = (at + end) // 2
+        return at + 1
+
+    def _is_as_safe(self, start: FloatArray, end: FloatArray, piece: FloatArray) -> bool:
+        if not self._danger_weight:
+            return True
+        t = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]
+        straight = start + t * self._bridge.difference(start, end)
+        costs = self._cost.values(np.vstack([self._bridge.wrapped(straight), piece]))
+        return bool(costs[:_BAND_POINTS].mean() <= costs[_BAND_POINTS:].mean())
+
+    # --------------------------------------------------------------------------------------------- the scales
+
+    def _spread(self) -> FloatArray:
+        """Return configurations (N, n) from all over the space."""
+        lower, upper = self._bridge.lower, self._bridge.upper
+        shares = np.array([halton_point(k, self._bridge.n) for k in range(1, 1 + _SCALE_POINTS)])
+        spread: FloatArray = lower + (upper - lower) * shares
+        return spread
+
+    def _arm_rates(self) -> FloatArray:
+        """Return how far (n,) the joints move the arm, at most, on an average over configurations [m/rad]."""
+        robot = self._checker.robot
+        rates: FloatArray = np.mean(
+            [robot.displacement_radii_at(q).max(axis=0) for q in self._spread()[::4]], axis=0
+        )
+        return rates
+
+    def _measure_scale(self) -> float:
+        self._usual_cost = float(np.median(self._cost.values(self._spread())))
+        return super()._measure_scale()
+
+    # -------------------------------------------------------------------------------------------- the trees
+
+    def _forget(self) -> None:
+        rates = self._rates if self._normalized else np.ones(self._bridge.n)
+        self._metric = Metric(self._bridge, rates, taxicab=not self._normalized)
+        self._start_tree, self._goal_tree = (
+            VolumeTree(self._bridge, self._metric, from_start=from_start, diverse=self._beta > 0)
+            for from_start in (True, False)
+        )
+        self._turns = self._places = 0
+
+    def _add_start(self, q: FloatArray) -> None:
+        self._start_tree.add_root(q)
+
+    def _add_goal(self, q: FloatArray) -> None:
+        self._goal_tree.add_root(q)
+
+    def _has_starts(self) -> bool:
+        return len(self._start_tree) > 0
+
+    def _has_goals(self) -> bool:
+        return len(self._goal_tree) > 0
+
+
+class _Progress:
+    """Judges whether a tree that heads for a goal still comes nearer to it."""
+
+    def __init__(self) -> None:
+        self._left: float | None = None
+        self._best = 0.0
+
+    def goes_on(self, before: float, after: float) -> bool:
+        """Take the distances from the goal before and after a step; return whether the gain was worth it."""
+        gain = (before if self._left is None else self._left) - after
+        worthwhile = gain >= max(_LEAST_GAIN, _GAIN_SHARE * self._best)
+        self._left, self._best = after, max(self._best, gain)
+        return worthwhile

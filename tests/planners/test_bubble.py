@@ -1,0 +1,199 @@
+"""BubblePlanner: its bubbles are free, it solves what can be solved, and it says what it cannot do."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from ompl import base as ob
+
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.maths import bubbles
+from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.models.obstacle import Obstacle
+from safe_ompl.models.pose import Pose
+from safe_ompl.models.scenario import Scenario, find_scenario
+from safe_ompl.models.scene import Scene
+from safe_ompl.models.shapes import Box, Sphere
+from safe_ompl.planners.bubble import SHAPES, BubblePlanner
+from safe_ompl.setup import SafeSetup, setup_scenario
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return setup_scenario(Scenario.load(find_scenario("planar3")))
+
+
+@pytest.fixture(scope="module")
+def arm(ur5):
+    """Return the problem of a UR5 that must go round a post."""
+    scene = Scene(
+        (
+            Obstacle("post", Box((0.1, 0.1, 1.2)), Pose((0.45, 0.0, 0.6)), weight=1.0),
+            Obstacle("ball", Sphere(0.1), Pose((-0.4, 0.4, 0.5)), weight=1.0),
+        )
+    )
+    setup = SafeSetup(ur5, scene)
+    setup.setConfigurations([-0.8, -1.2, 1.2, 0, 0, 0], [0.8, -1.2, 1.2, 0, 0, 0])
+    return setup
+
+
+def planner_on(setup, **options):
+    return BubblePlanner(setup.getSpaceInformation(), **options)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("name", ["ur5", "kinova", "slider"])
+def test_no_configuration_in_a_bubble_collides(robot_named, clutter, shape, name):
+    robot = robot_named(name)
+    checker, rng, seen = CollisionChecker(robot, clutter), np.random.default_rng(3), 0
+    while seen < 12:
+        q = rng.uniform(robot.lower, robot.upper)
+        distances = checker.pair_distances(q) - 1e-5
+        if distances.min() <= 0:
+            continue
+        seen += 1
+        reaches = bubbles.extents(SHAPES[shape].weights(checker.pair_radii_at(q), distances))
+        steps = rng.uniform(-1, 1, (60, robot.n))
+        if shape != "cube":
+            steps /= np.abs(steps).sum(axis=1, keepdims=True)
+        for x in q + 0.99 * steps * np.minimum(reaches, 6.0):
+            if robot.within_limits(x).all():
+                assert not checker.in_collision(x)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("options", [{}, {"alpha": 0.0}], ids=["safe", "classic"])
+def test_every_shape_goes_round_the_post(arm, shape, options):
+    result = arm.plan(planner_on(arm, shape=shape, **options), time=20.0)
+    assert result
+    assert result.report.certified
+    assert result.counts.distance_queries >= result.counts.nodes
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.1])
+def test_the_papers_form_solves_a_planar_arm(planar, alpha):
+    planner = planner_on(planar, shape="paper", normalized=False, guided=False, alpha=alpha, beta=20.0)
+    assert planar.plan(planner, time=20.0)
+
+
+def test_safety_lowers_the_danger(arm):
+    safe, classic = (arm.plan(planner_on(arm, alpha=alpha), time=20.0) for alpha in (1.0, 0.0))
+    assert safe.report.danger.avoidable < 0.5 * classic.report.danger.avoidable
+    assert safe.report.danger.max < classic.report.danger.max
+
+
+def test_no_danger_is_evaluated_without_alpha(planar):
+    result = planar.plan(planner_on(planar, alpha=0.0), time=20.0)
+    assert result
+    assert result.counts.field_configurations == 0
+
+
+def test_it_is_deterministic_whatever_the_seed(planar):
+    first, second = (planar.plan("BubblePlanner", time=20.0, seed=seed) for seed in (1, 2))
+    np.testing.assert_array_equal(first.path, second.path)
+
+
+def test_without_guidance_consecutive_configurations_share_a_bubble(planar):
+    path = planar.plan(planner_on(planar, guided=False, beta=1.0), time=20.0).path
+    assert len(path) > 2
+    for start, end in pairwise(path):
+        reach = 0.0
+        for q, motion in ((start, end - start), (end, start - end)):
+            distances = planar.checker.pair_distances(q)
+            reach = max(reach, bubbles.reach_along(motion, planar.checker.pair_radii_at(q), distances))
+        assert reach > 1
+
+
+def test_the_elastic_band_is_shorter_than_the_chain_of_bubbles_and_proven(planar):
+    planner = planner_on(planar, guided=False, beta=1.0, slide=0.0)
+    chain = planar.plan(planner, time=20.0)
+    band = planner._elastic(chain.path, lambda: False)
+    report = planar.report(band)
+    assert report.certified
+    assert len(band) < len(chain.path)
+    assert report.length < chain.report.length
+    np.testing.assert_array_equal(band[[0, -1]], chain.path[[0, -1]])
+
+
+def test_open_lists_stay_bounded(arm):
+    planner = planner_on(arm, max_open=40)
+    assert arm.plan(planner, time=20.0)
+    assert len(planner._start_tree.open) <= 40
+    assert len(planner._goal_tree.open) <= 40
+
+
+def test_a_walled_in_goal_ends_at_the_time_limit(robot_named):
+    """The goal of the tip-less arm lies in a cage: every way out is blocked."""
+    robot = robot_named("ur5")
+    cage = Scene(
+        tuple(
+            Obstacle(
+                f"bar {k}",
+                Box((0.03, 0.03, 1.5)),
+                Pose((0.35 * np.cos(a), 0.35 * np.sin(a), 0.75)),
+                weight=1.0,
+            )
+            for k, a in enumerate(np.linspace(0.3, 2 * np.pi + 0.3, 9)[:-1])
+        )
+    )
+    setup = SafeSetup(robot, cage)
+    free = [
+        q
+        for q in robot.lower + (robot.upper - robot.lower) * np.random.default_rng(0).random((3000, 6))
+        if not setup.checker.in_collision(q)
+    ]
+    base = np.array([q[0] for q in free])
+    setup.setConfigurations(free[int(base.argmin())], free[int(base.argmax())])
+    result = setup.plan(planner_on(setup, max_open=500), time=0.6)
+    if result:  # a gap that was not meant to be is no failure of the planner, as long as the way is proven
+        assert result.report.certified
+    else:
+        assert result.status == "Timeout"
+        assert result.planning_time < 1.0
+
+
+def test_goals_beyond_the_first_are_roots_too(planar):
+    scenario = Scenario.load(find_scenario("planar3"))
+    setup = setup_scenario(scenario)
+    start, goal = scenario.start_configuration(setup.robot), scenario.goal_configurations(setup.robot)[0]
+    setup.setConfigurations(start, [goal, start + 0.01])
+    result = setup.plan("BubblePlanner", time=20.0)
+    np.testing.assert_array_equal(result.path[-1], start + 0.01)
+
+
+def test_solving_again_goes_on_with_the_trees(arm):
+    planner = planner_on(arm)
+    planner.setProblemDefinition(arm.getProblemDefinition())
+    planner.setup()
+    assert planner.solve(20.0).asString() == "Exact solution"
+    nodes = planner.counts.nodes
+    assert planner.solve(20.0).asString() == "Exact solution"
+    assert planner.counts.nodes >= nodes
+    planner.clear()
+    assert len(planner._start_tree) == 0
+
+
+def test_it_needs_distances(ur5):
+    space = ob.RealVectorStateSpace(2)
+    bounds = ob.RealVectorBounds(2)
+    bounds.setLow(-1)
+    bounds.setHigh(1)
+    space.setBounds(bounds)
+    si = ob.SpaceInformation(space)
+    si.setStateValidityChecker(lambda state: True)
+    with pytest.raises(InputError, match="CollisionFreeValidity"):
+        BubblePlanner(si)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("beta", -1.0), ("nearest_fraction", 2.0), ("max_open", -1), ("max_open", 1.5), ("alpha", float("nan"))],
+)
+def test_bad_parameters_are_refused(planar, option, value):
+    with pytest.raises(InputError, match=option):
+        planner_on(planar, **{option: value})
+
+
+def test_unknown_shapes_are_refused_with_the_known_ones(planar):
+    with pytest.raises(UnknownNameError, match="link"):
+        planner_on(planar, shape="ball")
