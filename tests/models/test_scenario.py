@@ -24,6 +24,7 @@ SHIPPED = sorted(file.stem for file in FOLDER.glob("*.yaml"))
 PERSON = {
     "panda_shelf": "operator",
     "ur5_handover": "colleague",
+    "planar2": "person",
     "planar3": "person",
     "xarm7_pillars": "operator",
 }
