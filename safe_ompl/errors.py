@@ -55,3 +55,7 @@ class CollisionError(InputError):
 
 class PlanningError(SafeOmplError):
     """A planner broke a promise, for example returned a path that the validator refuses."""
+
+
+class CertificateError(SafeOmplError):
+    """A certificate that does not hold; says where and why."""

@@ -238,6 +238,61 @@ def test_interrupt_is_status_130_and_one_line(run: Run, monkeypatch: pytest.Monk
     assert run("plan", "test.yaml") == (130, "", "safe-ompl: interrupted\n")
 
 
+# ------------------------------------------------------------------------------------------------ certificates
+
+
+def test_a_certificate_is_verified(run: Run, folder: Path) -> None:
+    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
+    content = strict((folder / "proof.json").read_text())
+    assert content["source"] == {"scenario": "test.yaml", "robot": None}
+    status, out, err = run("verify", "proof.json")
+    assert (status, err) == (0, "")
+    assert out.startswith("proof.json: every motion is free: ")
+    assert "danger at most " in out
+    elsewhere = folder / "elsewhere"
+    elsewhere.mkdir()
+    assert run("plan", "test.yaml", "--urdf", "arm.urdf", "--certificate", "elsewhere/proof.json")[0] == 0
+    assert run("verify", "elsewhere/proof.json")[0] == 0
+    assert run("verify", "elsewhere/proof.json", "test.yaml")[0] == 0
+
+
+def test_a_certificate_of_what_has_changed(run: Run, folder: Path) -> None:
+    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
+    (folder / "moved.yaml").write_text(SCENARIO.replace("[-0.6, 0.0, 0.0]", "[-0.6, 0.01, 0.0]"))
+    status, out, err = run("verify", "proof.json", "moved.yaml")
+    assert (status, out) == (1, "")
+    assert err == "safe-ompl: proof.json: the scene has changed since it was written\n"
+    (folder / "arm.urdf").write_text(URDF.replace("0.4 0.06 0.06", "0.4 0.06 0.07"))
+    status, _, err = run("verify", "proof.json")
+    assert status == 1
+    assert "the robot has changed: 'arm'" in err
+
+
+def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
+    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
+    content = strict((folder / "proof.json").read_text())
+    del content["edges"][0][0]
+    (folder / "proof.json").write_text(json.dumps(content))
+    status, _, err = run("verify", "proof.json")
+    assert status == 1
+    assert err.startswith("safe-ompl: proof.json: edge 0: no interval covers 0.000000 to ")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("not JSON", ["bad.json: cannot be read as a certificate"]),
+        ("[]", ["bad.json: this is not a safe-ompl certificate"]),
+        ('{"format": "safe-ompl certificate", "version": 9}', ["version 9", "not known"]),
+    ],
+)
+def test_what_is_no_certificate(run: Run, folder: Path, text: str, words: list[str]) -> None:
+    (folder / "bad.json").write_text(text)
+    status, out, err = run("verify", "bad.json")
+    assert (status, out) == (2, "")
+    assert all(word in err for word in words), err
+
+
 # ------------------------------------------------------------------------------------------------- compare
 
 

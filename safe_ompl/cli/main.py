@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import NoReturn
 
-from safe_ompl.cli import compare, listing, mbm, plan
+from safe_ompl.cli import compare, listing, mbm, plan, verify
 from safe_ompl.cli.console import error_console, quiet_ompl, shown_log
 from safe_ompl.errors import InputError, SafeOmplError
 
@@ -66,7 +66,13 @@ def command_line() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {version('safe-ompl')}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for add_command in (plan.add_command, compare.add_command, mbm.add_command, listing.add_commands):
+    for add_command in (
+        plan.add_command,
+        verify.add_command,
+        compare.add_command,
+        mbm.add_command,
+        listing.add_commands,
+    ):
         add_command(commands)
     for command in commands.choices.values():
         command.add_argument("-v", "--verbose", action="store_true", help="show what is being done")

@@ -19,7 +19,9 @@ from safe_ompl.cli.console import output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
 from safe_ompl.cli.pictures import check_picture, draw_plan
 from safe_ompl.cli.tables import plan_table
+from safe_ompl.cli.verify import certificate_of
 from safe_ompl.models.robot import Robot
+from safe_ompl.models.robot_spec import RobotSpec
 from safe_ompl.models.scenario import Scenario
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.setup import PlanResult, SafeSetup, setup_scenario
@@ -36,6 +38,9 @@ def add_command(commands: Any) -> None:
         "--json", metavar="FILE", help="write the result as JSON; - is standard output, without the table"
     )
     parser.add_argument("--plot", metavar="FILE", help="draw the path, its danger and its clearance (.png)")
+    parser.add_argument(
+        "--certificate", metavar="FILE", help="write the path with its proof, for `safe-ompl verify` (.json)"
+    )
     add_robot_options(parser, instead_of="the scenario's")
     parser.set_defaults(prepare=prepare)
 
@@ -43,6 +48,7 @@ def add_command(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     check_writable(options.json, "--json")
+    check_writable(options.certificate, "--certificate")
     check_picture(options.plot, "--plot")
     scenario = load_scenario(options.scenario)
     spec = given_robot(options, lambda: scenario.robot)
@@ -51,7 +57,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     check_planner(scenario, options.planner, setup)
     parameters = {**scenario.planners.get(options.planner, {}), **given_parameters(options)}
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
-    return Plan(scenario, setup, parameters, options)
+    return Plan(scenario, spec, setup, parameters, options)
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,7 @@ class Plan:
     """The job of `safe-ompl plan`."""
 
     scenario: Scenario
+    robot: RobotSpec
     setup: SafeSetup
     parameters: dict[str, Any]
     options: argparse.Namespace
@@ -77,6 +84,10 @@ class Plan:
                 print(json_line(record(self.scenario.name, self.setup.robot, result)), file=stream)
         if options.json != STANDARD_OUTPUT:
             output_console().print(plan_table(self.scenario.name, self.setup.robot.name, result))
+        if options.certificate and result.path is not None:
+            proof = certificate_of(result, self.setup, self.scenario, self.robot, options.certificate)
+            with opened(options.certificate) as stream:
+                print(json_line(proof), file=stream)
         if options.plot and result.path is not None:
             draw_plan(self.setup, result, options.plot)
         return 0 if result else 1

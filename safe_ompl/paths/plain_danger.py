@@ -1,0 +1,100 @@
+"""The danger of a path once more, by its definition: to check what certificates claim of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.models.robot import Robot
+from safe_ompl.models.scene import Scene
+
+_ROUNDING = 1e-6
+_SMALLEST = 1e-5  # [m] intervals in which no key point moves farther are not divided any more
+_TINY = 1e-12  # [m]
+
+
+class PlainDanger:
+    """The danger of a robot in a scene, link by link: eq. (4) in the form 2/ℓ·atanh(ℓ/S), and how far it can grow.
+
+    Where no end of a link moves more than δ, less than its distance D from a danger point, its field there grows to
+    D/(D − δ) times what it was, at most.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    scene : Scene
+        Has the danger points.
+    claim : mapping
+        `spacing` of the danger points, `aggregate`, `weighting`, `k1` and `sharpness` of the field.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, claim: Mapping[str, Any]) -> None:
+        self._robot, self._claim = robot, claim
+        self._data = robot.model.createData()
+        self._points, self._weights, _ = scene.danger_points(claim["spacing"])
+        if not len(self._points):
+            self._points, self._weights = np.full((1, 3), 1e9), np.ones(1)
+
+    def exceeded(self, start: FloatArray, delta: FloatArray, limit: float) -> tuple[float, float] | None:
+        """Return where on an edge, and by how much, a danger is not proven to keep to a limit; else None."""
+        waiting = [(0.5, 0.5)]
+        while waiting:
+            centre, half = waiting.pop()
+            value, bound, moved = self._bounded(start + centre * delta, half * np.abs(delta))
+            if bound <= limit * (1 + _ROUNDING):
+                continue
+            if value > limit * (1 + _ROUNDING) or moved < _SMALLEST:
+                return centre, value
+            waiting += [(centre + half / 2, half / 2), (centre - half / 2, half / 2)]
+        return None
+
+    def _bounded(self, q: FloatArray, steps: FloatArray) -> tuple[float, float, float]:
+        """Return the danger at `q`, its bound while the joints move by `steps`, and how far key points move then."""
+        robot, points = self._robot, self._points
+        keypoints = robot.keypoints(q)
+        moved = self._moved(q, keypoints, steps)
+        value, bound = np.zeros(len(points)), np.zeros(len(points))
+        slides = float(steps[robot.prismatic].sum())
+        for a, b in robot.segments:
+            start, link = keypoints[a], keypoints[b] - keypoints[a]
+            length = float(np.sqrt(link @ link))
+            along = np.clip((points - start) @ link / max(length**2, _TINY), 0.0, 1.0)
+            distance = np.linalg.norm(points - start - along[:, None] * link, axis=1)
+            ends = np.linalg.norm(points - start, axis=1) + np.linalg.norm(points - keypoints[b], axis=1)
+            share = np.minimum(length / np.maximum(ends, _TINY), 1 - 1e-15)
+            field = 2 / length * np.arctanh(share) if length > 1e-6 else 2 / np.maximum(ends, _TINY)
+            reach = max(moved[a], moved[b])
+            room = distance - reach
+            grown = np.where(room > 0, field * distance / np.where(room > 0, room, 1.0), np.inf)
+            by_length = self._claim["weighting"] == "length"
+            value += field * (length if by_length else 1.0)
+            bound += grown * (length + slides if by_length else 1.0)
+        return self._aggregated(value), self._aggregated(bound), float(moved.max())
+
+    def _moved(self, q: FloatArray, keypoints: FloatArray, steps: FloatArray) -> FloatArray:
+        """Return how far each key point (K,) can move [m] while the joints move by `steps` from `q`."""
+        robot = self._robot
+        pin.forwardKinematics(robot.model, self._data, robot.pinocchio_configuration(q))
+        moved = np.zeros(len(keypoints))
+        for i in range(robot.n):
+            joint = self._data.oMi[i + 1]
+            axis = joint.rotation @ robot.chain.axes[i]
+            radius = np.linalg.norm(np.cross(keypoints - joint.translation, axis), axis=1)
+            moved += np.where(robot.prismatic[i], 1.0, radius) * steps[i] * robot.keypoint_support[:, i]
+        return moved
+
+    def _aggregated(self, fields: FloatArray) -> float:
+        levels = self._claim["k1"] * self._weights * fields
+        if self._claim["aggregate"] == "max":
+            return float(levels.max())
+        if self._claim["aggregate"] == "mean":
+            return float(levels.mean())
+        top, sharpness = float(levels.max()), float(self._claim["sharpness"])
+        if not np.isfinite(top):
+            return top
+        return top + float(np.log(np.exp(sharpness * (levels - top)).sum())) / sharpness
