@@ -13,8 +13,8 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
 from safe_ompl.models.kinematics import Limits, Place, limited_step, pseudoinverse_step, transpose_step
 from safe_ompl.planners.base import fraction, non_negative
-from safe_ompl.planners.rrt import Extension, SafeRRT
-from safe_ompl.planners.tree import Tree
+from safe_ompl.planners.growing import Extension
+from safe_ompl.planners.rrt import SafeRRT
 from safe_ompl.plugins.goals import WorkspaceGoal
 
 _log = logging.getLogger(__name__)
@@ -93,7 +93,6 @@ class SafeJTRRT(SafeRRT):
         self.setNullSpaceGain(null_space_gain)
         self.setDangerThreshold(danger_threshold)
         self.setTranspose(transpose)
-        self._forget()
 
     def setStep(self, step: float) -> None:
         """Set the largest length of one step towards the goal [rad]."""
@@ -147,7 +146,7 @@ class SafeJTRRT(SafeRRT):
                 self._extend_towards_goal(ptc)
             else:
                 self._extend_randomly()
-        return None if self._arrived is None else self._tree.branch(self._arrived)
+        return None if self._arrived is None else self._start_tree.branch(self._arrived)
 
     def _extend_towards_goal(self, ptc: Any) -> None:
         """EXTEND_TOWARDS_GOAL: from the best node not chosen before, step by step as long as it goes well."""
@@ -158,7 +157,7 @@ class SafeJTRRT(SafeRRT):
         for k in count():
             if k % _SAME_SLOPE == 0:
                 downhill = self._downhill(old)
-            q_old = self._tree.configurations[old]
+            q_old = self._start_tree.configurations[old]
             q_new = self._bridge.inside(q_old + self._step_towards_goal(old, downhill))
             if self._place.distance(q_new) > _STALLED * self._distances[old]:
                 return
@@ -171,7 +170,7 @@ class SafeJTRRT(SafeRRT):
     def _extend_randomly(self) -> None:
         """EXTEND_RANDOMLY: one step towards a random configuration from the node with the least ρ + α·CDF."""
         q_rand = self._random_configuration()
-        outcome, new = self._extend(self._tree, self._select(self._tree, q_rand), q_rand)
+        outcome, new = self._extend(self._start_tree, self._select(self._start_tree, q_rand), q_rand)
         if outcome is not Extension.TRAPPED:
             self._measure_new_nodes()
             self._untried.append(new)
@@ -194,7 +193,7 @@ class SafeJTRRT(SafeRRT):
     def _rank(self) -> None:
         """Put the new nodes among those ranked by WS_DISTANCE + α·CDF."""
         weight = self._danger_weight * self._place.lever
-        danger = self._tree.costs if weight and self._untried else np.zeros(len(self._tree))
+        danger = self._start_tree.costs if weight and self._untried else np.zeros(len(self._start_tree))
         for node in self._untried:
             heappush(self._ranked, (self._distances[node] + weight * float(danger[node]), node))
         self._untried.clear()
@@ -209,7 +208,7 @@ class SafeJTRRT(SafeRRT):
         wanted = self._null_space_gain * self._distances[old] / self._place.lever
         posture = None if downhill is None else wanted * downhill
         return limited_step(
-            rule, self._place, self._tree.configurations[old], self._limits, self._step, posture
+            rule, self._place, self._start_tree.configurations[old], self._limits, self._step, posture
         )
 
     def _downhill(self, old: int) -> FloatArray | None:
@@ -221,7 +220,7 @@ class SafeJTRRT(SafeRRT):
             return None
         if not (self._cost_scale and self._cost.has_gradients):
             return None
-        slope = self._tree.gradient(old) / self._cost_scale
+        slope = self._start_tree.gradient(old) / self._cost_scale
         steepness = float(np.sqrt(slope @ slope))
         return -slope / max(1.0, steepness) if steepness < np.inf else None
 
@@ -251,7 +250,7 @@ class SafeJTRRT(SafeRRT):
         goal = self.getProblemDefinition().getGoal()
         if goal is not self._goal:
             self._aim(goal)
-        self._untried += range(len(self._distances), len(self._tree))
+        self._untried += range(len(self._distances), len(self._start_tree))
         self._measure_new_nodes()
 
     def _aim(self, goal: WorkspaceGoal) -> None:
@@ -269,19 +268,19 @@ class SafeJTRRT(SafeRRT):
 
     def _grow(self, old: int, q_new: FloatArray) -> int:
         self.counts.nodes += 1
-        new = self._tree.add(q_new, old)
+        new = self._start_tree.add(q_new, old)
         self._measure_new_nodes()
         return new
 
     def _measure_new_nodes(self) -> None:
         """Note how far the tip is from the goal at new nodes, and whether it is there."""
-        for node in range(len(self._distances), len(self._tree)):
-            self._distances.append(self._place.distance(self._tree.configurations[node]))
+        for node in range(len(self._distances), len(self._start_tree)):
+            self._distances.append(self._place.distance(self._start_tree.configurations[node]))
             if self._arrived is None and self._distances[node] < self._goal.tolerance:
                 self._arrived = node
 
     def _forget(self) -> None:
-        self._tree = Tree(self._bridge, self._cost)
+        super()._forget()
         self._forget_goal()
 
     def _forget_goal(self) -> None:
@@ -289,12 +288,6 @@ class SafeJTRRT(SafeRRT):
         self._untried: list[int] = []  # nodes not yet ranked,
         self._ranked: list[tuple[float, int]] = []  # and those that are, a heap
         self._arrived = None
-
-    def _add_start(self, q: FloatArray) -> None:
-        self._tree.add(q)
-
-    def _has_starts(self) -> bool:
-        return len(self._tree) > 0
 
     def _has_goals(self) -> bool:
         return self._goal is not None

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from enum import Enum
-
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.planners.base import fraction
-from safe_ompl.planners.sliding import SlidingPlanner
+from safe_ompl.planners.growing import Extension, TreePlanner
 from safe_ompl.planners.tree import Tree
 
 
-class Extension(Enum):
-    """Outcome of EXTEND."""
-
-    TRAPPED = "no new node"
-    ADVANCED = "a new node on the way"
-    REACHED = "a new node at the target"
-
-
-class SafeRRT(SlidingPlanner):
+class SafeRRT(TreePlanner):
     """Base of the planners that grow trees from nodes which are near and safe (§4.3, §4.4)."""
 
     _nearest_fraction = 0.0
@@ -60,11 +50,3 @@ class SafeRRT(SlidingPlanner):
         if slid is None or not self._edge_is_free(tree, q_old, slid):
             return Extension.TRAPPED, old
         return Extension.ADVANCED, self._add(tree, slid, old)
-
-    def _edge_is_free(self, tree: Tree, near: FloatArray, far: FloatArray) -> bool:
-        """Check the edge between a node and a new one in the direction in which the path drives it."""
-        return self._motion_is_free(near, far) if tree.from_start else self._motion_is_free(far, near)
-
-    def _add(self, tree: Tree, q: FloatArray, parent: int) -> int:
-        self.counts.nodes += 1
-        return tree.add(q, parent)

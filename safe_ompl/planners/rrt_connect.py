@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from safe_ompl.arrays import FloatArray
-from safe_ompl.planners.rrt import Extension, SafeRRT
+from safe_ompl.planners.growing import Extension
+from safe_ompl.planners.rrt import SafeRRT
 from safe_ompl.planners.tree import Tree
 
 
@@ -58,7 +57,6 @@ class SafeRRTConnect(SafeRRT):
         self.setAlpha(alpha)
         self.setNearestFraction(nearest_fraction)
         self.setSlide(slide)
-        self._forget()
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
@@ -83,27 +81,3 @@ class SafeRRTConnect(SafeRRT):
         while outcome is Extension.ADVANCED and not ptc():
             outcome, node = self._extend(tree, node, target)
         return outcome, node
-
-    def _join(self, tree: Tree, node: int, other: Tree, met: int) -> FloatArray:
-        """RETURN_PATH: the two branches, from start to goal; the configuration where they meet counts once."""
-        if not tree.from_start:
-            tree, node, other, met = other, met, tree, node
-        return np.concatenate([tree.branch(node), other.branch(met)[-2::-1]])
-
-    # -------------------------------------------------------------------------------------------- the trees
-
-    def _forget(self) -> None:
-        self._start_tree = Tree(self._bridge, self._cost, from_start=True)
-        self._goal_tree = Tree(self._bridge, self._cost, from_start=False)
-
-    def _add_start(self, q: FloatArray) -> None:
-        self._start_tree.add(q)
-
-    def _add_goal(self, q: FloatArray) -> None:
-        self._goal_tree.add(q)
-
-    def _has_starts(self) -> bool:
-        return len(self._start_tree) > 0
-
-    def _has_goals(self) -> bool:
-        return len(self._goal_tree) > 0

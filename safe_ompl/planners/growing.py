@@ -1,0 +1,60 @@
+"""What planners share that grow trees of motions from start and goal."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.planners.sliding import SlidingPlanner
+from safe_ompl.planners.tree import Tree
+
+
+class Extension(Enum):
+    """Outcome of EXTEND."""
+
+    TRAPPED = "no new node"
+    ADVANCED = "a new node on the way"
+    REACHED = "a new node at the target"
+
+
+class TreePlanner(SlidingPlanner):
+    """A planner with two trees, one that grows from the starts and one from the goals."""
+
+    def __init__(self, si: Any, name: str) -> None:
+        super().__init__(si, name)
+        self._start_tree: Tree
+        self._goal_tree: Tree
+        self._forget()
+
+    def _edge_is_free(self, tree: Tree, near: FloatArray, far: FloatArray) -> bool:
+        """Check the edge between a node and a new one in the direction in which the path drives it."""
+        return self._motion_is_free(near, far) if tree.from_start else self._motion_is_free(far, near)
+
+    def _add(self, tree: Tree, q: FloatArray, parent: int) -> int:
+        self.counts.nodes += 1
+        return tree.add(q, parent)
+
+    def _join(self, tree: Tree, node: int, other: Tree, met: int) -> FloatArray:
+        """RETURN_PATH: the two branches, from start to goal; the configuration where they meet counts once."""
+        if not tree.from_start:
+            tree, node, other, met = other, met, tree, node
+        return np.concatenate([tree.branch(node), other.branch(met)[-2::-1]])
+
+    def _forget(self) -> None:
+        self._start_tree = Tree(self._bridge, self._cost, from_start=True)
+        self._goal_tree = Tree(self._bridge, self._cost, from_start=False)
+
+    def _add_start(self, q: FloatArray) -> None:
+        self._start_tree.add(q)
+
+    def _add_goal(self, q: FloatArray) -> None:
+        self._goal_tree.add(q)
+
+    def _has_starts(self) -> bool:
+        return len(self._start_tree) > 0
+
+    def _has_goals(self) -> bool:
+        return len(self._goal_tree) > 0
