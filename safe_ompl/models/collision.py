@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import coal
@@ -11,18 +10,16 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
-from safe_ompl.models.convex import sample_configurations
 from safe_ompl.models.counts import Counts
 from safe_ompl.models.displacement import bounding_hull
+from safe_ompl.models.min_clearance import MinClearance
+from safe_ompl.models.queries import DISTANCE_ERROR as DISTANCE_ERROR
+from safe_ompl.models.queries import Queries, indices, prove_manager
+from safe_ompl.models.queries import fresh_data as fresh_data
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
 
-_log = logging.getLogger(__name__)
-
-_MANY_OBSTACLES = 100  # from here on the sweep-and-prune manager beats the naive one
-_PROOF_SAMPLES = 100
 _PROOF_MARGIN = 0.02  # [m]
-DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
 
 
 @dataclass(frozen=True)
@@ -69,6 +66,10 @@ class CollisionChecker:
     pair_radii : ndarray, shape (P, n)
         Displacement radii of each pair: while the joints move by Δ, its two bodies approach each other by at most
         Σ_i R_pi·|Δ_i| (`math.md` §3, §4).
+    meets_obstacle : ndarray of bool, shape (P,)
+        Which pairs are of a link and an obstacle.
+    required : ndarray, shape (P,)
+        What each pair must keep by `setMinClearance` [m]; 0 where touching is all that is forbidden.
     """
 
     def __init__(self, robot: Robot, scene: Scene, counts: Counts | None = None) -> None:
@@ -84,32 +85,107 @@ class CollisionChecker:
 
         self._apart = geometry.copy()
         self._apart.removeAllCollisionPairs()
+        self._never_nearer: list[float] = []  # [m] than this do the bodies of each of these pairs come
         for obstacle in obstacles:
             for body, reach in moving.items():
-                pair = pin.CollisionPair(body, obstacle)
-                self._apart.addCollisionPair(pair)
-                if _can_meet(reach, geometry.geometryObjects[obstacle]):
-                    geometry.addCollisionPair(pair)
-        self._apart_pairs = _indices(self._apart)
-        self._distances = _fresh_data(self._apart)
+                self._apart.addCollisionPair(pin.CollisionPair(body, obstacle))
+                self._never_nearer.append(_least_distance(reach, geometry.geometryObjects[obstacle]))
+        self._apart_pairs = indices(self._apart)
+        self._distances = fresh_data(self._apart)
         self._distance_data = robot.model.createData()
+        self._own_geometry = geometry
+        self._links = self._names[: len(bodies.geometryObjects)]
+        self._min_clearance: MinClearance | None = None
+        self._take_pairs(0.0)
+
+    def _take_pairs(self, clearance: float) -> None:
+        """Take all pairs that may come nearer than a clearance [m]."""
+        robot, bodies = self.robot, self.robot.collision_model
+        self._covered = clearance
+        geometry = self._own_geometry.copy()
+        for (body, obstacle), least in zip(self._apart_pairs, self._never_nearer, strict=True):
+            if least < clearance + DISTANCE_ERROR:
+                geometry.addCollisionPair(pin.CollisionPair(body, obstacle))
+        obstacles = len(geometry.geometryObjects) - len(bodies.geometryObjects)
 
         self.geometry = geometry
-        pairs = _indices(geometry)
+        pairs = indices(geometry)
         self.pair_names = tuple((self._names[a], self._names[b]) for a, b in pairs)
         self._pairs: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         self.pair_radii: FloatArray = _pair_radii(robot, self._pairs)
-        self._pair_distances = _fresh_data(geometry)
+        self.meets_obstacle: BoolArray = self._pairs.max(axis=1, initial=-1) >= len(self._links)
+        self._pair_distances = fresh_data(geometry)
         self._pair_results = list(self._pair_distances.distanceResults)
-        self._contact = _Queries(robot.model, geometry, len(obstacles))
-        self._margin = _Queries(robot.model, geometry, len(obstacles))
+        self.required: FloatArray = self._required()
+        self._contact = Queries(robot.model, geometry, obstacles)
+        self._margin = Queries(robot.model, geometry, obstacles)
         self._margin.set_margins(np.full(len(pairs), _PROOF_MARGIN))
         for queries in (self._contact, self._margin):
-            _prove_manager(robot, queries)
+            prove_manager(robot, queries)
 
     def __repr__(self) -> str:
         obstacles, pairs = len(self.scene.obstacles), len(self.pair_names)
         return f"CollisionChecker({self.robot.name!r}, {obstacles} obstacles, {pairs} pairs)"
+
+    def cover(self, clearance: float) -> None:
+        """Take in the pairs that were left out because they never touch, if they may come nearer than this [m]."""
+        if clearance > self._covered:
+            if any(self._covered <= least - DISTANCE_ERROR < clearance for least in self._never_nearer):
+                self._take_pairs(clearance)
+            self._covered = clearance
+
+    def setMinClearance(
+        self,
+        distance: float,
+        obstacles: Sequence[str] | None = None,
+        exempt: Sequence[tuple[str, str]] = (),
+    ) -> None:
+        """Require that the robot keeps a distance; `CertifiedMotion` proves it along whole motions.
+
+        Parameters
+        ----------
+        distance : float
+            [m] 0 requires nothing.
+        obstacles : sequence of str, optional
+            Keep it from these; default: from those with a danger weight, such as people.
+        exempt : sequence of (str, str), optional
+            Pairs of a link and an obstacle that need not keep it, only not touch.
+
+        Raises
+        ------
+        InputError
+            If the distance is not a finite number ≥ 0, or there is nothing to keep it from.
+        UnknownNameError
+            If there is no such obstacle or link.
+        """
+        wanted = MinClearance.of(distance, obstacles, exempt, self.scene, self._links)
+        self._min_clearance = wanted
+        self.cover(0.0 if wanted is None else wanted.distance)
+        self.required = self._required()
+
+    def getMinClearance(self) -> MinClearance | None:
+        """Return what `setMinClearance` requires; None where nothing is required."""
+        return self._min_clearance
+
+    def _required(self) -> FloatArray:
+        wanted = self._min_clearance
+        if wanted is None:
+            return np.zeros(len(self.pair_names))
+        return np.where(self.meets_obstacle, [wanted.between(*pair) for pair in self.pair_names], 0.0)
+
+    def too_near(self, q: FloatArray) -> bool:
+        """Return whether the robot touches something at `q: (n,)`, or comes nearer than `setMinClearance` allows."""
+        if self.in_collision(q):
+            return True
+        if self._min_clearance is None:
+            return False
+        self.set_margins(self.required)
+        return self.within_margins(q)
+
+    def pair_within_margins(self, q: FloatArray) -> tuple[str, str] | None:
+        """Return the names of a pair that is nearer than its margin at `q: (n,)`, or None."""
+        self.counts.margin_queries += 1
+        return self._named_contact(self._margin, q)
 
     def in_collision(self, q: FloatArray) -> bool:
         """Return whether the robot touches an obstacle or itself at `q: (n,)`; limits are not looked at."""
@@ -180,72 +256,10 @@ class CollisionChecker:
         body, obstacle = self._apart_pairs[nearest]
         return Clearance(float(distances[nearest]), self._names[body], self._names[obstacle])
 
-    def _named_contact(self, queries: _Queries, q: FloatArray) -> tuple[str, str] | None:
+    def _named_contact(self, queries: Queries, q: FloatArray) -> tuple[str, str] | None:
         results = queries.all_contacts(self.robot.pinocchio_configuration(q))
         touching = np.flatnonzero(results)
         return self.pair_names[int(touching[0])] if len(touching) else None
-
-
-class _Queries:
-    """Boolean queries over the pairs of one geometry model, with their own working memory.
-
-    Pinocchio's broad-phase manager does not keep alive what it looks at; this object does.
-    """
-
-    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, obstacles: int) -> None:
-        self.model = model
-        self.geometry = geometry
-        self.kinematics = model.createData()
-        self.data = _fresh_data(geometry)
-        # Pinocchio takes margins as a matrix over bodies; writing it is ten times faster than request by request.
-        bodies = len(geometry.geometryObjects)
-        self._margins: FloatArray = np.zeros((bodies, bodies), order="F")
-        self._margin_entries: FloatArray = self._margins.reshape(-1, order="F")  # a view
-        self._entries = np.array([a + bodies * b for a, b in _indices(geometry)], dtype=np.intp)
-        self.set_margins(np.zeros(len(self._entries)))
-        kind = (
-            pin.BroadPhaseManager_SSaPCollisionManager
-            if obstacles > _MANY_OBSTACLES
-            else pin.BroadPhaseManager_NaiveCollisionManager
-        )
-        self.manager = kind(model, geometry, self.data)
-        self.use_manager = True
-
-    def set_margins(self, margins: FloatArray) -> None:
-        # With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre
-        # apart, and calls them free: what is nearer than it can tell counts as touching.
-        self._margin_entries[self._entries] = margins + DISTANCE_ERROR
-        self.data.setSecurityMargins(self.geometry, self._margins, True, False)
-
-    def touches(self, q: FloatArray) -> bool:
-        if self.use_manager:
-            return bool(pin.computeCollisions(self.model, self.kinematics, self.manager, q, True))
-        return self.touches_plainly(q)
-
-    def touches_plainly(self, q: FloatArray) -> bool:
-        return bool(pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, True))
-
-    def all_contacts(self, q: FloatArray) -> BoolArray:
-        pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, False)
-        return np.array([result.isCollision() for result in self.data.collisionResults], dtype=bool)
-
-
-def _fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
-    """Return working memory in which a query does not start from the result of the one before.
-
-    That would change distances by micrometres, and with them, now and then, what a planner finds with the same seed.
-    """
-    data = pin.GeometryData(geometry)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # in favour of an option that Pinocchio overrides
-        for request in (*data.collisionRequests, *data.distanceRequests):
-            request.enable_cached_gjk_guess = False
-    return data
-
-
-def _indices(geometry: pin.GeometryModel) -> list[tuple[int, int]]:
-    """Return the two bodies of each pair, the first one with the smaller index."""
-    return [(int(pair.first), int(pair.second)) for pair in geometry.collisionPairs]
 
 
 def _with_obstacles(bodies: pin.GeometryModel, scene: Scene) -> tuple[pin.GeometryModel, list[str]]:
@@ -266,8 +280,8 @@ def _reach(robot: Robot, body: pin.GeometryObject) -> coal.CollisionObject:
     return coal.CollisionObject(coal.Cylinder(reach.radius, 2 * reach.half_length), rotation, reach.center)
 
 
-def _can_meet(reach: coal.CollisionObject, obstacle: pin.GeometryObject) -> bool:
-    """Return False only if a body with this reach provably never touches the obstacle, whatever the joints do."""
+def _least_distance(reach: coal.CollisionObject, obstacle: pin.GeometryObject) -> float:
+    """Return the distance [m] that a body with this reach keeps from an obstacle at least, whatever the joints do."""
     place = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
     distance = coal.distance(
         reach.collisionGeometry(),
@@ -277,7 +291,7 @@ def _can_meet(reach: coal.CollisionObject, obstacle: pin.GeometryObject) -> bool
         coal.DistanceRequest(),
         coal.DistanceResult(),
     )
-    return bool(distance < DISTANCE_ERROR)
+    return float(distance)
 
 
 def _pair_radii(robot: Robot, pairs: IntArray) -> FloatArray:
@@ -293,14 +307,3 @@ def _pair_radii(robot: Robot, pairs: IntArray) -> FloatArray:
         only_one = (moves(a) > 0) != (moves(b) > 0)
         radii[row] = (moves(a) + moves(b)) * only_one
     return radii
-
-
-def _prove_manager(robot: Robot, queries: _Queries) -> None:
-    """Hold the broad-phase manager against the plain query; do without it where they differ."""
-    for q in sample_configurations(robot.model)[:_PROOF_SAMPLES]:
-        if queries.touches(q) != queries.touches_plainly(q):
-            _log.warning(
-                "%s: broad phase %s disagrees with coal; not used", robot.name, type(queries.manager).__name__
-            )
-            queries.use_manager = False
-            return
