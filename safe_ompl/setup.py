@@ -440,6 +440,8 @@ def _nodes(planner: Any) -> int:
     """Return how many nodes a planner kept."""
     if isinstance(planner, SafePlanner):
         return planner.counts.nodes
+    if isinstance(planner, og.BITstar):  # reading its graph leaks it, and with it the robot: count its samples
+        return int(planner.numBatches() * planner.getSamplesPerBatch())
     data = ob.PlannerData(planner.getSpaceInformation())
     planner.getPlannerData(data)
     return int(data.numVertices())

@@ -1,0 +1,183 @@
+"""Ctrl-C and exceptions of the user's callbacks end planning at once, arrive unchanged, and leave all intact."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ompl import util as ou
+
+from safe_ompl.models.scenario import Scenario, find_scenario
+from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
+from safe_ompl.plugins.goals import WorkspaceGoal
+from safe_ompl.plugins.motion import CertifiedMotionValidator
+from safe_ompl.plugins.objective import DangerObjective
+from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.setup import SafeSetup, setup_scenario
+
+PLANNERS = [
+    name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar", "FMT")
+]
+PROGRAM = Path(__file__).parent / "programs" / "interrupted.py"
+LATENCY = 0.2  # [s]
+TRIES = 3  # another process may hold the machine up
+
+
+@pytest.fixture(autouse=True)
+def quiet():
+    level = ou.getLogLevel()
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    yield
+    ou.setLogLevel(level)
+
+
+def seconds_until_interrupted(setup: SafeSetup, planner: str, delay: float) -> float:
+    """Plan again and again until an alarm, handled as Ctrl-C is, and return how late that was noticed [s]."""
+    signal.signal(signal.SIGALRM, signal.default_int_handler)
+    setup.setPlanner(make_planner(planner, setup.getSpaceInformation()))
+    begin = time.monotonic()
+    try:
+        signal.setitimer(signal.ITIMER_REAL, delay)
+        while True:
+            setup.clear()
+            setup.solve(60.0)
+    except KeyboardInterrupt:
+        return time.monotonic() - begin - delay
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_ctrl_c_ends_planning_at_once(planner: str) -> None:
+    setup, rng = setup_scenario(Scenario.load(find_scenario("planar3"))), np.random.default_rng(7)
+    for delay in rng.uniform(0.01, 0.15, 4):
+        assert any(seconds_until_interrupted(setup, planner, delay) < LATENCY for _ in range(TRIES))
+        assert not setup.haveSolutionPath() or setup.report(setup.solution()).certified
+        result = setup.plan(planner, time=0.1)
+        assert not result or result.report.certified
+
+
+def test_a_program_that_was_interrupted_ends_quietly() -> None:
+    program = subprocess.Popen(
+        [sys.executable, str(PROGRAM), "BITstar"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert program.stdout.readline() == "ready\n", program.stderr.read()
+        program.send_signal(signal.SIGINT)
+        output, errors = program.communicate(timeout=30)
+    finally:
+        program.kill()
+    assert (program.returncode, output, errors) == (0, "interrupted\n", "")
+
+
+class FirstOfAllError(Exception):
+    """What a user's callback raises."""
+
+
+class Fuse:
+    """Raises at the k-th call, once."""
+
+    def __init__(self, k: int) -> None:
+        self.left = k
+
+    def burn(self) -> None:
+        self.left -= 1
+        if self.left == 0:
+            raise FirstOfAllError("of all")
+
+
+def broken_checker(setup: SafeSetup, fuse: Fuse) -> None:
+    class Broken(CollisionFreeValidity):
+        def isValid(self, state: Any) -> bool:
+            fuse.burn()
+            return super().isValid(state)
+
+    setup.setStateValidityChecker(Broken(setup.getSpaceInformation(), setup.checker))
+
+
+def broken_lambda(setup: SafeSetup, fuse: Fuse) -> None:
+    inner = CollisionFreeValidity(setup.getSpaceInformation(), setup.checker)
+    setup.setStateValidityChecker(lambda state: fuse.burn() or inner.isValid(state))
+
+
+def broken_validator(setup: SafeSetup, fuse: Fuse) -> None:
+    class Broken(CertifiedMotionValidator):
+        def checkMotion(self, start: Any, end: Any) -> bool:
+            fuse.burn()
+            return super().checkMotion(start, end)
+
+    si = setup.getSpaceInformation()
+    si.setMotionValidator(Broken(si, setup.checker))
+
+
+def broken_objective(setup: SafeSetup, fuse: Fuse) -> None:
+    class Broken(DangerObjective):
+        def stateCost(self, state: Any) -> Any:
+            fuse.burn()
+            return super().stateCost(state)
+
+        def motionCost(self, start: Any, end: Any) -> Any:
+            fuse.burn()
+            return super().motionCost(start, end)
+
+        def values(self, configurations: Any) -> Any:
+            fuse.burn()
+            return super().values(configurations)
+
+    setup.setOptimizationObjective(Broken(setup.getSpaceInformation(), setup.field))
+
+
+def broken_goal(setup: SafeSetup, fuse: Fuse) -> None:
+    class Broken(WorkspaceGoal):
+        def sampleGoal(self, state: Any) -> None:
+            fuse.burn()
+            super().sampleGoal(state)
+
+        def distanceGoal(self, state: Any) -> float:
+            fuse.burn()
+            return super().distanceGoal(state)
+
+    setup.setGoal(Broken(setup.getSpaceInformation(), setup.robot, [0.465, -0.875, 0.0], seed=0))
+
+
+BREAKERS: dict[str, Callable[[SafeSetup, Fuse], None]] = {
+    "checker": broken_checker,
+    "lambda": broken_lambda,
+    "validator": broken_validator,
+    "objective": broken_objective,
+    "goal": broken_goal,
+}
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_an_exception_of_a_callback_arrives_unchanged(planner: str) -> None:
+    scenario = Scenario.load(find_scenario("planar3"))
+    raised = []
+    for what, k in itertools.product(BREAKERS, (1, 7)):
+        if what == "lambda" and "Bubble" in planner:  # it asks the checker for distances
+            continue
+        setup = setup_scenario(scenario)
+        if needs_place(planner):
+            setup.setWorkspaceGoal(scenario.goal.position)
+        fuse = Fuse(10**9)
+        BREAKERS[what](setup, fuse)
+        few = {"num_samples": 25} if "FMT" in planner else {}
+        setup.setPlanner(make_planner(planner, setup.getSpaceInformation(), few))
+        setup.setup()
+        fuse.left = k
+        try:
+            setup.solve(0.1)
+        except FirstOfAllError as error:
+            raised.append((what, str(error), setup.haveSolutionPath()))
+        else:
+            assert fuse.left > 0, f"{what}: the exception of call {k} was lost"
+        fuse.left = 10**9
+        setup.solve(0.1)
+        assert not setup.haveExactSolutionPath() or setup.report(setup.solution()).certified
+    assert {("checker", "of all", False), ("validator", "of all", False)} <= {*raised}
