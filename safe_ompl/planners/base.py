@@ -14,11 +14,14 @@ from ompl import geometric as og
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
 from safe_ompl.models.counts import Counts
+from safe_ompl.models.danger import DangerField
+from safe_ompl.models.danger_bounds import DangerLimit
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import ScratchState, StateBridge
 
 _log = logging.getLogger(__name__)
 
+_UNREAD = object()  # stands for an objective until the problem's is read
 _SCALE_SAMPLES = 50
 _SCALE_SEED = 0  # the scale belongs to robot and scene: it must not change with the planner's seed
 _FIRST_GOALS = 100  # taken before planning begins
@@ -44,7 +47,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]))
         self._bridge = StateBridge(si.getStateSpace())
         self._from, self._to = ScratchState(self._bridge), ScratchState(self._bridge)
-        self._objective: Any = None
+        self._objective: Any = _UNREAD
+        self._max_danger = 0.0
+        self._danger_limit: DangerLimit | None = None
         self._cost = StateCost(None, self._bridge)
         self._cost_scale = 0.0
         self._alpha = 1.0
@@ -79,6 +84,18 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def getRange(self) -> float:
         """Return the largest length of one extension [rad]."""
         return self._range or self._default_range
+
+    def setMaxDanger(self, danger: float) -> None:
+        """Set the danger that no configuration of a path may exceed, proven along whole motions; 0: any.
+
+        It is in the units of the problem's danger objective. Trees grown under another limit are dropped.
+        """
+        self._max_danger = non_negative("max danger", danger)
+        self._objective = _UNREAD
+
+    def getMaxDanger(self) -> float:
+        """Return the danger that no configuration of a path may exceed; 0: any."""
+        return self._max_danger
 
     # ------------------------------------------------------------------------------------------- life cycle
 
@@ -168,10 +185,14 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return lower + (upper - lower) * self._rng.random(self._bridge.n)
 
     def _is_valid(self, q: FloatArray) -> bool:
-        return bool(self.getSpaceInformation().isValid(self._from.set(q)))
+        if not self.getSpaceInformation().isValid(self._from.set(q)):
+            return False
+        return self._danger_limit is None or self._danger_limit.allows(q)
 
     def _motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
-        return bool(self.getSpaceInformation().checkMotion(self._from.set(start), self._to.set(end)))
+        if not self.getSpaceInformation().checkMotion(self._from.set(start), self._to.set(end)):
+            return False
+        return self._danger_limit is None or self._danger_limit.allows_motion(start, end)
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the goals that the problem offers: all at first, later one now and then.
@@ -192,8 +213,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             self._take_goal(inputs.nextGoal())
 
     def _take_goal(self, state: Any) -> None:
-        if state is not None:
-            self._add_goal(self._bridge.read(state))
+        if state is not None and not self._too_dangerous("goal", q := self._bridge.read(state)):
+            self._add_goal(q)
 
     def _take_starts(self) -> None:
         inputs = self.getPlannerInputStates()
@@ -201,7 +222,18 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             state = inputs.nextStart()
             if state is None:
                 return
-            self._add_start(self._bridge.read(state))
+            q = self._bridge.read(state)
+            if not self._too_dangerous("start", q):
+                self._add_start(q)
+
+    def _too_dangerous(self, name: str, q: FloatArray) -> bool:
+        limit = self._danger_limit
+        if limit is None or limit.allows(q):
+            return False
+        _log.warning(
+            "%s: %s has danger %.4g, above the limit %.4g", self.getName(), name, limit.danger(q), limit.limit
+        )
+        return True
 
     # -------------------------------------------------------------------------------------------- internals
 
@@ -209,11 +241,21 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Read the problem's objective; what was built under another one is dropped, its costs are stale."""
         self._objective = self.getProblemDefinition().getOptimizationObjective()
         self._cost = StateCost(self._objective, self._bridge)
+        self._danger_limit = None  # the scale belongs to robot and scene, whatever the limit
         self._cost_scale = 0.0 if self._cost.is_zero else self._measure_scale()
         if self._cost.is_zero:
             _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
+        if self._max_danger:
+            self._danger_limit = DangerLimit(self._danger_field(), self._max_danger)
         self._forget()
         self.getPlannerInputStates().restart()
+
+    def _danger_field(self) -> DangerField:
+        """Return the field of the problem's danger objective; without it there is nothing to prove."""
+        field = getattr(self._objective, "field", None)
+        if not isinstance(field, DangerField):
+            raise InputError(f"{self.getName()}: max danger {self._max_danger:g} needs a DangerObjective")
+        return field
 
     def _measure_scale(self) -> float:
         """Return the median of ‖∇c‖ over valid configurations: what α is measured in (`math.md` §2)."""

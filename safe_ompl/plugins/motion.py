@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
 from ompl import base as ob
 
 from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.models.danger_bounds import DangerLimit
 from safe_ompl.models.motion import CertifiedMotion
 from safe_ompl.plugins.states import StateBridge
 
@@ -32,6 +34,19 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         self.motion = CertifiedMotion(checker, floor)
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
         self._bridge = StateBridge(self._space)
+
+    def setDangerLimit(self, limit: DangerLimit | None) -> None:
+        """Accept only motions whose danger is proven to keep to a limit; None: whatever it is."""
+        self.motion.limits = () if limit is None else (limit,)
+
+    def setMinClearance(
+        self,
+        distance: float,
+        obstacles: Sequence[str] | None = None,
+        exempt: Sequence[tuple[str, str]] = (),
+    ) -> None:
+        """Accept only motions that are proven to keep a distance; see `CollisionChecker.setMinClearance`."""
+        self.motion.checker.setMinClearance(distance, obstacles, exempt)
 
     def checkMotion(self, start: Any, end: Any) -> bool:
         """Return whether the straight motion between two states is within limits and proven free."""

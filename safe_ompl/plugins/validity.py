@@ -7,11 +7,15 @@ from typing import Any
 from ompl import base as ob
 
 from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.models.danger_bounds import DangerLimit
 from safe_ompl.plugins.states import StateBridge
 
 
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
+
+    States nearer to an obstacle than the checker's `setMinClearance` allows are refused, too, and so are states more
+    dangerous than `setDangerLimit` allows.
 
     Parameters
     ----------
@@ -24,8 +28,13 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     def __init__(self, si: Any, checker: CollisionChecker) -> None:
         super().__init__(si)
         self.checker = checker
+        self._limit: DangerLimit | None = None
         self._space = si.getStateSpace()
         self._bridge = StateBridge(self._space)
+
+    def setDangerLimit(self, limit: DangerLimit | None) -> None:
+        """Accept only states whose danger keeps to a limit; None: whatever it is."""
+        self._limit = limit
 
     def isValid(self, state: Any) -> bool:
         """Return whether `state` is within limits, finite, and free of collision."""
@@ -34,7 +43,9 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         q = self._bridge.view(state)
         square = q.dot(q)
         # OMPL's bounds let NaN pass: every comparison with it is false.
-        return bool(square == square) and not self.checker.in_collision(q)
+        if square != square or self.checker.too_near(q):
+            return False
+        return self._limit is None or self._limit.allows(q)
 
     def clearance(self, state: Any) -> float:
         """Return the distance [m] between the robot and the nearest obstacle."""

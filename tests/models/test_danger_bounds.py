@@ -12,7 +12,7 @@ from safe_ompl.errors import InputError
 from safe_ompl.maths.bounds import Ends, chords
 from safe_ompl.maths.field import Segments, segment_distances, segment_fields
 from safe_ompl.models.danger import AGGREGATES, DangerField
-from safe_ompl.models.danger_bounds import CertifiedDanger
+from safe_ompl.models.danger_bounds import CertifiedDanger, DangerLimit
 from safe_ompl.models.keypoint_rates import KeypointRates
 from safe_ompl.models.motion import Verdict
 
@@ -180,7 +180,7 @@ def test_a_link_that_passes_through_a_danger_point_is_not_bounded(panda):
     inside = panda.keypoints(start + 0.3 * (end - start))[-2:].mean(axis=0)
     danger = CertifiedDanger(DangerField(panda, [inside]))
     assert danger.of_edge(start, end).upper == np.inf
-    verdict = danger.check(start, end, 1e4)
+    verdict = DangerLimit(danger.field, 1e4).check(start, end)
     assert verdict.verdict is not Verdict.FREE
     assert verdict.at == pytest.approx(0.3, abs=0.01)
 
@@ -206,16 +206,25 @@ def test_verdicts_on_limits(robot_named, name, seed, share):
     start, end = random_path(robot, seed, 1, 1.0)
     values = danger.field.values(densely(robot, np.array([start, end])))
     limit = share * values.max()
-    found = danger.check(start, end, limit)
+    checked = DangerLimit(danger.field, limit)
+    found = checked.check(start, end)
+    assert checked.allows_motion(start, end) == (found.verdict is Verdict.FREE)
     if found.verdict is Verdict.FREE:
         assert values.max() <= limit
-        assert found.at is None
+        assert (found.at, found.pair) == (None, None)
     elif found.verdict is Verdict.BLOCKED:
         at = start + found.at * robot.difference(start, end)
-        assert danger.field.value(at) == pytest.approx(found.danger, rel=1e-9)
-        assert found.danger > limit
+        assert danger.field.value(at) > limit * (1 - 1e-9)
+        assert found.pair == ("danger", "its limit")
     else:
         assert share == pytest.approx(1.0, abs=1e-2)
+
+
+def test_configurations_within_a_limit(panda):
+    q = (panda.lower + panda.upper) / 2
+    danger = certified(panda).field.value(q)
+    assert DangerLimit(certified(panda).field, danger).allows(q)
+    assert not DangerLimit(certified(panda).field, 0.999 * danger).allows(q)
 
 
 def test_a_generous_limit_costs_little(panda):
@@ -223,7 +232,7 @@ def test_a_generous_limit_costs_little(panda):
     start, end = random_path(panda, 1, 1, 0.5)
     peak = danger.of_edge(start, end).upper
     danger.field.counts.reset()
-    assert danger.check(start, end, 3 * peak).verdict is Verdict.FREE
+    assert DangerLimit(danger.field, 3 * peak).allows_motion(start, end)
     assert danger.field.counts.field_configurations <= 4
 
 
@@ -241,8 +250,8 @@ def test_options_must_be_positive(panda, bad):
     for option in ("tolerance", "floor"):
         with pytest.raises(InputError, match=f"{option} must be a positive number, got"):
             CertifiedDanger(field, **{option: bad})
-    with pytest.raises(InputError, match="danger limit must be a positive number, got"):
-        certified(panda).check(panda.lower, panda.upper, bad)
+    with pytest.raises(InputError, match="max danger must be a positive number, got"):
+        DangerLimit(field, bad)
 
 
 def test_paths_are_checked(robot_named):
