@@ -50,7 +50,7 @@ class UnknownNameError(InputError):
 
 
 class CollisionError(InputError):
-    """A start or goal configuration touches something; names the pair."""
+    """A start or goal configuration touches something, is nearer or more dangerous than allowed; says to what."""
 
 
 class PlanningError(SafeOmplError):

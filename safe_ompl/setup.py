@@ -21,11 +21,12 @@ from safe_ompl.models import document
 from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.counts import Counts
 from safe_ompl.models.danger import DangerField
+from safe_ompl.models.danger_bounds import DangerLimit
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.paths.report import PathReport
-from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.base import SafePlanner, non_negative
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
@@ -143,12 +144,15 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         self.counts = Counts()
         self.checker = CollisionChecker(robot, scene, self.counts)
         self.field = None if danger is None else _danger_field(robot, scene, danger, self.counts)
-        self.setStateValidityChecker(CollisionFreeValidity(si, self.checker))
+        self._validity = CollisionFreeValidity(si, self.checker)
+        self.setStateValidityChecker(self._validity)
         self._validator = CertifiedMotionValidator(si, self.checker, floor)
         si.setMotionValidator(self._validator)
         if self.field is not None:
             self.setOptimizationObjective(DangerObjective(si, self.field))
         self._bridge = StateBridge(self.getStateSpace())
+        self._danger_limit: DangerLimit | None = None
+        self._given: tuple[FloatArray | None, list[FloatArray]] = None, []  # start and goals
         self._goal_region: Any = None
         self._place: WorkspaceGoal | None = None
 
@@ -170,6 +174,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         rows = np.atleast_2d(np.asarray(goals, dtype=object))
         q_goals = self._checked_goals([list(row) for row in rows])
         self.setStartConfiguration(start)
+        self._given = self._given[0], q_goals
         region = ob.GoalStates(self.getSpaceInformation())
         for q in q_goals:
             region.addState(self._state(q))
@@ -179,6 +184,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
     def setStartConfiguration(self, start: ArrayLike) -> None:
         """Set the start configuration (n,) [rad or m]; errors as `setConfigurations`."""
         q_start = self._checked_configuration(start, "start")
+        self._given = q_start, self._given[1]
         self.clearStartStates()
         self.addStartState(self._state(q_start))
 
@@ -204,6 +210,59 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             seed=0,
         )
         self.setGoal(self._place)
+
+    def setMaxDanger(self, limit: float) -> None:
+        """Set the danger that no configuration of a path may exceed, whoever plans it, proven along whole motions.
+
+        Parameters
+        ----------
+        limit : float
+            In the units of the danger field; 0: any danger.
+
+        Raises
+        ------
+        InputError
+            If it is negative or not finite, or there is no danger field.
+        CollisionError
+            If start or all goals are above it.
+        """
+        if self.field is None:
+            raise InputError("max danger needs a danger field; this setup plans without danger")
+        self._danger_limit = DangerLimit(self.field, limit) if non_negative("max danger", limit) else None
+        self._validity.setDangerLimit(self._danger_limit)
+        self._validator.setDangerLimit(self._danger_limit)
+        self._check_given()
+
+    def setMinClearance(
+        self,
+        distance: float,
+        obstacles: Sequence[str] | None = None,
+        exempt: Sequence[tuple[str, str]] = (),
+    ) -> None:
+        """Set the distance that every path must keep from obstacles, whoever plans it, proven along whole motions.
+
+        Parameters
+        ----------
+        distance, obstacles, exempt
+            As in `CollisionChecker.setMinClearance`.
+
+        Raises
+        ------
+        CollisionError
+            If start or all goals are nearer.
+        InputError
+            As there.
+        """
+        self.checker.setMinClearance(distance, obstacles, exempt)
+        self._check_given()
+
+    def _check_given(self) -> None:
+        """Raise an error if the start or all goals that were given are not allowed any more."""
+        start, goals = self._given
+        if start is not None:
+            self._checked_configuration(start, "start")
+        if goals:
+            self._checked_goals(goals)
 
     def _choose_goal(self, planner: Any, seed: int) -> None:
         """Of a place and goal configurations that were both set, take what the planner plans to."""
@@ -238,6 +297,14 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         pair = self.checker.colliding_pair(q)
         if pair is not None:
             raise CollisionError(f"{name} is in collision: {pair[0]!r} touches {pair[1]!r}")
+        if self.checker.too_near(q):
+            near = self.checker.pair_within_margins(q) or ("robot", "obstacle")
+            least = f"{1e3 * self.checker.required.max():g} mm"
+            raise CollisionError(f"{name} is too near: {near[0]!r} keeps less than {least} from {near[1]!r}")
+        if self._danger_limit is not None and not self._danger_limit.allows(q):
+            raise CollisionError(
+                f"{name}: danger {self._danger_limit.danger(q):.4g} is above the limit {self._danger_limit.limit:g}"
+            )
         # Within the tolerance of the limits a start is accepted; OMPL's own tolerance is smaller.
         return np.where(robot.continuous, q, np.clip(q, robot.lower, robot.upper))
 
@@ -344,6 +411,15 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             counts=counts,
         )
 
+    def getPlannerData(self, data: Any) -> None:
+        """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
+        planner = self.getPlanner()
+        if isinstance(planner, SafePlanner):
+            data.clear()
+            planner.fillPlannerData(data)
+        else:
+            super().getPlannerData(data)
+
     def solution(self) -> FloatArray:
         """Return the solution path (N, n) found last."""
         path = self.getSolutionPath()
@@ -407,6 +483,12 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
             setup.setStartConfiguration(start)
         else:
             setup.setConfigurations(start, goals)
+        with document.within("limits"):
+            if scenario.limits.max_danger:
+                setup.setMaxDanger(scenario.limits.max_danger)
+            if scenario.limits.min_clearance:
+                limits = scenario.limits
+                setup.setMinClearance(limits.min_clearance, limits.obstacles, limits.exempt)
     return setup
 
 
@@ -440,7 +522,9 @@ def _nodes(planner: Any) -> int:
     """Return how many nodes a planner kept."""
     if isinstance(planner, SafePlanner):
         return planner.counts.nodes
-    if isinstance(planner, og.BITstar):  # reading its graph leaks it, and with it the robot: count its samples
+    if isinstance(
+        planner, og.BITstar
+    ):  # reading its graph leaks it, and with it the robot: count its samples
         return int(planner.numBatches() * planner.getSamplesPerBatch())
     data = ob.PlannerData(planner.getSpaceInformation())
     planner.getPlannerData(data)

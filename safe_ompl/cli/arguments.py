@@ -36,6 +36,11 @@ def seed(text: str) -> int:
     return _number(int, text, lambda value: 0 <= value < 2**32, "a whole number in [0, 2**32)")
 
 
+def limit(text: str) -> float:
+    """Read a limit."""
+    return _number(float, text, lambda value: 0 < value < math.inf, "a positive number")
+
+
 def names(text: str) -> tuple[str, ...]:
     """Read names with commas between them."""
     found = tuple(name.strip() for name in text.split(","))
@@ -181,6 +186,24 @@ def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
             raise InputError(f"{name!r} is given twice: {found[name]!r} and {value!r}", option)
         found[name] = value
     return found
+
+
+def add_limit_options(parser: argparse.ArgumentParser) -> None:
+    """Add what every path must keep to."""
+    group = parser.add_argument_group("limits, proven along whole motions")
+    group.add_argument("--max-danger", type=limit, metavar="X", help="no configuration is more dangerous")
+    group.add_argument(
+        "--min-clearance",
+        type=limit,
+        metavar="D",
+        help="keep D metres from people and whatever has a danger weight",
+    )
+
+
+def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
+    """Return the scenario with the limits that the options give instead of its own."""
+    given = {key: getattr(options, key) for key in ("max_danger", "min_clearance") if getattr(options, key)}
+    return dataclasses.replace(scenario, limits=dataclasses.replace(scenario.limits, **given))
 
 
 # ----------------------------------------------------------------------------------------------- scenarios

@@ -9,11 +9,13 @@ from typing import Any
 
 from safe_ompl.campaign import check_planner
 from safe_ompl.cli.arguments import (
+    add_limit_options,
     add_planner_options,
     add_robot_options,
     given_parameters,
     given_robot,
     load_scenario,
+    with_limits,
 )
 from safe_ompl.cli.console import output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
@@ -41,6 +43,7 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--certificate", metavar="FILE", help="write the path with its proof, for `safe-ompl verify` (.json)"
     )
+    add_limit_options(parser)
     add_robot_options(parser, instead_of="the scenario's")
     parser.set_defaults(prepare=prepare)
 
@@ -50,7 +53,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     check_writable(options.json, "--json")
     check_writable(options.certificate, "--certificate")
     check_picture(options.plot, "--plot")
-    scenario = load_scenario(options.scenario)
+    scenario = with_limits(load_scenario(options.scenario), options)
     spec = given_robot(options, lambda: scenario.robot)
     robot = scenario.build_robot() if spec is scenario.robot else spec.build()
     setup = setup_scenario(scenario, robot)

@@ -101,7 +101,7 @@ def certificate_of(
 ) -> dict[str, Any]:
     """Return the certificate of a solved plan, for `file`: files that it names are relative to that."""
     assert result.path is not None
-    folder = Path(file).parent
+    folder, wanted = Path(file).parent, setup.checker.getMinClearance()
     assert scenario.file is not None
     return certificate(
         result.path,
@@ -109,6 +109,7 @@ def certificate_of(
         setup.scene,
         field=setup.field,
         spacing=scenario.danger.get("spacing"),
+        clearance=None if wanted is None else wanted.as_dict(),
         source={
             "scenario": document.file_name(scenario.file.resolve(), folder),
             "robot": None if spec is scenario.robot else spec.to_mapping(folder),

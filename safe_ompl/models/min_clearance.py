@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -59,3 +60,8 @@ class MinClearance:
     def between(self, link: str, obstacle: str) -> float:
         """Return the distance [m] that a link must keep from an obstacle, or 0."""
         return self.distance if obstacle in self.obstacles and (link, obstacle) not in self.exempt else 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain numbers, lists and strings."""
+        exempt = sorted([link, obstacle] for link, obstacle in self.exempt)
+        return {"distance": self.distance, "obstacles": list(self.obstacles), "exempt": exempt}

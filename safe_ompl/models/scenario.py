@@ -11,6 +11,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.models import document
 from safe_ompl.models.goal import Configuration, Goal, configuration_for, read_configuration
+from safe_ompl.models.limits import PathLimits
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.robot_spec import RobotSpec
 from safe_ompl.models.scene import Scene
@@ -41,6 +42,8 @@ class Scenario:
         Parameters of the danger field, by name.
     planners : mapping, optional
         For each planner's name its parameters, by name.
+    limits : PathLimits, optional
+        What every path must keep to.
     time : float, optional
         Time limit [s].
     file : Path, optional
@@ -61,6 +64,7 @@ class Scenario:
     danger: Mapping[str, Any] = field(default_factory=dict)
     planners: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     time: float = _TIME
+    limits: PathLimits = field(default_factory=PathLimits)
     file: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -107,6 +111,9 @@ class Scenario:
         goal_keys = document.mapping("goal", document.require(data, "goal"))
         with document.within("goal"):
             goal = Goal.from_mapping(goal_keys)
+        limit_keys = document.mapping("limits", data.get("limits") or {})
+        with document.within("limits"):
+            limits = PathLimits.from_mapping(limit_keys)
         return cls(
             name=data.get("name", file.stem),
             robot=spec,
@@ -116,6 +123,7 @@ class Scenario:
             description=data.get("description", ""),
             danger=data.get("danger") or {},
             planners=data.get("planners") or {},
+            limits=limits,
             time=data.get("time", _TIME),
             file=file,
         )
@@ -132,6 +140,7 @@ class Scenario:
             "goal": self.goal.to_mapping(),
             "danger": self.danger,
             "planners": self.planners,
+            **({"limits": self.limits.to_mapping()} if self.limits != PathLimits() else {}),
             "time": self.time,
         }
         Path(path).write_text(document.dump_document(data), encoding="utf-8")
