@@ -16,6 +16,7 @@ from safe_ompl.plots.data import check_partners, rows, tables
 from safe_ompl.plots.page import ALONG, DANGER, GREY, Page, natural
 
 _BAND = (15.0, 85.0)  # percentiles, as in the paper
+_MOST_IN_AXES = 5  # planners whose legend finds room beside their curves
 _LOG_SPREAD = 30.0  # largest over smallest value from which an axis is logarithmic
 
 
@@ -46,7 +47,8 @@ def plot_profiles(
         If Matplotlib is not installed.
     """
     data = tables(profiles)
-    with Page(file, 7.0, 4.4) as page:
+    crowded = len(data) > _MOST_IN_AXES
+    with Page(file, 9.0 if crowded else 7.0, 4.4) as page:
         axes = page.figure.add_subplot()
         for name, style in planner_styles(data).items():
             runs = data[name]
@@ -55,7 +57,10 @@ def plot_profiles(
         axes.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
         axes.set_ylim(bottom=0.0)
         axes.set_title(title)
-        axes.legend(handlelength=3.2)
+        if crowded:
+            page.figure.legend(loc="outside right upper", handlelength=3.2)
+        else:
+            axes.legend(handlelength=3.2)
     return page.figure
 
 

@@ -139,7 +139,7 @@ def _write(figure: Any, x: float, y: float, text: str, points: float, colour: st
 
 
 def _columns(count: int) -> int:
-    return count if count <= 3 else 2 if count == 4 else 3
+    return count if count <= 3 else 2 if count == 4 else 3 if count <= 6 else 4
 
 
 def _panel_size(count: int) -> tuple[int, int]:
