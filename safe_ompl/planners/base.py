@@ -11,11 +11,12 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
 from safe_ompl.models.counts import Counts
 from safe_ompl.models.danger import DangerField
 from safe_ompl.models.danger_bounds import DangerLimit
+from safe_ompl.planners.graph import PlannerGraph
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import ScratchState, StateBridge
 
@@ -126,24 +127,33 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """
         if isinstance(ptc, (int, float)):
             ptc = ob.timedPlannerTerminationCondition(float(ptc))
-        problem = self.getProblemDefinition()
-        if problem is None:
+        if self.getProblemDefinition() is None:
             raise InputError(f"{self.getName()}: no problem definition set")
-        if problem.getOptimizationObjective() is not self._objective:
-            self._read_objective()
-        if not self._accepts(problem.getGoal()):
-            return ob.PlannerStatus(ob.PlannerStatus.UNRECOGNIZED_GOAL_TYPE)
-        self._take_starts()
-        if not self._has_starts():
-            return ob.PlannerStatus(ob.PlannerStatus.INVALID_START)
-        self._take_goals(ptc)
-        if not self._has_goals():
-            return ob.PlannerStatus(ob.PlannerStatus.TIMEOUT if ptc() else ob.PlannerStatus.INVALID_GOAL)
-        path = self._search(ptc)
-        if path is None:
-            return ob.PlannerStatus(ob.PlannerStatus.TIMEOUT)
-        self._publish(path)
-        return ob.PlannerStatus(ob.PlannerStatus.EXACT_SOLUTION)
+        try:
+            return ob.PlannerStatus(self._outcome(ptc))
+        except BaseException:  # Ctrl-C, too, may come between two halves of a step
+            self.clear()
+            raise
+
+    def plannerGraph(self) -> PlannerGraph:
+        """Return what the planner has built so far: vertices with their danger, edges, starts and goals."""
+        configurations, edges, starts, goals = self._graph()
+        ends = configurations[edges]
+        return PlannerGraph(
+            configurations,
+            self._cost.values(configurations),
+            edges,
+            np.linalg.norm(self._bridge.difference(ends[:, 0], ends[:, 1]), axis=1),
+            starts,
+            goals,
+        )
+
+    def fillPlannerData(self, data: Any) -> None:
+        """Append what the planner has built to an `ob.PlannerData`, as `plannerGraph` orders it.
+
+        It stands in for `getPlannerData`, of which OMPL's bindings allow no version in Python.
+        """
+        self.plannerGraph().fill(data, self._bridge)
 
     # ------------------------------------------------------------------------- what a planner must implement
 
@@ -172,6 +182,10 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     @abstractmethod
     def _search(self, ptc: Any) -> FloatArray | None:
         """Return a path (N, n) whose edges `_motion_is_free` accepts, or None when `ptc` fires."""
+
+    @abstractmethod
+    def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
 
     # --------------------------------------------------------------------------------- what planners can ask
 
@@ -236,6 +250,24 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return True
 
     # -------------------------------------------------------------------------------------------- internals
+
+    def _outcome(self, ptc: Any) -> Any:
+        problem = self.getProblemDefinition()
+        if problem.getOptimizationObjective() is not self._objective:
+            self._read_objective()
+        if not self._accepts(problem.getGoal()):
+            return ob.PlannerStatus.UNRECOGNIZED_GOAL_TYPE
+        self._take_starts()
+        if not self._has_starts():
+            return ob.PlannerStatus.INVALID_START
+        self._take_goals(ptc)
+        if not self._has_goals():
+            return ob.PlannerStatus.TIMEOUT if ptc() else ob.PlannerStatus.INVALID_GOAL
+        path = self._search(ptc)
+        if path is None:
+            return ob.PlannerStatus.TIMEOUT
+        self._publish(path)
+        return ob.PlannerStatus.EXACT_SOLUTION
 
     def _read_objective(self) -> None:
         """Read the problem's objective; what was built under another one is dropped, its costs are stale."""

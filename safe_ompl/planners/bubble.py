@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import bubbles
 from safe_ompl.maths.halton import halton_point
 from safe_ompl.models.collision import DISTANCE_ERROR, CollisionChecker
 from safe_ompl.planners.base import fraction, non_negative
+from safe_ompl.planners.graph import two_trees
 from safe_ompl.planners.sliding import SlidingPlanner
 from safe_ompl.planners.volume_tree import ROOT, EndPoint, Metric, VolumeTree
 from safe_ompl.plugins.validity import CollisionFreeValidity
@@ -395,6 +396,9 @@ class BubblePlanner(SlidingPlanner):
 
     def _add_goal(self, q: FloatArray) -> None:
         self._goal_tree.add_root(q)
+
+    def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        return two_trees(*(tree.bubbles() for tree in (self._start_tree, self._goal_tree)))
 
     def _has_starts(self) -> bool:
         return len(self._start_tree) > 0

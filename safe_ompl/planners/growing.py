@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.planners.graph import two_trees
 from safe_ompl.planners.sliding import SlidingPlanner
 from safe_ompl.planners.tree import Tree
 
@@ -52,6 +53,10 @@ class TreePlanner(SlidingPlanner):
 
     def _add_goal(self, q: FloatArray) -> None:
         self._goal_tree.add(q)
+
+    def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        trees = self._start_tree, self._goal_tree
+        return two_trees(*((tree.configurations, tree.parents) for tree in trees))
 
     def _has_starts(self) -> bool:
         return len(self._start_tree) > 0

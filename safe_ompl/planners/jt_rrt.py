@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
 from safe_ompl.models.kinematics import Limits, Place, limited_step, pseudoinverse_step, transpose_step
 from safe_ompl.planners.base import fraction, non_negative
@@ -282,6 +282,15 @@ class SafeJTRRT(SafeRRT):
     def _forget(self) -> None:
         super()._forget()
         self._forget_goal()
+
+    def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        vertices, edges, starts, _ = super()._graph()
+        return (
+            vertices,
+            edges,
+            starts,
+            np.array([] if self._arrived is None else [self._arrived], dtype=np.intp),
+        )
 
     def _forget_goal(self) -> None:
         self._distances: list[float] = []  # of the tip from the goal, for each node

@@ -301,6 +301,16 @@ class SafePRM(SlidingPlanner):
     def _add_goal(self, q: FloatArray) -> None:
         self._goals.append(self._roadmap.milestone_at(q))
 
+    def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        roadmap = self._roadmap
+        kept = np.unique(np.concatenate([np.flatnonzero(roadmap.connected), self._starts, self._goals]))
+        kept = kept.astype(np.intp)
+        free = [edge for edge, is_free in roadmap.edges.items() if is_free]
+        edges = np.array(free, dtype=np.intp).reshape(-1, 2)
+        edges = edges[np.isin(edges, kept).all(axis=1)]
+        starts, goals = (np.searchsorted(kept, np.unique(ends)) for ends in (self._starts, self._goals))
+        return roadmap.configurations[kept], np.searchsorted(kept, edges), starts, goals
+
     def _has_starts(self) -> bool:
         return bool(self._starts)
 

@@ -193,6 +193,12 @@ class VolumeTree:
             node = int(self.closed["parent"][node])
         return nodes[::-1]
 
+    def bubbles(self) -> tuple[FloatArray, IntArray]:
+        """Return the closed configurations (N, n) and roots not yet closed, with the index of each one's parent."""
+        roots = self.open["q"][self.open["parent"] == ROOT]
+        parents = np.concatenate([self.closed["parent"], np.full(len(roots), ROOT)])
+        return np.vstack([self.closed["center"], roots]), parents
+
     def cut(self, node: int) -> None:
         """Take a bubble out of the search, and all that has grown from it."""
         alive, parents = self.closed["alive"], self.closed["parent"]
