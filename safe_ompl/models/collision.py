@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import coal
 import numpy as np
@@ -112,7 +113,7 @@ class CollisionChecker:
         pairs = indices(geometry)
         self.pair_names = tuple((self._names[a], self._names[b]) for a, b in pairs)
         self._pairs: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        self.pair_radii: FloatArray = _pair_radii(robot, self._pairs)
+        self.pair_radii: FloatArray = self._pair_radii()
         self.meets_obstacle: BoolArray = self._pairs.max(axis=1, initial=-1) >= len(self._links)
         self._pair_distances = fresh_data(geometry)
         self._pair_results = list(self._pair_distances.distanceResults)
@@ -166,6 +167,25 @@ class CollisionChecker:
     def getMinClearance(self) -> MinClearance | None:
         """Return what `setMinClearance` requires; None where nothing is required."""
         return self._min_clearance
+
+    def _pair_radii(self) -> FloatArray:
+        """Displacement radii (P, n) of the pairs: joints that move both bodies alike do not count."""
+        bodies = self.robot.displacement_radii
+        moves = np.vstack(
+            [bodies, np.zeros((len(self.geometry.geometryObjects) - len(bodies), self.robot.n))]
+        )
+        first, second = moves[self._pairs[:, 0]], moves[self._pairs[:, 1]]
+        radii = np.where((first > 0) != (second > 0), first + second, 0.0)
+        return np.minimum(radii, self._obstacle_radii[self._pairs[:, 1]])
+
+    @cached_property
+    def _obstacle_radii(self) -> FloatArray:
+        """How far each obstacle is from the joints' axes at most; infinite for the robot's own bodies (G, n)."""
+        distances = np.full((len(self._own_geometry.geometryObjects), self.robot.n), np.inf)
+        for k, part in list(enumerate(self._own_geometry.geometryObjects))[len(self._links) :]:
+            hull = bounding_hull(part.geometry).moved(part.placement)
+            distances[k] = self.robot.chain.axis_distances(hull)
+        return distances
 
     def _required(self) -> FloatArray:
         wanted = self._min_clearance
@@ -240,7 +260,7 @@ class CollisionChecker:
         bodies[: len(radii)] = radii
         first, second = self._pairs.T
         both: FloatArray = bodies[first] + bodies[second]
-        return np.where(self.pair_radii > 0, both, 0.0)
+        return np.minimum(both, self.pair_radii)
 
     @property
     def distance_names(self) -> list[tuple[str, str]]:
@@ -292,18 +312,3 @@ def _least_distance(reach: coal.CollisionObject, obstacle: pin.GeometryObject) -
         coal.DistanceResult(),
     )
     return float(distance)
-
-
-def _pair_radii(robot: Robot, pairs: IntArray) -> FloatArray:
-    """Displacement radii (P, n) of the pairs: joints that move both bodies alike do not count."""
-    bodies = robot.collision_model.geometryObjects
-    fixed = np.zeros(robot.n)
-
-    def moves(k: int) -> FloatArray:
-        return robot.displacement_radii[k] if k < len(bodies) else fixed
-
-    radii = np.zeros((len(pairs), robot.n))
-    for row, (a, b) in enumerate(pairs):
-        only_one = (moves(a) > 0) != (moves(b) > 0)
-        radii[row] = (moves(a) + moves(b)) * only_one
-    return radii

@@ -95,6 +95,13 @@ class Cylinder:
             radius = max(radius, float(np.sqrt(c @ c + 2 * self.radius * lateral + self.radius**2)))
         return Cylinder((self.center @ axis) * axis, axis, radius, float(reach))
 
+    def farthest(self, body: Hull) -> float:
+        """Return the largest distance [m] between a point of a body and a point of the cylinder."""
+        arms = body.points - self.center
+        along = arms @ self.axis
+        lateral = np.linalg.norm(arms - along[:, None] * self.axis, axis=1)
+        return float(np.hypot(lateral + self.radius, np.abs(along) + self.half_length).max()) + body.radius
+
     def stretched(self, low: float, high: float) -> Cylinder:
         """Return what the cylinder sweeps when it slides along its axis by `low` … `high` [m]."""
         center = self.center + (low + high) / 2 * self.axis
@@ -167,6 +174,33 @@ class JointChain:
             raise ValueError("the body is fixed to the base")
         i, region = regions[-1]
         return region.moved(self.placements[i])
+
+    def axis_distances(self, body: Hull) -> FloatArray:
+        """Return how far a body that stands still in the world is from each joint's axis, at most (n,).
+
+        Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
+        distance times |Δ|: another bound of how far link and body approach each other.
+
+        Parameters
+        ----------
+        body : Hull
+            The body in the world frame.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            [m], that of the farthest point, at any configuration; infinite for prismatic joints.
+        """
+        distances = np.full(len(self.parents), np.inf)
+        for i in np.flatnonzero(~self.prismatic):
+            parent, placement = self.parents[i], self.placements[i]
+            if parent == 0:  # the axis stays where it is
+                fixed = Cylinder.around(body.moved(placement.inverse()), self.axes[i])
+                distances[i] = fixed.radius
+            else:
+                origin = self.reach(parent, Hull(placement.translation[None], 0.0))
+                distances[i] = origin.farthest(body)
+        return distances
 
     def _regions(self, joint: int, body: Hull) -> list[tuple[int, Cylinder]]:
         """For each joint that moves the body, the nearest first: where the body can be, in the joint's frame."""

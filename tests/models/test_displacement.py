@@ -264,3 +264,44 @@ def test_no_body_leaves_its_reach(robot_named, body_points, name, seed):
     for joint, hull, points in zip(bodies.joints, bodies.hulls, bodies.at(q), strict=True):
         if joint:
             assert contains(robot.chain.reach(joint, hull), points)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@settings(max_examples=20)
+@given(seed=seeds, radius=st.floats(0.0, 0.3))
+def test_no_obstacle_is_farther_from_an_axis_than_said(robot_named, name, seed, radius):
+    robot = robot_named(name)
+    rng = np.random.default_rng(seed)
+    obstacle = Hull(rng.normal(size=(4, 3)), radius)
+    farthest = robot.chain.axis_distances(obstacle)
+    assert np.isinf(farthest[robot.prismatic]).all()
+    data = robot.model.createData()
+    q = rng.uniform(robot.lower, robot.upper)
+    pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
+    for i in np.flatnonzero(~robot.prismatic):
+        joint = data.oMi[int(i) + 1]
+        across = np.cross(obstacle.points - joint.translation, joint.rotation @ robot.chain.axes[i])
+        actual = np.linalg.norm(across, axis=1).max() + radius
+        assert actual <= farthest[i] + ROUNDING
+        if robot.chain.parents[i] == 0:
+            assert actual == pytest.approx(farthest[i])
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "twin_arm"])
+@settings(max_examples=30)
+@given(seed=seeds, scale=st.floats(0.001, 0.3))
+def test_links_approach_obstacles_no_faster_than_their_pair_allows(
+    robot_named, clutter, plain_check, name, seed, scale
+):
+    robot = robot_named(name)
+    checker = _checker(robot, clutter)
+    start, end, delta = motion(robot, seed, scale)
+    before, after = checker.pair_distances(start), checker.pair_distances(end)
+    apart = (before > 0) & (after > 0)
+    assert (np.abs(after - before) <= checker.pair_radii @ delta + 2e-5)[apart].all()
+    assert (np.abs(after - before) <= checker.pair_radii_at(start) @ delta + 2e-5)[apart].all()
+
+
+@cache
+def _checker(robot, scene):
+    return CollisionChecker(robot, scene)
