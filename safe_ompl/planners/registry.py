@@ -14,6 +14,7 @@ from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.planners.trrt import TRRT, BiTRRT, GradienTRRT
 
 _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "SafeRRTConnect": (SafeRRTConnect, {}),
@@ -25,6 +26,9 @@ _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "BubblePlanner": (BubblePlanner, {}),
     "ClassicBubble": (BubblePlanner, {"alpha": 0.0}),
 }
+
+# Danger-aware planners of others that OMPL's wheel lacks, to compare with.
+_BASELINES = {"TRRT": TRRT, "BiTRRT": BiTRRT, "GradienTRRT": GradienTRRT}
 
 # Bound in OMPL's Python wheel, and safe to run with callbacks in Python (PRM and PRMstar are not: they deadlock).
 _OMPL = (
@@ -43,8 +47,8 @@ _OMPL = (
 
 
 def planner_names() -> list[str]:
-    """Return the names that `make_planner` knows: ours first, then OMPL's."""
-    return [*_OURS, *_OMPL]
+    """Return the names that `make_planner` knows: ours first, then the baselines, then OMPL's."""
+    return [*_OURS, *_BASELINES, *_OMPL]
 
 
 def is_ours(name: str) -> bool:
@@ -77,6 +81,8 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
     if name in _OURS:
         kind, fixed = _OURS[name]
         planner = kind(si, name)
+    elif name in _BASELINES:
+        fixed, planner = {}, _BASELINES[name](si, name)
     elif name in _OMPL:
         fixed, planner = {}, getattr(og, name)(si)
     else:
