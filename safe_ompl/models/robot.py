@@ -311,14 +311,16 @@ class Robot:
         return self._keypoints_of(rotation, translation), velocity, acceleration
 
     def body_points(
-        self, Q: FloatArray, joints: IntArray, points: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        self, Q: FloatArray, rows: IntArray, joints: IntArray, points: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Return where points of bodies are, and what moves them.
 
         Parameters
         ----------
-        Q : ndarray, shape (C, n)
-            A configuration for each point.
+        Q : ndarray, shape (B, n)
+            Configurations.
+        rows : ndarray of int, shape (C,)
+            The configuration for each point.
         joints : ndarray of int, shape (C,)
             Pinocchio's number of the joint that carries it.
         points : ndarray, shape (C, 3)
@@ -330,17 +332,14 @@ class Robot:
             In the world frame [m].
         jacobians : ndarray, shape (C, n, 3)
             Velocity of the point per unit of each joint's rate; the Jacobian, transposed.
-        frames : ndarray, shape (C, 3, 3)
-            Rotation of the joint's frame.
         """
-        rotation, translation = self._poses(Q)
-        rows = np.arange(len(Q))
-        frames = rotation[rows, joints]
-        places = translation[rows, joints] + (frames @ points[:, :, None])[..., 0]
+        rotation, translation = (poses[rows] for poses in self._poses(Q))
+        each = np.arange(len(rows))
+        places = translation[each, joints] + (rotation[each, joints] @ points[:, :, None])[..., 0]
         axes = self._axes_of(rotation)
         turning = _cross(axes, places[:, None] - translation[:, 1:])
         columns = np.where(self.prismatic[:, None], axes, turning)
-        return places, columns * self._supporting_joints(joints)[:, :, None], frames
+        return places, columns * self._moves_joint[joints][:, :, None]
 
     def tip_pose(self, q: FloatArray) -> pin.SE3:
         """Return the pose of the tip frame at `q: (n,)` in the world frame."""
@@ -419,10 +418,16 @@ class Robot:
 
     def _poses(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rotations (B, J, 3, 3) and origins (B, J, 3) of all joint frames."""
+        scratch = self._scratch
+        if scratch.batch is not None and np.array_equal(scratch.batch[0], Q):
+            return scratch.batch[1:]  # a gradient asks for them three times
         joints = self.model.njoints
         rotation, translation = np.empty((len(Q), joints, 3, 3)), np.empty((len(Q), joints, 3))
         for row, q in enumerate(Q):
-            rotation[row], translation[row] = self._scratch.forward(self.pinocchio_configuration(q))
+            rotation[row], translation[row] = scratch.forward(self.pinocchio_configuration(q))
+        rotation.setflags(write=False)
+        translation.setflags(write=False)
+        scratch.batch = Q.copy(), rotation, translation
         return rotation, translation
 
     def _axes(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -447,6 +452,12 @@ class Robot:
         corners = np.array([np.resize(hull.points, (8, 3)) for hull in hulls]).reshape(-1, 8, 3)
         joints = np.array([part.parentJoint for part in parts], dtype=np.intp)
         return joints, corners, np.array([hull.radius for hull in hulls]), self._supporting_joints(joints)
+
+    @cached_property
+    def _moves_joint(self) -> BoolArray:
+        """Which of the n joints move each of Pinocchio's joints, (J, n)."""
+        support = self._supporting_joints(np.arange(1, self.model.njoints))
+        return np.vstack([np.zeros((1, self.n), dtype=bool), support])
 
     def _supporting_joints(self, joints: IntArray) -> BoolArray:
         """For each of the Pinocchio joints (K,): which of the n joints move it (K, n)."""
@@ -511,6 +522,7 @@ class _Scratch(threading.local):
         origin = self.data.oMi[0].translation
         self._rotation = as_strided(first, (model.njoints, 3, 3), (stride, *first.strides))
         self._translation = as_strided(origin, (model.njoints, 3), (stride, *origin.strides))
+        self.batch: tuple[FloatArray, FloatArray, FloatArray] | None = None  # configurations, and their poses
 
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return views of the rotations (J, 3, 3) and origins (J, 3) of the joint frames at `q: (nq,)`."""

@@ -1,0 +1,159 @@
+"""Descent: way points move down the gradient of a path's cost, by preconditioned quasi-Newton steps."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Protocol
+
+import numpy as np
+
+from safe_ompl.arrays import BoolArray, FloatArray
+
+LARGEST = 0.4  # [rad] a way point moves no farther in one step
+_MEMORY = 6  # pairs of steps and changes of the gradient that are remembered
+_SUFFICIENT = 1e-4  # share of the fall that the gradient promises which a step must bring (Armijo)
+_SHRINK = 0.4
+_TRIALS = 6
+
+
+class Smooth(Protocol):
+    """A function of paths with derivatives, such as `PathCost`."""
+
+    def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
+        """Return value and gradient (N, n) at a path (N, n)."""
+
+    def curvature(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return about the Hessian: the blocks (N, n, n), and those beside them (N − 1, n, n)."""
+
+
+class Place(Protocol):
+    """Where paths may be: within limits, with their ends where they are to be."""
+
+    def nearest(self, path: FloatArray) -> FloatArray:
+        """Return the path (N, n) nearest to a path (N, n) that is allowed."""
+
+    def tangent(self, path: FloatArray, change: FloatArray) -> FloatArray:
+        """Return the part of a change (N, n) that `nearest` leaves as it is, to the first order."""
+
+
+class Descent:
+    """Minimises a cost over a path's way points (N, n), by L-BFGS (Nocedal & Wright, alg. 7.4 and 7.5).
+
+    The first Hessian of every step is that of the path: a chain of springs between way points, as in CHOMP (Ratliff
+    et al. 2009), whose inverse makes smooth moves cheap and moves of single way points dear; and the Gauss-Newton part
+    of what the densities add. Both are blocks on and beside the diagonal, and solved in O(N). A step that does not
+    lower the cost is shortened.
+
+    Parameters
+    ----------
+    cost : Smooth
+        What falls.
+    path : ndarray, shape (N, n)
+        Where to begin.
+    place : Place
+        What way points may do.
+
+    Attributes
+    ----------
+    path : ndarray, shape (N, n)
+    value : float
+        Its cost.
+    """
+
+    def __init__(self, cost: Smooth, path: FloatArray, place: Place) -> None:
+        self._cost = cost
+        self._place = place
+        self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
+        self.restart(path)
+
+    def restart(self, path: FloatArray, held: BoolArray | None = None) -> None:
+        """Go on from another path of as many way points; those that are `held: (N,)` stay where they are."""
+        self._moving = np.ones(len(path), dtype=bool) if held is None else ~held
+        self._moving[0] = False
+        self._pairs.clear()
+        self._size = 1.0
+        self.resume(path)
+
+    def resume(self, path: FloatArray) -> None:
+        """Evaluate the cost anew, at a path near the last one, or after it has changed a little."""
+        self.path = path
+        self.value, self._gradient = self._evaluated(path)
+        self._hessian = BlockChain(*self._cost.curvature(path), self._moving)
+
+    def step(self, largest: float = LARGEST) -> bool:
+        """Take one step, in which no joint moves farther than `largest`; return False if none lowers the cost."""
+        direction = self._direction()
+        slope = float(np.vdot(direction, self._gradient))
+        if slope < 0:
+            size = min(1.0, largest / float(np.abs(direction).max()), 2.0 * self._size)
+            for _ in range(_TRIALS):
+                path = self._place.nearest(self.path + size * direction)
+                value, gradient = self._evaluated(path)
+                if value < self.value + _SUFFICIENT * size * slope:
+                    self._remember(path - self.path, gradient - self._gradient)
+                    self.path, self.value, self._gradient, self._size = path, value, gradient, size
+                    return True
+                size *= _SHRINK
+        if not self._pairs:
+            return False
+        self._pairs.clear()
+        return self.step(largest)
+
+    def _evaluated(self, path: FloatArray) -> tuple[float, FloatArray]:
+        value, gradient = self._cost.value_and_gradient(path)
+        gradient = self._place.tangent(path, gradient)
+        gradient[~self._moving] = 0.0
+        return value, gradient
+
+    def _direction(self) -> FloatArray:
+        """Return −H⁻¹∇J with the Hessian H that the remembered steps make of the path's."""
+        q, shares = self._gradient.copy(), []
+        for step, change, curvature in reversed(self._pairs):
+            share = float(np.vdot(step, q)) / curvature
+            q -= share * change
+            shares.append(share)
+        direction = self._hessian.solve(q)
+        for (step, change, curvature), share in zip(self._pairs, reversed(shares), strict=True):
+            direction += (share - float(np.vdot(change, direction)) / curvature) * step
+        direction = self._place.tangent(self.path, direction)
+        direction[~self._moving] = 0.0
+        return -direction
+
+    def _remember(self, step: FloatArray, change: FloatArray) -> None:
+        curvature = float(np.vdot(step, change))
+        if curvature > 1e-10:
+            self._pairs.append((step, change, curvature))
+
+
+class BlockChain:
+    """A positive symmetric matrix of blocks on the diagonal and beside it, factored once and solved often.
+
+    Parameters
+    ----------
+    blocks : ndarray, shape (N, n, n)
+        On the diagonal.
+    beside : ndarray, shape (N − 1, n, n)
+        Right of them; below stand their transposes.
+    moving : ndarray of bool, shape (N,)
+        Block rows and columns of the others count as those of the unit matrix.
+    """
+
+    def __init__(self, blocks: FloatArray, beside: FloatArray, moving: BoolArray) -> None:
+        blocks = np.where(moving[:, None, None], blocks, np.eye(blocks.shape[1]))
+        beside = beside * (moving[1:] & moving[:-1])[:, None, None]
+        self._inverses = np.empty_like(blocks)
+        self._factors = np.empty_like(beside)
+        inverse = self._inverses[0] = np.linalg.inv(blocks[0])
+        for k, side in enumerate(beside):
+            factor = self._factors[k] = side.T @ inverse
+            inverse = self._inverses[k + 1] = np.linalg.inv(blocks[k + 1] - factor @ side)
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Return the solution (N, n) for the right-hand side (N, n)."""
+        x = right.copy()
+        for k, factor in enumerate(self._factors):
+            x[k + 1] -= factor @ x[k]
+        x = (self._inverses @ x[:, :, None])[:, :, 0]
+        for k in range(len(self._factors) - 1, -1, -1):
+            x[k] -= self._factors[k].T @ x[k + 1]
+        return x

@@ -1,0 +1,86 @@
+"""Proof that a path may be driven, edge by edge; what was proven once is remembered."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from safe_ompl.arrays import BoolArray, FloatArray
+from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.models.motion import CertifiedMotion
+from safe_ompl.paths.report import Curve
+
+_STEP = 0.03  # [rad]
+
+
+class PathProof:
+    """Proves that every edge of a path is free, and keeps more than a margin from obstacles.
+
+    Parameters
+    ----------
+    motion : CertifiedMotion
+        Proves that edges are free. What is proven with a margin, it proves too.
+    margin : float
+        [m] Clearance that every edge must keep.
+    """
+
+    def __init__(self, motion: CertifiedMotion, margin: float = 0.0) -> None:
+        self._free = motion
+        self._clear = motion.with_margin(max(margin, motion.margin))
+        self._proven: set[bytes] = set()
+
+    def accepts(self, start: FloatArray, end: FloatArray) -> bool:
+        """Return whether the edge between two configurations (n,) is proven."""
+        key = start.tobytes() + end.tobytes()
+        proven = key in self._proven or self._clear.is_free(start, end)
+        if proven:
+            self._proven.add(key)
+        return proven
+
+    def admit(self, path: FloatArray) -> bool:
+        """Take a path (N, n) whose edges are parts of accepted ones for accepted, if all of them are proven free."""
+        free = all(self._free.is_free(start, end) for start, end in pairwise(path))
+        if free:
+            self._proven.update(start.tobytes() + end.tobytes() for start, end in pairwise(path))
+        return free
+
+    def refused(self, path: FloatArray) -> list[int]:
+        """Return the edges of a path (N, n) that are not proven."""
+        return [k for k, (start, end) in enumerate(pairwise(path)) if not self.accepts(start, end)]
+
+    def put_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return `path: (N, n)` with way points beside refused edges put back, and which these are (N,).
+
+        Parameters
+        ----------
+        path : ndarray, shape (N, n)
+            What is wanted.
+        known : ndarray, shape (N, n)
+            A path that is accepted; where nothing else helps, all way points go back to it.
+        """
+        path, back = path.copy(), np.zeros(len(path), dtype=bool)
+        refused = self.refused(path)
+        while refused and not back.all():
+            for k in refused:
+                back[k : k + 2] = True
+            path[back] = known[back]
+            refused = self.refused(path)
+        return path, back
+
+
+def least_clearance(path: FloatArray, checker: CollisionChecker) -> float:
+    """Return the least distance [m] between robot and obstacles over closely spaced samples of a path (N, n).
+
+    Distances are asked for only where a boolean query says that they are less than the least so far.
+    """
+    curve = Curve(checker.robot, path)
+    samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP)))
+    least = min(checker.clearance(q).distance for q in samples[[0, -1]])
+    for q in samples if np.isfinite(least) else ():
+        if least <= 0:
+            break
+        checker.set_margins(np.where(checker.meets_obstacle, least, 0.0))
+        if checker.within_margins(q):
+            least = min(least, checker.clearance(q).distance)
+    return max(0.0, least)

@@ -1,0 +1,68 @@
+"""Shortcuts: of all straight motions between a path's way points, the chain that costs least."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.paths.cost import PathCost
+from safe_ompl.paths.proof import PathProof
+
+_SPACING = 0.5  # [rad] between the samples of an edge's cost
+_FEWEST, _MOST = 2, 8  # samples of an edge
+
+
+def shortcut(path: FloatArray, cost: PathCost, proof: PathProof, stop: Callable[[], bool]) -> FloatArray:
+    """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order.
+
+    Estimates the cost of all N(N − 1)/2 edges in one batch, and proves only those of the chain that is cheapest so
+    far, until all of a chain is proven (as lazy roadmaps do: Bohlin & Kavraki, ICRA 2000).
+
+    Parameters
+    ----------
+    path : ndarray, shape (N, n)
+        Its own edges count as proven, so there is a chain.
+    cost : PathCost
+        What edges cost.
+    proof : PathProof
+        Proves the others.
+    stop : callable
+        When it says so, the path is returned as it is.
+    """
+    costs = _edge_costs(path, cost)
+    while not stop():
+        chain = _cheapest_chain(costs)
+        skipping = [(i, j) for i, j in pairwise(chain) if j > i + 1]
+        refused = [(i, j) for i, j in skipping if not proof.accepts(path[i], path[j])]
+        if not refused:
+            return path[chain]
+        for edge in refused:
+            costs[edge] = np.inf
+    return path
+
+
+def _edge_costs(path: FloatArray, cost: PathCost) -> FloatArray:
+    """Return the cost (N, N) of the edges from each way point to each later one, infinite elsewhere."""
+    first, second = np.triu_indices(len(path), 1)
+    lengths = np.linalg.norm(cost.robot.difference(path[first], path[second]), axis=1)
+    samples = np.clip(np.ceil(lengths / _SPACING).astype(int), _FEWEST, _MOST)
+    costs = np.full((len(path), len(path)), np.inf)
+    costs[first, second] = cost.of_edges(path[first], path[second], samples)
+    return costs
+
+
+def _cheapest_chain(costs: FloatArray) -> list[int]:
+    """Return the way points of the cheapest chain from the first to the last, by dynamic programming."""
+    count = len(costs)
+    best, before = np.zeros(count), np.zeros(count, dtype=int)
+    for j in range(1, count):
+        through = best[:j] + costs[:j, j]
+        before[j] = through.argmin()
+        best[j] = through[before[j]]
+    chain = [count - 1]
+    while chain[-1]:
+        chain.append(int(before[chain[-1]]))
+    return chain[::-1]
