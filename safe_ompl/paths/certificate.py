@@ -30,7 +30,7 @@ OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can p
 
 _FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
 _FLOOR = 1e-5  # [m] intervals in which the bodies move less are not divided any more
-_SPARE = 1e-9  # [m] by which margins exceed the approach, for rounding
+_SPARE = 1e-7  # [m] by which margins exceed the approach, for rounding
 _OVERLAP = 1e-6  # of intervals
 _TINY = 1e-12  # [m]
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means

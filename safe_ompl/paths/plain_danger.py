@@ -58,34 +58,31 @@ class PlainDanger:
         robot, points = self._robot, self._points
         keypoints = robot.keypoints(q)
         moved = self._moved(q, keypoints, steps)
-        value, bound = np.zeros(len(points)), np.zeros(len(points))
-        slides = float(steps[robot.prismatic].sum())
-        for a, b in robot.segments:
-            start, link = keypoints[a], keypoints[b] - keypoints[a]
-            length = float(np.sqrt(link @ link))
-            along = np.clip((points - start) @ link / max(length**2, _TINY), 0.0, 1.0)
-            distance = np.linalg.norm(points - start - along[:, None] * link, axis=1)
-            ends = np.linalg.norm(points - start, axis=1) + np.linalg.norm(points - keypoints[b], axis=1)
-            share = np.minimum(length / np.maximum(ends, _TINY), 1 - 1e-15)
-            field = 2 / length * np.arctanh(share) if length > 1e-6 else 2 / np.maximum(ends, _TINY)
-            reach = max(moved[a], moved[b])
-            room = distance - reach
-            grown = np.where(room > 0, field * distance / np.where(room > 0, room, 1.0), np.inf)
-            by_length = self._claim["weighting"] == "length"
-            value += field * (length if by_length else 1.0)
-            bound += grown * (length + slides if by_length else 1.0)
-        return self._aggregated(value), self._aggregated(bound), float(moved.max())
+        start, end = (keypoints[robot.segments[:, side], None] for side in (0, 1))  # (L, 1, 3)
+        link = end - start
+        length = _norm(link)  # (L, 1)
+        along = np.clip(((points - start) * link).sum(axis=2) / np.maximum(length**2, _TINY), 0.0, 1.0)
+        distance = _norm(points - start - along[..., None] * link)  # (L, M)
+        ends = np.maximum(_norm(points - start) + _norm(points - end), _TINY)
+        share = np.minimum(length / ends, 1 - 1e-15)
+        field = np.where(length > 1e-6, 2 * np.arctanh(share) / np.maximum(length, _TINY), 2 / ends)
+        room = distance - moved[robot.segments].max(axis=1)[:, None]
+        grown = np.where(room > 0, field * distance / np.where(room > 0, room, 1.0), np.inf)
+        if self._claim["weighting"] == "length":
+            slides = float(steps[robot.prismatic].sum())
+            field, grown = field * length, grown * (length + slides)
+        return self._aggregated(field.sum(axis=0)), self._aggregated(grown.sum(axis=0)), float(moved.max())
 
     def _moved(self, q: FloatArray, keypoints: FloatArray, steps: FloatArray) -> FloatArray:
         """Return how far each key point (K,) can move [m] while the joints move by `steps` from `q`."""
         robot = self._robot
         pin.forwardKinematics(robot.model, self._data, robot.pinocchio_configuration(q))
-        moved = np.zeros(len(keypoints))
-        for i in range(robot.n):
-            joint = self._data.oMi[i + 1]
-            axis = joint.rotation @ robot.chain.axes[i]
-            radius = np.linalg.norm(np.cross(keypoints - joint.translation, axis), axis=1)
-            moved += np.where(robot.prismatic[i], 1.0, radius) * steps[i] * robot.keypoint_support[:, i]
+        joints = list(self._data.oMi)[1:]
+        axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, robot.chain.axes, strict=True)])
+        arms = keypoints[:, None] - np.array([joint.translation for joint in joints])  # (K, n, 3)
+        across = arms - (arms * axes).sum(axis=2)[..., None] * axes
+        radii = np.where(robot.prismatic, 1.0, _norm(across)) * robot.keypoint_support
+        moved: FloatArray = radii @ steps
         return moved
 
     def _aggregated(self, fields: FloatArray) -> float:
@@ -98,3 +95,8 @@ class PlainDanger:
         if not np.isfinite(top):
             return top
         return top + float(np.log(np.exp(sharpness * (levels - top)).sum())) / sharpness
+
+
+def _norm(vectors: FloatArray) -> FloatArray:
+    norm: FloatArray = np.sqrt((vectors * vectors).sum(axis=-1))
+    return norm

@@ -239,19 +239,17 @@ class _Bodies:
         result = coal.DistanceResult()
         return float(coal.distance(shape, pose, other, other_pose, self._request, result))
 
-    def _radii(self, places: list[pin.SE3]) -> list[FloatArray]:
-        """Return for each body the distance of its farthest point from each joint's axis, 1 where the joint slides."""
+    def _radii(self, places: list[pin.SE3]) -> FloatArray:
+        """Return how far each body's farthest point is from the axes of the joints that move it; 1 if one slides."""
         joints = list(self._data.oMi)[1:]
         axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)])
         origins = np.array([joint.translation for joint in joints])
-        radii = []
-        for (points, pad), place in zip(self._points, places, strict=True):
-            world = points @ place.rotation.T + place.translation
-            arms = world[:, None, :] - origins
-            squares = (arms * arms).sum(axis=2) - (arms * axes).sum(axis=2) ** 2
-            farthest = np.sqrt(np.maximum(squares.max(axis=0), 0.0)) + pad
-            radii.append(np.where(self._robot.prismatic, 1.0, farthest))
-        return radii
+        radii = np.zeros((len(places), self._robot.n))
+        for k, ((points, pad), place, by) in enumerate(zip(self._points, places, self._movers, strict=True)):
+            arms = (points @ place.rotation.T + place.translation)[:, None, :] - origins[by]
+            across = arms - (arms * axes[by]).sum(axis=2)[:, :, None] * axes[by]
+            radii[k, by] = np.sqrt((across * across).sum(axis=2).max(axis=0)) + pad
+        return np.where(self._robot.prismatic, 1.0, radii)
 
 
 def _required(claim: Mapping[str, Any] | None, link: str, obstacle: str) -> float:
