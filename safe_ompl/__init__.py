@@ -1,5 +1,6 @@
 """Safety-oriented robot arm motion planning for OMPL (Lacevic & Rocco, Robotica 2013)."""
 
+from safe_ompl.benchmark import Benchmark
 from safe_ompl.errors import CollisionError, InputError, PlanningError, SafeOmplError, UnknownNameError
 from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.danger import DangerField
@@ -20,6 +21,7 @@ from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.setup import PlanResult, SafeSetup, plan
 
 __all__ = [
+    "Benchmark",
     "BubblePlanner",
     "CertifiedMotion",
     "CertifiedMotionValidator",
