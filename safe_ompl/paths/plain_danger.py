@@ -61,7 +61,9 @@ class PlainDanger:
         start, end = (keypoints[robot.segments[:, side], None] for side in (0, 1))  # (L, 1, 3)
         link = end - start
         length = _norm(link)  # (L, 1)
-        along = np.clip(((points - start) * link).sum(axis=2) / np.maximum(length**2, _TINY), 0.0, 1.0)
+        along = np.clip(
+            np.einsum("lmi,lni->lm", points - start, link) / np.maximum(length**2, _TINY), 0.0, 1.0
+        )
         distance = _norm(points - start - along[..., None] * link)  # (L, M)
         ends = np.maximum(_norm(points - start) + _norm(points - end), _TINY)
         share = np.minimum(length / ends, 1 - 1e-15)
@@ -98,5 +100,5 @@ class PlainDanger:
 
 
 def _norm(vectors: FloatArray) -> FloatArray:
-    norm: FloatArray = np.sqrt((vectors * vectors).sum(axis=-1))
+    norm: FloatArray = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
     return norm
