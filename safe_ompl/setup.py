@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -25,7 +24,9 @@ from safe_ompl.models.danger_bounds import DangerLimit
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
+from safe_ompl.optimise import optimise as optimise_paths
 from safe_ompl.paths.report import PathReport
+from safe_ompl.paths.simplify import Simplifier, Stop, timed
 from safe_ompl.planners.base import SafePlanner, non_negative
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.registry import make_planner
@@ -34,67 +35,11 @@ from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.plugins.states import StateBridge, joint_space
 from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.result import PlanResult as PlanResult
 
 _log = logging.getLogger(__name__)
 
-
-@dataclass(frozen=True)
-class PlanResult:
-    """Outcome of one planning run; true if solved.
-
-    Attributes
-    ----------
-    status : str
-        OMPL's word for the outcome: "Exact solution", "Timeout", …
-    path : ndarray, shape (N, n), or None
-        Way points from start to goal [rad or m], validated.
-    report : PathReport or None
-        What there is to say about the path.
-    planner : str
-        Name of the planner.
-    seed : int
-        Seed of the run.
-    joint_names : tuple of str
-        Columns of the path.
-    planning_time, simplification_time : float
-        [s]
-    counts : Counts
-        Work done while planning, validation and report not included.
-    """
-
-    status: str
-    path: FloatArray | None
-    report: PathReport | None
-    planner: str
-    seed: int
-    joint_names: tuple[str, ...]
-    planning_time: float
-    simplification_time: float = 0.0
-    counts: Counts = field(default_factory=Counts)
-
-    @property
-    def solved(self) -> bool:
-        """Whether there is a path from start to goal."""
-        return self.path is not None
-
-    def __bool__(self) -> bool:
-        return self.solved
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""
-        report = {"length": None, "danger": None, "clearance": None, "certified": False}
-        return {
-            "planner": self.planner,
-            "seed": self.seed,
-            "status": self.status,
-            "solved": self.solved,
-            "planning_time": self.planning_time,
-            "simplification_time": self.simplification_time,
-            "joint_names": list(self.joint_names),
-            "path": None if self.path is None else self.path.tolist(),
-            **(self.report.as_dict() if self.report else report),
-            "counts": self.counts.as_dict(),
-        }
+_SHORTEST = 1e-3  # [s] a planner gets at least this
 
 
 class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
@@ -152,6 +97,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             self.setOptimizationObjective(DangerObjective(si, self.field))
         self._bridge = StateBridge(self.getStateSpace())
         self._danger_limit: DangerLimit | None = None
+        self._simplifier: Simplifier | None = None
+        self._simplification_time = 0.0
         self._given: tuple[FloatArray | None, list[FloatArray]] = None, []  # start and goals
         self._goal_region: Any = None
         self._place: WorkspaceGoal | None = None
@@ -352,6 +299,8 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         time: float = 5.0,
         seed: int = 0,
         parameters: Mapping[str, Any] | None = None,
+        simplify: bool | float = False,
+        optimise: float | None = None,
     ) -> PlanResult:
         """Plan from the start to a goal, validate, and report.
 
@@ -365,16 +314,51 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             Seed of the planner's random numbers.
         parameters : mapping, optional
             Parameters for a planner given by name.
+        simplify : bool or float
+            Simplify the solution, as `simplifySolution` does: for some seconds, or until nothing more is to gain.
+        optimise : float, optional
+            Go on for so many seconds in all, instead of `time`: simplify, start anew, and return the best path.
 
         Raises
         ------
         InputError
-            Time limit not positive, unknown planner or parameter.
+            Time not positive, unknown planner or parameter; to optimise without danger.
         PlanningError
             If a planner returns a path that the validator refuses.
         """
-        if not (isinstance(time, (int, float)) and np.isfinite(time) and time > 0):
-            raise InputError(f"time limit must be a positive number of seconds, got {time!r}")
+        time = _positive_time("time limit", time if optimise is None else optimise)
+        duration = _simplification(simplify)
+        begin, before = perf_counter(), self.counts.copy()
+        planner, name = self._prepare(planner, seed, parameters)
+        if optimise is not None:
+            return self._optimised(planner, name, seed, time, begin, before)
+        begin = perf_counter()
+        status = self.solve(float(time))
+        elapsed = perf_counter() - begin
+        nodes = _nodes(planner)
+        path = self.solution() if self.haveExactSolutionPath() else None
+        self._simplification_time = 0.0
+        if path is not None and duration is not None:
+            self.simplifySolution(duration)
+            path = self.solution()
+        counts = self.counts - before
+        counts.nodes = nodes
+        return PlanResult(
+            status.asString(),
+            path,
+            self._checked_report(path, name),
+            name,
+            int(seed),
+            self.robot.joint_names,
+            elapsed,
+            self._simplification_time,
+            counts,
+        )
+
+    def _prepare(
+        self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None
+    ) -> tuple[Any, str]:
+        """Make planner and problem ready for a run; return the planner and its name."""
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**32:
             raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
         if not self.getSpaceInformation().isSetup():
@@ -389,27 +373,124 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         self._choose_goal(planner, int(seed))
         self.setPlanner(planner)
         self.setup()
+        return planner, name
 
-        before, begin = self.counts.copy(), perf_counter()
-        status = self.solve(float(time))
+    def _optimised(
+        self, planner: Any, name: str, seed: int, time: float, begin: float, before: Counts
+    ) -> PlanResult:
+        """Plan again and again; see `safe_ompl.optimise`."""
+        simplifier, nodes, status = self.simplifier, 0, "Timeout"
+
+        def search(start: int, seconds: float) -> FloatArray | None:
+            nonlocal nodes, status
+            if start:
+                self.clear()
+                if isinstance(planner, SafePlanner):
+                    planner.setSeed((int(seed) + start) % 2**32)
+            found = self.solve(max(seconds, _SHORTEST))
+            nodes += _nodes(planner)
+            if not self.haveExactSolutionPath():
+                return None
+            status = found.asString()
+            return self.solution()
+
+        found = optimise_paths(search, simplifier, time - (perf_counter() - begin))
         elapsed = perf_counter() - begin
         counts = self.counts - before
-        counts.nodes = _nodes(planner)
-
-        path = self.solution() if self.haveExactSolutionPath() else None
-        report = None if path is None else self.report(path)
-        if report is not None and not report.certified:
-            raise PlanningError(f"{name} returned a path that is not proven free: {report.refused}")
+        counts.nodes = nodes
+        path = found.paths[-1] if found.paths else None
+        if path is not None:
+            self._set_solution(path)
+        first = elapsed if found.first_path is None else found.first_path
         return PlanResult(
-            status.asString(),
+            status,
             path,
-            report,
+            self._checked_report(path, name),
             name,
             int(seed),
             self.robot.joint_names,
-            elapsed,
-            counts=counts,
+            first,
+            elapsed - first,
+            counts,
+            found.improvements(simplifier),
         )
+
+    def _checked_report(self, path: FloatArray | None, name: str) -> PathReport | None:
+        if path is None:
+            return None
+        report = self.report(path)
+        if not report.certified:
+            raise PlanningError(f"{name} returned a path that is not proven free: {report.refused}")
+        return report
+
+    # -------------------------------------------------------------------------------------- simplification
+
+    @property
+    def simplifier(self) -> Simplifier:
+        """What makes paths cheaper; `setSimplification` sets its options.
+
+        Raises
+        ------
+        InputError
+            If this setup plans without danger.
+        """
+        if self._simplifier is None:
+            self.setSimplification()
+        assert self._simplifier is not None
+        return self._simplifier
+
+    def setSimplification(self, **options: Any) -> None:
+        """Set the options of the danger-aware simplification: weight, exponent, clearance, … of `Simplifier`.
+
+        Raises
+        ------
+        InputError
+            If an option is out of range, or this setup plans without danger.
+        """
+        if self.field is None:
+            raise InputError(
+                "danger-aware simplification needs a danger field; this setup plans without danger"
+            )
+        self._simplifier = Simplifier(self.checker, self.field, self._validator.motion, **options)
+
+    def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
+        """Make the solution shorter and safer, see `simplify_danger`; every path on the way is proven.
+
+        Without danger OMPL's own simplifier does it, and its path is taken if it is proven, too.
+
+        Parameters
+        ----------
+        time : float or ob.PlannerTerminationCondition
+            For how long [s], or until when; 0: until nothing more is to gain.
+        free_goal : bool
+            Whether the goal configuration may move where the goal is a `WorkspaceGoal`.
+
+        Raises
+        ------
+        InputError
+            If there is no solution, or the time is neither.
+        """
+        if not self.haveSolutionPath():
+            raise InputError("there is no solution to simplify")
+        begin, path = perf_counter(), self.solution()
+        if self.field is not None:
+            goal = self._place if free_goal and self.getGoal() is self._place else None
+            self._set_solution(self.simplifier.simplify(path, _stopping(time), goal=goal))
+        else:
+            super().simplifySolution(time)
+            if not PathReport.of(self.solution(), self.checker, None, self._validator.motion).certified:
+                self._set_solution(path)
+        self._simplification_time = perf_counter() - begin
+
+    def getLastSimplificationTime(self) -> float:
+        """Return how long the last simplification took [s]."""
+        return self._simplification_time
+
+    def _set_solution(self, path: FloatArray) -> None:
+        solution = self.getSolutionPath()
+        solution.clear()
+        for q in path:
+            solution.append(self._state(q))
 
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
@@ -498,6 +579,28 @@ def _danger_field(robot: Robot, scene: Scene, options: Mapping[str, Any], counts
     options = dict(options)
     points, weights, _ = scene.danger_points(options.pop("spacing", None))
     return DangerField(robot, points, weights, counts=counts, **options)
+
+
+def _positive_time(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
+        raise InputError(f"{name} must be a positive number of seconds, got {value!r}")
+    return float(value)
+
+
+def _simplification(value: bool | float) -> float | None:
+    """Return for how long to simplify [s], 0 without limit; None for not at all."""
+    if isinstance(value, bool):
+        return 0.0 if value else None
+    return _positive_time("simplify", value)
+
+
+def _stopping(time: Any) -> Stop:
+    """Return a predicate for a time limit [s], 0 for none, or a termination condition."""
+    if isinstance(time, ob.PlannerTerminationCondition):
+        return lambda: bool(time())
+    if time == 0 and not isinstance(time, bool):
+        return lambda: False
+    return timed(_positive_time("time of simplification", time))
 
 
 def _termination(time: Any) -> Any:

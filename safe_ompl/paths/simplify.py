@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from copy import copy
 from time import perf_counter
 
 import numpy as np
@@ -14,12 +16,13 @@ from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.danger import DangerField
 from safe_ompl.models.motion import CertifiedMotion
 from safe_ompl.models.robot import Robot
-from safe_ompl.paths.cost import WEIGHT, DangerDensity, PathCost, number, reference_danger
+from safe_ompl.paths.cost import STEP, WEIGHT, DangerDensity, PathCost, number, reference_danger
 from safe_ompl.paths.descent import LARGEST, Descent
 from safe_ompl.paths.division import divided, refined
 from safe_ompl.paths.freedom import Freedom, FreeGoal, GoalSet
 from safe_ompl.paths.nearness import NearnessDensity
 from safe_ompl.paths.proof import PathProof, least_clearance
+from safe_ompl.paths.report import Curve
 from safe_ompl.paths.shortcut import shortcut
 
 TIME = 0.2  # [s]
@@ -160,11 +163,27 @@ class Simplifier:
         self.motion = motion or CertifiedMotion(checker)
         self.length_factor = number("length_factor", length_factor, least=1.0)
         self.spacing = number("spacing", spacing, above=0.0)
+        self.precision = _CONVERGED
         self.nearness = (
             NearnessDensity(checker, clearance) if number("clearance", clearance, least=0.0) else None
         )
         self.danger = DangerDensity(field, reference_danger(field, checker), weight, exponent)
         self.cost = PathCost(self.robot, [self.danger])
+
+    def refined(self, times: int) -> Simplifier:
+        """Return a simplifier that goes on where this one ends: the spacing halved so many times, smaller gains."""
+        finer = copy(self)
+        finer.spacing = self.spacing / 2**times
+        finer.precision = self.precision / 2**times
+        return finer
+
+    def danger_along(self, path: FloatArray) -> tuple[float, float, float]:
+        """Return length [rad], mean and largest danger of a path (N, n)."""
+        curve = Curve(self.robot, path)
+        s = np.linspace(0.0, curve.length, 2 + int(curve.length / STEP))
+        danger = self.danger.field.values(curve.at(s))
+        mean = float(np.trapezoid(danger, s)) / curve.length if curve.length else float(danger[0])
+        return curve.length, mean, float(danger.max())
 
     def simplify(
         self,
@@ -178,11 +197,9 @@ class Simplifier:
         if len(checked) < 2:
             raise InputError(f"path must have two configurations at least, got {len(checked)}")
         run = _Run(self, _unrolled(self.robot, checked), stop, on_better, goal)
-        try:
+        with suppress(KeyboardInterrupt):  # the best path so far stands
             run.shorten()
             run.descend()
-        except KeyboardInterrupt:
-            pass  # the best path so far stands
         return run.best
 
 
@@ -200,6 +217,7 @@ class _Run:
         self.best = path
         self._robot = simplifier.robot
         self._spacing = simplifier.spacing
+        self._precision = simplifier.precision
         self._stop = stop
         self._on_better = on_better
         self._place = Freedom(simplifier.robot) if goal is None else FreeGoal(goal)
@@ -253,7 +271,7 @@ class _Run:
                 largest, round_ = 0.5 * largest, 0
                 descent.restart(self.best, back)
             else:
-                if gain < _CONVERGED * self._level and largest == LARGEST:
+                if gain < self._precision * self._level and largest == LARGEST:
                     break
                 largest, round_ = min(LARGEST, 2.0 * largest), min(round_ + 1, len(_ROUNDS) - 1)
                 descent.resume(self.best)
