@@ -26,6 +26,7 @@ HAZARD = {
     "panda_shelf": "operator",
     "ur5_handover": "colleague",
     "paper_1": "machine",
+    "paper_2": "machine",
     "planar2": "person",
     "planar3": "person",
     "xarm7_pillars": "operator",

@@ -1,0 +1,63 @@
+"""How hard the scenes are by the paper's own measure: collision checks where edges are sampled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from ompl import geometric as og
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.models.scenario import Scenario
+from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.registry import make_planner
+from safe_ompl.plugins.states import StateBridge, joint_space
+from safe_ompl.plugins.validity import CollisionFreeValidity
+
+MEASURE = "ClassicRRTConnect"  # the planner that a scene's hardness is measured by
+STEP = 0.05  # [rad] between two samples of an edge; the paper does not say
+
+
+def sampled_checks(scenario: Scenario, planner: str, runs: int) -> tuple[float, float]:
+    """Return the nodes and the collision checks that a planner needs on average if it samples its edges.
+
+    Certified motions ask fewer and other questions; this is for comparison with the paper's tables only.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The problem, with a goal configuration.
+    planner : str
+        Name of a planner of this package that plans to configurations.
+    runs : int
+        Seeds to average over.
+    """
+    robot = scenario.build_robot()
+    setup = og.SimpleSetup(joint_space(robot))
+    checker, si = CollisionChecker(robot, scenario.scene), setup.getSpaceInformation()
+    setup.setStateValidityChecker(CollisionFreeValidity(si, checker))
+    si.setStateValidityCheckingResolution(
+        STEP / si.getStateSpace().getMaximumExtent()
+    )  # OMPL samples by default
+    setup.setStartAndGoalStates(
+        _state(si, scenario.start_configuration(robot)), _state(si, scenario.goal_configurations(robot)[0])
+    )
+    nodes, checks = [], []
+    for seed in range(runs):
+        one: SafePlanner = make_planner(planner, si, scenario.planners.get(planner))
+        one.setSeed(seed)
+        setup.clear()
+        setup.setPlanner(one)
+        setup.setup()
+        checker.counts.reset()
+        setup.solve(scenario.time)
+        nodes.append(one.counts.nodes)
+        checks.append(checker.counts.collision_queries)
+    return float(np.mean(nodes)), float(np.mean(checks))
+
+
+def _state(si: Any, q: FloatArray) -> Any:
+    state = si.getStateSpace().allocState()
+    StateBridge(si.getStateSpace()).write(q, state)
+    return state

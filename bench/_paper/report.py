@@ -1,0 +1,115 @@
+"""The page that puts everything together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from _paper.claims import CLAIMS, Claim
+from _paper.effort import MEASURE, STEP
+from _paper.evidence import Evidence
+from _paper.figures import STUDY_FIGURES
+from _paper.tables import effort_table, markdown_table, printed_table, ratio_table
+from safe_ompl.models.scenario import Scenario
+
+_PREAMBLE = """# Safety-oriented path planning for articulated robots: the studies run again
+
+After B. Lacevic, P. Rocco, *Safety-oriented path planning for articulated robots*, Robotica 2013. Planners named
+"Classic…" are their safe counterparts with danger switched off. Numbers are means over the solved runs, as in the
+paper. Its scenes are not published: ours are built so that the classical RRT-Connect needs about as many nodes as
+there. A check is one query of the whole robot: boolean, with or without margins (a certified motion asks a few of
+them where the paper samples), or of distances (bubbles). Bubble planners are deterministic and run once.
+"""
+
+
+def write_report(
+    file: Path,
+    evidence: Sequence[Evidence],
+    scenarios: Sequence[Scenario],
+    hardness: Sequence[tuple[float, float]],
+    ideas: Mapping[str, str],
+) -> None:
+    """Write the page in Markdown; pictures are named relative to it.
+
+    Parameters
+    ----------
+    file : path
+        Where to.
+    evidence : sequence of Evidence
+        Of each study; its pictures are in the folder ``study_N``.
+    scenarios : sequence of Scenario
+        Of each study.
+    hardness : sequence of (float, float)
+        For each study nodes and checks as `effort.sampled_checks` counts them.
+    ideas : mapping of str to str
+        Further pictures and their captions.
+    """
+    parts = [_PREAMBLE, claims_section(evidence), targets_section(evidence)]
+    parts += [_study_section(*one) for one in zip(evidence, scenarios, hardness, strict=True)]
+    if ideas:
+        parts.append("## Ideas\n\n" + "\n\n".join(_picture(name, words) for name, words in ideas.items()))
+    file.write_text("\n\n".join(part.strip() for part in parts) + "\n", encoding="utf-8")
+
+
+def claims_section(evidence: Sequence[Evidence]) -> str:
+    """Return the list of the paper's claims with verdicts, and below each what it rests on."""
+    lines = ["## The paper's claims", ""]
+    for k, claim in enumerate(CLAIMS, 1):
+        verdict, findings = claim.verdict(evidence)
+        lines.append(f"{k}. {claim.text} *({claim.place})* — **{verdict}** {_figures(claim, evidence)}")
+        lines += [f"   - {'✓' if f.holds else '✗'} {f.subject}: {f.number}" for f in findings]
+    return "\n".join(lines)
+
+
+def targets_section(evidence: Sequence[Evidence]) -> str:
+    """Return how we compare with the paper's ratios, pair by pair."""
+    rows = []
+    for study in evidence:
+        for pair in study.pairs:
+            ours, printed = study.effort_ratio(pair), study.printed_ratio(pair)
+            runs = [study.summaries[name] for name in pair.planners]
+            rows.append(
+                (
+                    f"study {study.study.number}, {pair.label}",
+                    "/".join(f"{summary.solved / summary.runs:.0%}" for summary in runs),
+                    f"{ours.time:.2f}",
+                    f"{printed.time:.2f}",
+                    f"{study.danger_ratio(pair):.2f}",
+                )
+            )
+    header = ("safe / classic", "solved", "time", "time in the paper", "mean danger")
+    return "## Ratios at a glance\n\n" + markdown_table(header, rows)
+
+
+def _study_section(evidence: Evidence, scenario: Scenario, hardness: tuple[float, float]) -> str:
+    number = evidence.study.number
+    nodes, checks = hardness
+    printed = evidence.study.printed["RRT-Connect"][0]
+    parts = [
+        f"## Study {number}: {scenario.name}",
+        scenario.description,
+        f"How hard it is: with edges sampled every {STEP} rad, as is usual, {MEASURE} needs {nodes:.0f} nodes and "
+        f"{checks:.0f} checks here; in the paper {printed.nodes} and {printed.checks}.",
+        f"Table {'I' * number}, our numbers:",
+        effort_table(evidence),
+        "Safe divided by classical; in brackets the paper's:",
+        ratio_table(evidence),
+        "The paper prints:",
+        printed_table(evidence),
+    ]
+    for figure in STUDY_FIGURES:
+        caption = f"After Fig. {figure.after[number - 1]}: {figure.caption}"
+        parts.append(_picture(f"study_{number}/{figure.file}", caption))
+    return "\n\n".join(parts)
+
+
+def _figures(claim: Claim, evidence: Sequence[Evidence]) -> str:
+    return " ".join(
+        f"[study {e.study.number}](study_{e.study.number}/{claim.figure})"
+        for e in evidence
+        if any(True for _ in claim.findings(e))
+    )
+
+
+def _picture(file: str, caption: str) -> str:
+    return f"![{caption}]({file})\n\n*{caption}.*"
