@@ -21,6 +21,7 @@ from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.counts import Counts
 from safe_ompl.models.danger import DangerField
 from safe_ompl.models.danger_bounds import DangerLimit
+from safe_ompl.models.motion import FLOOR
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
@@ -80,7 +81,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         scene: Scene,
         *,
         danger: Mapping[str, Any] | None = {},
-        floor: float = 1e-4,
+        floor: float = FLOOR,
     ) -> None:
         super().__init__(joint_space(robot))
         si = self.getSpaceInformation()

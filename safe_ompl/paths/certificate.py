@@ -29,7 +29,7 @@ FORMAT, VERSION = "safe-ompl certificate", 1
 OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
 
 _FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
-_FLOOR = 1e-5  # [m] intervals in which the bodies move less are not divided any more
+_FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any more
 _SPARE = 1e-7  # [m] by which margins exceed the approach, for rounding
 _OVERLAP = 1e-6  # of intervals
 _TINY = 1e-12  # [m]
@@ -182,7 +182,7 @@ def _intervals(
         centre = min(reached + half, (reached + 1.0) / 2)
         q = start + centre * delta
         approach = np.maximum(pairs.radii_at(q) @ steps, _TINY)
-        room = pairs.distances(q) - required - _SPARE - 2 * DISTANCE_ERROR
+        room = pairs.distances(q) - required - _SPARE - 1.2 * DISTANCE_ERROR
         free = float(np.min(room / approach, initial=1.0 - centre + _OVERLAP))
         if free >= centre - reached and free > 0:
             margins = required + free * approach + _SPARE

@@ -10,7 +10,7 @@ from ompl import base as ob
 
 from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.danger_bounds import DangerLimit
-from safe_ompl.models.motion import CertifiedMotion
+from safe_ompl.models.motion import FLOOR, CertifiedMotion
 from safe_ompl.plugins.states import StateBridge
 
 
@@ -29,7 +29,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         [m] An edge with less clearance than about this stays undecided, and counts as blocked.
     """
 
-    def __init__(self, si: Any, checker: CollisionChecker, floor: float = 1e-4) -> None:
+    def __init__(self, si: Any, checker: CollisionChecker, floor: float = FLOOR) -> None:
         super().__init__(si)
         self.motion = CertifiedMotion(checker, floor)
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
