@@ -74,8 +74,8 @@ class Scene:
         return cls.from_mapping(document.parse_document(text), Path(folder))
 
     @classmethod
-    def from_mapping(cls, data: Mapping[str, Any], folder: Path) -> Scene:
-        """Read a scene from the keys ``obstacles`` and ``spacing`` of a document."""
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path = Path()) -> Scene:
+        """Read a scene from the keys ``obstacles`` and ``spacing`` of a document; files are relative to `folder`."""
         document.check_keys(data, ("spacing", "obstacles"))
         items = document.sequence("obstacles", data.get("obstacles") or ())
         obstacles = []

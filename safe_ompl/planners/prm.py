@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
-from safe_ompl.planners.roadmap import ROOT, Graph, JointMetric, LinkMetric, Metric, Roadmap
+from safe_ompl.planners.roadmap import ROOT, Graph, LinkMetric, Metric, Roadmap, SpaceMetric
 from safe_ompl.planners.sliding import SlidingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
@@ -35,7 +35,7 @@ class SafePRM(SlidingPlanner):
     ----------
     si : ob.SpaceInformation
         Any space of real vectors and SO(2) parts. If its validity checker is a `CollisionFreeValidity`, neighbours
-        are chosen by the ends of the robot's links, eq. (11), else by the length of the motion.
+        are chosen by the ends of the robot's links, eq. (11), else by the space's own distance.
     name : str
         Name in logs and benchmarks.
     alpha : float
@@ -277,7 +277,7 @@ class SafePRM(SlidingPlanner):
         validity = self.getSpaceInformation().getStateValidityChecker()
         if isinstance(validity, CollisionFreeValidity):
             return LinkMetric(validity.checker.robot)
-        return JointMetric(self._bridge)
+        return SpaceMetric(self._bridge)
 
     def _forget(self) -> None:
         self._roadmap = Roadmap(self._bridge, self._cost, self._metric())

@@ -55,8 +55,8 @@ class LinkMetric:
         return _squares(places - place)
 
 
-class JointMetric:
-    """The metric where there is no robot model: the squared length of the motion, with wrapping.
+class SpaceMetric:
+    """The metric where there is no robot model: the space's own distance.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class JointMetric:
 
     def distances(self, places: FloatArray, place: FloatArray) -> FloatArray:
         """Return D (N,) from each of `places: (N, n)` to `place: (n,)`."""
-        return _squares(self._bridge.difference(places, place))
+        return self._bridge.distances(places, place)
 
 
 class Roadmap:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from ompl import base as ob
@@ -77,9 +77,11 @@ class StateBridge:
     def __init__(self, space: Any) -> None:
         self.space = space
         parts = _parts(space)
-        self.circular: BoolArray = np.concatenate([circular for circular, _, _ in parts])
-        self.lower: FloatArray = np.concatenate([lower for _, lower, _ in parts])
-        self.upper: FloatArray = np.concatenate([upper for _, _, upper in parts])
+        self.circular: BoolArray = np.concatenate([part.circular for part in parts])
+        self.lower: FloatArray = np.concatenate([part.lower for part in parts])
+        self.upper: FloatArray = np.concatenate([part.upper for part in parts])
+        self._weights = np.array([part.weight for part in parts])
+        self._firsts = np.cumsum([0, *(len(part.lower) for part in parts[:-1])])
         self.n: int = len(self.lower)
         # More than one turn of a joint makes a space no larger to plan in.
         self.extent = float(np.linalg.norm(np.minimum(self.upper - self.lower, 2 * np.pi)))
@@ -123,6 +125,15 @@ class StateBridge:
             delta = np.where(self.circular, delta - 2 * np.pi * np.round(delta / (2 * np.pi)), delta)
         return delta
 
+    def distances(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the space's own distances (…) between `start` and `end: (…, n)`.
+
+        Of a compound OMPL adds up the lengths of the motion in each part, times the part's weight.
+        """
+        squares = np.add.reduceat(self.difference(start, end) ** 2, self._firsts, axis=-1)
+        distances: FloatArray = np.sqrt(squares) @ self._weights
+        return distances
+
 
 class ScratchState:
     """One state of a space, freed with this object."""
@@ -137,16 +148,44 @@ class ScratchState:
         return self.state
 
 
-def _parts(space: Any) -> list[tuple[BoolArray, FloatArray, FloatArray]]:
-    """For each leaf of a space: which coordinates wrap, and the bounds."""
+# Their motions are curves and their distances those of vehicles, not of the coordinates.
+_CURVED = tuple(
+    getattr(ob, name)
+    for name in (
+        *("DubinsStateSpace", "ReedsSheppStateSpace", "TrochoidStateSpace"),
+        *("OwenStateSpace", "VanaStateSpace", "VanaOwenStateSpace"),
+    )
+    if hasattr(ob, name)
+)
+
+
+class _Part(NamedTuple):
+    """A leaf of a space: which coordinates wrap, their bounds, and what the part weighs in distances."""
+
+    circular: BoolArray
+    lower: FloatArray
+    upper: FloatArray
+    weight: float
+
+
+def _parts(space: Any, weight: float = 1.0) -> list[_Part]:
+    if isinstance(space, _CURVED):
+        raise InputError(
+            f"state space {space.getName()!r} ({type(space).__name__}): its motions are curves; only spaces of "
+            "straight motions can be planned in (real vectors, SO(2) and compounds of these, such as SE2StateSpace)"
+        )
     if isinstance(space, ob.SO2StateSpace):
-        return [(np.array([True]), np.array([-np.pi]), np.array([np.pi]))]
+        return [_Part(np.array([True]), np.array([-np.pi]), np.array([np.pi]), weight)]
     if isinstance(space, ob.RealVectorStateSpace):
         bounds = space.getBounds()
         lower, upper = np.array(list(bounds.low), dtype=float), np.array(list(bounds.high), dtype=float)
-        return [(np.zeros(len(lower), dtype=bool), lower, upper)]
+        return [_Part(np.zeros(len(lower), dtype=bool), lower, upper, weight)]
     if isinstance(space, ob.CompoundStateSpace):
-        return [part for i in range(space.getSubspaceCount()) for part in _parts(space.getSubspace(i))]
+        return [
+            part
+            for i in range(space.getSubspaceCount())
+            for part in _parts(space.getSubspace(i), weight * space.getSubspaceWeight(i))
+        ]
     raise InputError(
         f"state space {space.getName()!r} ({type(space).__name__}): only real vectors, SO(2) and compounds of these "
         "can be planned in"

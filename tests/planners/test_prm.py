@@ -15,7 +15,7 @@ from safe_ompl.models.scene import Scene
 from safe_ompl.planners import prm
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.planners.roadmap import Graph, JointMetric, LinkMetric, Roadmap
+from safe_ompl.planners.roadmap import Graph, LinkMetric, Roadmap, SpaceMetric
 from safe_ompl.plugins.objective import DangerObjective, StateCost
 from safe_ompl.plugins.states import StateBridge
 from safe_ompl.setup import SafeSetup
@@ -495,15 +495,15 @@ def _space(robot):
     return bridge, StateCost(None, bridge)
 
 
-def test_the_metric_of_joints_wraps():
-    metric = JointMetric(StateBridge(ob.SO2StateSpace()))
+def test_the_metric_of_the_space_wraps():
+    metric = SpaceMetric(StateBridge(ob.SO2StateSpace()))
     places = metric.places(np.array([[3.0], [-3.0], [0.0]]))
-    np.testing.assert_allclose(metric.distances(places, places[0]), [0.0, (2 * np.pi - 6) ** 2, 9.0])
+    np.testing.assert_allclose(metric.distances(places, places[0]), [0.0, 2 * np.pi - 6, 3.0])
 
 
 def test_which_metric_is_used(ur5, clutter):
-    assert isinstance(Problem().roadmap._metric, JointMetric)
-    assert isinstance(SafePRM(ob.SpaceInformation(ob.RealVectorStateSpace(2)))._roadmap._metric, JointMetric)
+    assert isinstance(Problem().roadmap._metric, SpaceMetric)
+    assert isinstance(SafePRM(ob.SpaceInformation(ob.RealVectorStateSpace(2)))._roadmap._metric, SpaceMetric)
     setup = SafeSetup(ur5, clutter, danger=None)
     assert isinstance(SafePRM(setup.getSpaceInformation())._roadmap._metric, LinkMetric)
 

@@ -139,3 +139,32 @@ def test_other_spaces_are_refused(kind):
     compound.addSubspace(space, 1.0)
     with pytest.raises(InputError, match="only real vectors, SO"):
         StateBridge(compound)
+
+
+@pytest.mark.parametrize("kind", [ob.DubinsStateSpace, ob.ReedsSheppStateSpace, ob.TrochoidStateSpace])
+def test_spaces_of_curved_motions_are_refused(kind):
+    space = kind()
+    box = ob.RealVectorBounds(2)
+    box.setLow(-1)
+    box.setHigh(1)
+    space.setBounds(box)
+    compound = ob.CompoundStateSpace()
+    compound.addSubspace(space, 1.0)
+    for refused in (space, compound):
+        with pytest.raises(InputError, match=rf"{kind.__name__}.*motions are curves"):
+            StateBridge(refused)
+
+
+def test_distances_are_ompls_own():
+    inner = ob.CompoundStateSpace()
+    inner.addSubspace(ob.SO2StateSpace(), 0.3)
+    inner.addSubspace(real_vector((-1, 1), (-2, 2)), 0.5)
+    space = ob.CompoundStateSpace()
+    space.addSubspace(real_vector((0, 3), (0, 4)), 2.0)
+    space.addSubspace(inner, 3.0)
+    bridge = StateBridge(space)
+    one, other = ScratchState(bridge), ScratchState(bridge)
+    rows = bridge.lower + (bridge.upper - bridge.lower) * np.random.default_rng(0).random((20, 5))
+    expected = [space.distance(one.set(q), other.set(rows[0])) for q in rows]
+    np.testing.assert_allclose(bridge.distances(rows, rows[0]), expected, atol=1e-12)
+    assert bridge.distances(rows[1], rows[0]) == pytest.approx(expected[1])
