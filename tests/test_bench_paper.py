@@ -191,6 +191,8 @@ def test_two_runs_of_two_planners(tmp_path: Path, capsys: pytest.CaptureFixture[
     lines = (tmp_path / "study_1" / "runs.jsonl").read_text().splitlines()
     runs = [(line["planner"], line["seed"]) for line in map(json.loads, lines)]
     assert runs == [(name, k) for k in range(2) for name in PAIR.planners]
+    counts = [json.loads(line)["counts"] for line in lines]
+    assert [count["field_configurations"] > 0 for count in counts] == 2 * [False, True]
     with sqlite3.connect(tmp_path / "benchmark.db") as database:
         assert database.execute("select count(*) from runs").fetchone() == (8,)
 
