@@ -23,6 +23,7 @@ from math import ceil
 from time import process_time
 
 import numpy as np
+import pinocchio as pin
 from _scenes import bookshelf, scattered
 from _timing import print_table
 from motion import random_edges, sampled_is_free
@@ -242,15 +243,17 @@ class Subdivision:
         """Ask for the pair that failed last before all the others."""
         if not self.last_pair:
             return self.checker.within_margins(q)
-        queries = self.checker._margin
-        if self.blocker is not None and queries.touches_pair(
-            self.checker.robot.pinocchio_configuration(q), self.blocker
-        ):
-            return True
+        queries, full = self.checker._margin, self.checker.robot.pinocchio_configuration(q)
+        if self.blocker is not None:
+            pin.updateGeometryPlacements(
+                queries.model, queries.kinematics, queries.geometry, queries.data, full
+            )
+            if pin.computeCollision(queries.geometry, queries.data, self.blocker):
+                return True
         if not self.checker.within_margins(q):
             return False
-        results = queries.data.collisionResults
-        self.blocker = next((k for k, result in enumerate(results) if result.isCollision()), None)
+        results = enumerate(queries.data.collisionResults)
+        self.blocker = next((k for k, result in results if result.isCollision()), None)
         return True
 
 
@@ -260,6 +263,7 @@ IDEAS: dict[str, dict[str, float | bool]] = {
     "radii at the centre": {"capped": True, "centred": True},
     "first intervals of 0.4 m": {"capped": True, "first_reach": 0.2},
     "first intervals of 0.1 m": {"capped": True, "first_reach": 0.05},
+    "0.4 m, and the pair that failed last": {"capped": True, "first_reach": 0.2, "last_pair": True},
     "0.4 m, and radii at the centre": {"capped": True, "centred": True, "first_reach": 0.2},
 }
 
