@@ -282,9 +282,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         Raises
         ------
         InputError
-            If the time is neither.
+            If the time is neither, or no start or no goal is set.
         """
         stop = _termination(time)
+        self._check_problem()
         try:
             return super().solve(stop)
         except BaseException:
@@ -492,6 +493,24 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         solution.clear()
         for q in path:
             solution.append(self._state(q))
+
+    def setup(self) -> None:
+        """Prepare for `solve`, as OMPL's `setup`.
+
+        Raises
+        ------
+        InputError
+            If no start or no goal is set.
+        """
+        self._check_problem()
+        super().setup()
+
+    def _check_problem(self) -> None:
+        """Raise an error where OMPL would say less, or end the process."""
+        if self.getGoal() is None:
+            raise InputError("no goal is set: call setConfigurations, setWorkspaceGoal or setGoal")
+        if not self.getProblemDefinition().getStartStateCount():
+            raise InputError("no start is set: call setConfigurations, setStartConfiguration or addStartState")
 
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
