@@ -60,11 +60,30 @@ def test_planners_keep_to_their_own_limit(setup: SafeSetup, planner: str) -> Non
 @pytest.mark.parametrize("planner", ["SafeRRTConnect", "ClassicRRTConnect", "RRTConnect"])
 def test_whoever_plans_keeps_to_the_limit_of_the_setup(setup: SafeSetup, planner: str) -> None:
     setup.setMaxDanger(LIMIT)
-    for seed in range(5):
+    for seed in range(3):
         result = setup.plan(planner, time=20.0, seed=seed)
         assert result
         assert result.report.certified
         assert setup.field.values(densely(setup, result.path)).max() <= LIMIT
+
+
+def test_simplified_paths_keep_to_limits(setup: SafeSetup) -> None:
+    for seed in range(2):
+        result = setup.plan(
+            "SafeRRTConnect", time=20.0, seed=seed, parameters={"max_danger": LIMIT}, simplify=True
+        )
+        assert setup.field.values(densely(setup, result.path)).max() <= LIMIT
+    setup.setMaxDanger(LIMIT)
+    setup.setMinClearance(CLEARANCE)
+    result = setup.plan("SafeRRTConnect", time=20.0, seed=0, simplify=True)
+    assert setup.field.values(densely(setup, result.path)).max() <= LIMIT
+    assert nearest_to_person(setup, result.path) > CLEARANCE - 1e-4
+
+
+def test_optimised_paths_keep_to_limits(setup: SafeSetup) -> None:
+    result = setup.plan("SafeRRTConnect", optimise=2.0, seed=0, parameters={"max_danger": 1.25 * LIMIT})
+    assert result
+    assert setup.field.values(densely(setup, result.path)).max() <= 1.25 * LIMIT
 
 
 def test_unlimited_paths_are_more_dangerous(setup: SafeSetup) -> None:
