@@ -1,14 +1,24 @@
 """Safety-oriented robot arm motion planning for OMPL (Lacevic & Rocco, Robotica 2013)."""
 
 from safe_ompl.benchmark import Benchmark
-from safe_ompl.errors import CollisionError, InputError, PlanningError, SafeOmplError, UnknownNameError
+from safe_ompl.errors import (
+    CertificateError,
+    CollisionError,
+    InputError,
+    PlanningError,
+    SafeOmplError,
+    UnknownNameError,
+)
 from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.danger import DangerField
+from safe_ompl.models.danger_bounds import CertifiedDanger, DangerLimit
 from safe_ompl.models.motion import CertifiedMotion, Verdict
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
+from safe_ompl.paths.certificate import certificate
 from safe_ompl.paths.report import PathReport
+from safe_ompl.paths.verify import verify
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
@@ -23,12 +33,15 @@ from safe_ompl.setup import PlanResult, SafeSetup, plan
 __all__ = [
     "Benchmark",
     "BubblePlanner",
+    "CertificateError",
+    "CertifiedDanger",
     "CertifiedMotion",
     "CertifiedMotionValidator",
     "CollisionChecker",
     "CollisionError",
     "CollisionFreeValidity",
     "DangerField",
+    "DangerLimit",
     "DangerObjective",
     "InputError",
     "PathReport",
@@ -45,7 +58,9 @@ __all__ = [
     "UnknownNameError",
     "Verdict",
     "WorkspaceGoal",
+    "certificate",
     "make_planner",
     "plan",
     "planner_names",
+    "verify",
 ]

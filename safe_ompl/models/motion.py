@@ -119,6 +119,15 @@ class CertifiedMotion:
         """Return the same with another margin [m]."""
         return CertifiedMotion(self.checker, self.floor, margin=margin, limits=self.limits)
 
+    def setMinClearance(
+        self,
+        distance: float,
+        obstacles: Sequence[str] | None = None,
+        exempt: Sequence[tuple[str, str]] = (),
+    ) -> None:
+        """Prove that a distance is kept, too; see `CollisionChecker.setMinClearance`, where it is set."""
+        self.checker.setMinClearance(distance, obstacles, exempt)
+
     def is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the straight motion between two configurations (n,) within limits is proven free."""
         if self._subdivide(start, end, self._still)[0] is not Verdict.FREE:

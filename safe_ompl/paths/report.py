@@ -194,7 +194,7 @@ def _danger(field: DangerField, path: FloatArray, s: FloatArray, samples: FloatA
         profile=np.interp(np.linspace(0.0, s[-1], PROFILE_POINTS), s, values) if s[-1] else values,
         mean=integral / float(s[-1]) if s[-1] else float(values[0]),
         max=max(float(values.max()), peak.lower if peak else 0.0),
-        max_bound=peak and peak.upper,
+        max_bound=None if peak is None else peak.upper,
         integral=integral,
         avoidable=float(np.trapezoid(excess, s)),
     )

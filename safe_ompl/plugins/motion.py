@@ -46,7 +46,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         exempt: Sequence[tuple[str, str]] = (),
     ) -> None:
         """Accept only motions that are proven to keep a distance; see `CollisionChecker.setMinClearance`."""
-        self.motion.checker.setMinClearance(distance, obstacles, exempt)
+        self.motion.setMinClearance(distance, obstacles, exempt)
 
     def checkMotion(self, start: Any, end: Any) -> bool:
         """Return whether the straight motion between two states is within limits and proven free."""
