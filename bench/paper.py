@@ -14,7 +14,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from _paper.effort import MEASURE, sampled_checks
+from _paper.effort import Hardness
 from _paper.evidence import Evidence
 from _paper.figures import draw_ideas, draw_study
 from _paper.report import write_report
@@ -59,7 +59,7 @@ def study(folder: Path, pairs: Sequence[Pair], runs: int, processes: int) -> Pat
         for found, scenario, store in zip(evidence, scenarios, stores, strict=True):
             draw_study(found, scenario, store.folder)
         ideas = draw_ideas(folder)
-    hardness = [sampled_checks(scenario, MEASURE, HARDNESS_RUNS) for scenario in scenarios]
+    hardness = [Hardness.of(scenario, HARDNESS_RUNS) for scenario in scenarios]
     write_report(folder / "report.md", evidence, scenarios, hardness, ideas)
     return folder / "report.md"
 

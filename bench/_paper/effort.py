@@ -1,10 +1,11 @@
-"""How hard the scenes are by the paper's own measure: collision checks where edges are sampled."""
+"""How hard the scenes are by the paper's own measure, checks of sampled edges; and what danger costs, in checks."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from _timing import in_turn
 from ompl import geometric as og
 
 from safe_ompl.arrays import FloatArray
@@ -14,9 +15,24 @@ from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.states import StateBridge, joint_space
 from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.setup import setup_scenario
 
 MEASURE = "ClassicRRTConnect"  # the planner that a scene's hardness is measured by
 STEP = 0.05  # [rad] between two samples of an edge; the paper does not say
+
+
+class Hardness(NamedTuple):
+    """Nodes and checks of a planner that samples its edges; danger without and with its gradient, in checks."""
+
+    nodes: float
+    checks: float
+    value: float
+    gradient: float
+
+    @classmethod
+    def of(cls, scenario: Scenario, runs: int) -> Hardness:
+        """Measure a scenario; nodes and checks are means over so many runs."""
+        return cls(*sampled_checks(scenario, MEASURE, runs), *field_cost(scenario))
 
 
 def sampled_checks(scenario: Scenario, planner: str, runs: int) -> tuple[float, float]:
@@ -55,6 +71,24 @@ def sampled_checks(scenario: Scenario, planner: str, runs: int) -> tuple[float, 
         nodes.append(one.counts.nodes)
         checks.append(checker.counts.collision_queries)
     return float(np.mean(nodes)), float(np.mean(checks))
+
+
+def field_cost(scenario: Scenario, samples: int = 100, rounds: int = 5) -> tuple[float, float]:
+    """Return what the danger of a configuration costs, and what danger and gradient cost, in collision checks."""
+    setup = setup_scenario(scenario)
+    assert setup.field is not None
+    robot, checker, field = setup.robot, setup.checker, setup.field
+    configurations = np.random.default_rng(0).uniform(robot.lower, robot.upper, (samples, robot.n))
+    times = in_turn(
+        {
+            "check": lambda: [checker.in_collision(q) for q in configurations],
+            "value": lambda: [field.value(q) for q in configurations],
+            "gradient": lambda: [field.values_and_gradients(q[None]) for q in configurations],
+        },
+        samples,
+        rounds,
+    )
+    return times.ratio("value", "check"), times.ratio("gradient", "check")
 
 
 def _state(si: Any, q: FloatArray) -> Any:

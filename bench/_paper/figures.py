@@ -17,7 +17,7 @@ from safe_ompl.setup import SafeSetup, setup_scenario
 
 _IN_CSPACE = ("ClassicRRTConnect", "SafeRRTConnect")
 _FIELD_POSES = ((0.6, 0.9), (1.4, -2.0))
-_BUBBLE_POSES = ((0.8, 0.0), (2.8, 1.8))
+_BUBBLE_POSES = ((0.8, 0.0), (2.3, 1.2))
 
 
 class Figure(NamedTuple):

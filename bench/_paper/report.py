@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from _paper.claims import CLAIMS, Claim
-from _paper.effort import MEASURE, STEP
+from _paper.effort import MEASURE, STEP, Hardness
 from _paper.evidence import Evidence
 from _paper.figures import STUDY_FIGURES
 from _paper.tables import effort_table, markdown_table, printed_table, ratio_table
@@ -26,7 +26,7 @@ def write_report(
     file: Path,
     evidence: Sequence[Evidence],
     scenarios: Sequence[Scenario],
-    hardness: Sequence[tuple[float, float]],
+    hardness: Sequence[Hardness],
     ideas: Mapping[str, str],
 ) -> None:
     """Write the page in Markdown; pictures are named relative to it.
@@ -39,8 +39,8 @@ def write_report(
         Of each study; its pictures are in the folder ``study_N``.
     scenarios : sequence of Scenario
         Of each study.
-    hardness : sequence of (float, float)
-        For each study nodes and checks as `effort.sampled_checks` counts them.
+    hardness : sequence of Hardness
+        Of each study.
     ideas : mapping of str to str
         Further pictures and their captions.
     """
@@ -81,15 +81,16 @@ def targets_section(evidence: Sequence[Evidence]) -> str:
     return "## Ratios at a glance\n\n" + markdown_table(header, rows)
 
 
-def _study_section(evidence: Evidence, scenario: Scenario, hardness: tuple[float, float]) -> str:
+def _study_section(evidence: Evidence, scenario: Scenario, hardness: Hardness) -> str:
     number = evidence.study.number
-    nodes, checks = hardness
     printed = evidence.study.printed["RRT-Connect"][0]
     parts = [
         f"## Study {number}: {scenario.name}",
         scenario.description,
-        f"How hard it is: with edges sampled every {STEP} rad, as is usual, {MEASURE} needs {nodes:.0f} nodes and "
-        f"{checks:.0f} checks here; in the paper {printed.nodes} and {printed.checks}.",
+        f"How hard it is: with edges sampled every {STEP} rad, as is usual, {MEASURE} needs "
+        f"{hardness.nodes:.0f} nodes and {hardness.checks:.0f} checks here; in the paper {printed.nodes} and "
+        f"{printed.checks}. The danger of a configuration costs as much as {hardness.value:.1f} checks here, with its "
+        f"gradient {hardness.gradient:.1f}: this is what safe planners have to save.",
         f"Table {'I' * number}, our numbers:",
         effort_table(evidence),
         "Safe divided by classical; in brackets the paper's:",

@@ -68,6 +68,7 @@ def plot_bubbles(
             _draw_bubble(right, checker, q, colour)
         left.autoscale_view()
         left.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        left.locator_params(nbins=6)
         grid, free = _plane(checker)
         right.contourf(*grid, np.where(free, 0.0, 1.0), [0.5, 1.5], colors=["0.72"])
         right.set(
