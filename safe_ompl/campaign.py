@@ -51,6 +51,8 @@ class Campaign:
         Time limit of a run [s]; the scenario's own by default.
     seed : int
         Seed of the first run; the next ones count up.
+    simplify : bool or float
+        Whether paths are simplified, and for how long [s]; see `SafeSetup.plan`.
     done : collection of Run
         Runs to leave out: a campaign that was interrupted goes on where it stopped.
 
@@ -65,6 +67,7 @@ class Campaign:
     runs: int = 50
     time: float | None = None
     seed: int = 0
+    simplify: bool | float = False
     done: Collection[Run] = frozenset()
 
     def __post_init__(self) -> None:
@@ -120,6 +123,7 @@ class Campaign:
                 time=self.scenario.time if self.time is None else self.time,
                 seed=run.seed,
                 parameters=self.scenario.planners.get(run.planner),
+                simplify=self.simplify,
             )
         except PlanningError as error:
             _log.warning("%s, seed %d: %s", run.planner, run.seed, error)
@@ -197,6 +201,7 @@ def _danger(report: PathReport, key: str) -> float:
 
 _METRICS: dict[str, Callable[[PlanResult, PathReport], float]] = {
     "planning_time": lambda result, report: result.planning_time,
+    "simplification_time": lambda result, report: result.simplification_time,
     "length": lambda result, report: report.length,
     "danger_mean": lambda result, report: _danger(report, "mean"),
     "danger_max": lambda result, report: _danger(report, "max"),
@@ -220,9 +225,9 @@ class Summary:
     runs, solved : int
         How many there were, and how many found a path.
     metrics : mapping of str to ndarray, shape (S,)
-        For each metric its values over the S solved runs: planning_time [s], length [rad], danger_mean,
-        danger_max, danger_avoidable, clearance_min [m], clearance_mean [m], length_below_50mm [rad], queries
-        (collision and margin), field_configurations.
+        For each metric its values over the S solved runs: planning_time, simplification_time [s], length [rad],
+        danger_mean, danger_max, danger_avoidable, clearance_min [m], clearance_mean [m], length_below_50mm [rad],
+        queries (collision and margin), field_configurations.
     profiles : ndarray, shape (S, 101)
         Danger profiles of the solved runs.
     typical : PlanResult or None

@@ -13,6 +13,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.paths.simplify import Simplifier, Stop, timed
 
 _PATIENCE = 4  # starts in a row that find nothing better before the best path is refined
+_WORTHWHILE = 1e-3  # share of the cost that a better path must save to count as such for that
 _REFINEMENTS = 3  # each with half the spacing of the one before
 
 Search = Callable[[int, float], FloatArray | None]
@@ -64,7 +65,10 @@ class Optimisation:
     first_path: float | None = None
 
     def improvements(self, simplifier: Simplifier) -> tuple[Improvement, ...]:
-        """Return what the paths cost, in order; a path that is not better than those before is left out."""
+        """Return what the paths cost, in order; a path that is not better than those before is left out.
+
+        While paths descend, their cost is known for the danger points near them alone; here it is that of all points.
+        """
         found: list[Improvement] = []
         for time, path in zip(self.times, self.paths, strict=True):
             cost = simplifier.cost.of(path)
@@ -105,18 +109,18 @@ def _improve(
 ) -> None:
     best, stale, refinement, start = np.inf, 0, 0, 0
 
-    def better(path: FloatArray) -> None:
+    def better(path: FloatArray, cost: float) -> None:
         nonlocal best, stale
-        cost = simplifier.cost.of(path)
         if cost < best:
-            best, stale = cost, 0
+            stale = 0 if cost < (1.0 - _WORTHWHILE) * best else stale
+            best = cost
             found.times.append(perf_counter() - begin)
             found.paths.append(path)
 
     while not over():
         if found.paths and stale >= _PATIENCE and refinement < _REFINEMENTS:
             refinement, stale = refinement + 1, 0
-            better(simplifier.refined(refinement).simplify(found.paths[-1], over))
+            simplifier.refined(refinement).simplify(found.paths[-1], over, better, proven=True)
             continue
         path = search(start, seconds - (perf_counter() - begin))
         start, stale = start + 1, stale + 1
@@ -124,5 +128,5 @@ def _improve(
             continue
         if found.first_path is None:
             found.first_path = perf_counter() - begin
-            better(path)
-        better(simplifier.simplify(path, over))
+            better(path, simplifier.cost.of(path))
+        simplifier.simplify(path, over, better, proven=True)

@@ -330,11 +330,15 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         """
         time = _positive_time("time limit", time if optimise is None else optimise)
         duration = _simplification(simplify)
-        begin, before = perf_counter(), self.counts.copy()
         planner, name = self._prepare(planner, seed, parameters)
+        simplified = duration is not None or optimise is not None
+        self._validator.setDangerLimit(self._limit_of(planner) if simplified else self._danger_limit)
+        if self.field is not None and (duration is not None or optimise is not None):
+            self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
+        begin, before = perf_counter(), self.counts.copy()
         if optimise is not None:
             return self._optimised(planner, name, seed, time, begin, before)
-        begin = perf_counter()
+        begin, before = perf_counter(), self.counts.copy()
         status = self.solve(float(time))
         elapsed = perf_counter() - begin
         nodes = _nodes(planner)
@@ -376,6 +380,13 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         self.setPlanner(planner)
         self.setup()
         return planner, name
+
+    def _limit_of(self, planner: Any) -> DangerLimit | None:
+        """Return the limit that holds for what is made of a planner's path: the planner's own, or the setup's."""
+        own = planner.getMaxDanger() if isinstance(planner, SafePlanner) else 0.0
+        if not own or self.field is None or (self._danger_limit and self._danger_limit.limit <= own):
+            return self._danger_limit
+        return DangerLimit(self.field, own)
 
     def _optimised(
         self, planner: Any, name: str, seed: int, time: float, begin: float, before: Counts
@@ -477,7 +488,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         begin, path = perf_counter(), self.solution()
         if self.field is not None:
             goal = self._place if free_goal and self.getGoal() is self._place else None
-            self._set_solution(self.simplifier.simplify(path, _stopping(time), goal=goal))
+            self._set_solution(self.simplifier.simplify(path, _stopping(time), goal=goal, proven=True))
         else:
             super().simplifySolution(time)
             if not PathReport.of(self.solution(), self.checker, None, self._validator.motion).certified:
@@ -489,10 +500,12 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         return self._simplification_time
 
     def _set_solution(self, path: FloatArray) -> None:
-        solution = self.getSolutionPath()
-        solution.clear()
+        solution = og.PathGeometric(self.getSpaceInformation())
         for q in path:
             solution.append(self._state(q))
+        problem = self.getProblemDefinition()
+        problem.clearSolutionPaths()
+        problem.addSolutionPath(solution, False, 0.0, self.getPlanner().getName())
 
     def setup(self) -> None:
         """Prepare for `solve`, as OMPL's `setup`.
@@ -510,7 +523,9 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         if self.getGoal() is None:
             raise InputError("no goal is set: call setConfigurations, setWorkspaceGoal or setGoal")
         if not self.getProblemDefinition().getStartStateCount():
-            raise InputError("no start is set: call setConfigurations, setStartConfiguration or addStartState")
+            raise InputError(
+                "no start is set: call setConfigurations, setStartConfiguration or addStartState"
+            )
 
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""

@@ -119,6 +119,15 @@ def add_run_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
         "--time", type=seconds, metavar="SECONDS", help=f"time limit of a run (default: {usual_time})"
     )
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: 0)")
+    parser.add_argument(
+        "--simplify",
+        type=seconds,
+        nargs="?",
+        const=True,
+        default=False,
+        metavar="SECONDS",
+        help="make paths shorter and safer, for some time or until nothing more is to gain",
+    )
 
 
 def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:

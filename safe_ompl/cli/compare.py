@@ -56,7 +56,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = load_scenario(options.scenario)
     planners = options.planners or default_planners(scenario)
-    campaign = Campaign(scenario, planners, options.runs, options.time, options.seed)
+    campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)
     campaign.check(setup)
     folder = options.out or Path(f"compare-{scenario.name}")

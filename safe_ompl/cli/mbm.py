@@ -118,7 +118,11 @@ class Mbm:
         setup.setConfigurations(problem.start_configuration(robot), problem.goal_configurations(robot))
         options = self.options
         return setup.plan(
-            options.planner, time=options.time or _TIME, seed=options.seed, parameters=self.parameters
+            options.planner,
+            time=options.time or _TIME,
+            seed=options.seed,
+            parameters=self.parameters,
+            simplify=options.simplify,
         )
 
     def _widened(self, problem: MbmProblem, limits: dict[str, tuple[float, float]]) -> Robot:

@@ -52,6 +52,7 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
         result.report.danger.profile,
         file,
         clearance=_clearances(setup, result.path),
+        improvements=[(step.time, step.cost) for step in result.improvements] or None,
         planner=result.planner,
         title=f"{result.planner}, seed {result.seed}",
     )

@@ -15,6 +15,7 @@ from safe_ompl.cli.arguments import (
     given_parameters,
     given_robot,
     load_scenario,
+    seconds,
     with_limits,
 )
 from safe_ompl.cli.console import output_console
@@ -36,6 +37,12 @@ def add_command(commands: Any) -> None:
     )
     parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
     add_planner_options(parser, usual_time="the scenario's")
+    parser.add_argument(
+        "--optimise",
+        type=seconds,
+        metavar="SECONDS",
+        help="plan, simplify, start anew and refine for so long; the best path counts",
+    )
     parser.add_argument(
         "--json", metavar="FILE", help="write the result as JSON; - is standard output, without the table"
     )
@@ -81,6 +88,8 @@ class Plan:
             time=options.time or self.scenario.time,
             seed=options.seed,
             parameters=self.parameters,
+            simplify=options.simplify,
+            optimise=options.optimise,
         )
         if options.json:
             with opened(options.json) as stream:

@@ -67,8 +67,9 @@ def _median(
 _SOLVED = _Column(
     "solved", lambda s: s.solved / s.runs, lambda s: f"{s.solved}/{s.runs}", more_is_better=True
 )
+_TIME = _median("time\nms", "planning_time", 0, 1e3)
+_SIMPLIFICATION = _median("simpl.\nms", "simplification_time", 0, 1e3)
 _PATH = (
-    _median("time\nms", "planning_time", 0, 1e3),
     _median("path\nrad", "length", 2),
     _median("danger\nmean", "danger_mean", 2),
     _median("danger\nmax", "danger_max", 2),
@@ -78,8 +79,12 @@ _PATH = (
     _median("near\nrad", "length_below_50mm", 2),
 )
 _WORK = (_median("checks", "queries", 0), _median("field\nevals", "field_configurations", 0))
-_COMPARISON = (_SOLVED, *_PATH, *_WORK)
-_FAMILY = (_SOLVED, *_PATH)
+
+
+def _columns(summaries: Sequence[Summary], more: Sequence[_Column] = ()) -> list[_Column]:
+    """Return the columns of a table; what simplification took is one of them if there was any."""
+    simplified = any(summary.median("simplification_time") > 0 for summary in summaries)
+    return [_SOLVED, _TIME, *([_SIMPLIFICATION] if simplified else []), *_PATH, *more]
 
 
 def comparison_table(campaign: Campaign, robot: str, summaries: Sequence[Summary]) -> Table:
@@ -90,8 +95,9 @@ def comparison_table(campaign: Campaign, robot: str, summaries: Sequence[Summary
         f"Medians over the solved runs; {_BEST} best. near: length of path with less than 50 mm of "
         "clearance; checks: collision and margin queries"
     )
-    _add_columns(table, _COMPARISON)
-    rows = zip(*(column.cells(summaries) for column in _COMPARISON), strict=True)
+    columns = _columns(summaries, _WORK)
+    _add_columns(table, columns)
+    rows = zip(*(column.cells(summaries) for column in columns), strict=True)
     for summary, cells in zip(summaries, rows, strict=True):
         table.add_row(summary.planner, *cells)
     return table
@@ -120,6 +126,15 @@ def _facts(result: PlanResult) -> Iterator[tuple[str, str]]:
     counts, report = result.counts, result.report
     yield "status", result.status
     yield "planning time", f"{1e3 * result.planning_time:.1f} ms"
+    if result.simplification_time:
+        yield "simplification", f"{1e3 * result.simplification_time:.1f} ms"
+    if result.improvements:
+        first, last = result.improvements[0], result.improvements[-1]
+        yield (
+            "optimisation",
+            f"cost {first.cost:.2f} after {1e3 * first.time:.0f} ms, {last.cost:.2f} after {last.time:.2f} s, "
+            f"{len(result.improvements)} improvements",
+        )
     if result.path is not None and report is not None:
         proof = "every motion proven free" if report.certified else "not proven free"
         yield "path", f"{len(result.path)} way points, {report.length:.2f} rad; {proof}"
@@ -163,10 +178,11 @@ def _clearance(clearance: ClearanceReport) -> str:
 def families_table(results: Mapping[str, Sequence[PlanResult]]) -> Table:
     """Return a table with one row per family of problems: medians over the solved ones."""
     table = plain_table("family", gap=1)
-    _add_columns(table, _FAMILY)
-    for family, of_family in results.items():
-        summary = Summary.of(family, of_family)
-        table.add_row(family, *(column.written(summary) for column in _FAMILY))
+    summaries = [Summary.of(family, of_family) for family, of_family in results.items()]
+    columns = _columns(summaries)
+    _add_columns(table, columns)
+    for summary in summaries:
+        table.add_row(summary.planner, *(column.written(summary) for column in columns))
     return table
 
 

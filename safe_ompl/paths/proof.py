@@ -38,9 +38,9 @@ class PathProof:
             self._proven.add(key)
         return proven
 
-    def admit(self, path: FloatArray) -> bool:
-        """Take a path (N, n) whose edges are parts of accepted ones for accepted, if all of them are proven free."""
-        free = all(self._free.is_free(start, end) for start, end in pairwise(path))
+    def admit(self, path: FloatArray, proven: bool = False) -> bool:
+        """Take a path (N, n) whose edges are parts of known ones for accepted, if all are proven free."""
+        free = proven or all(self._free.is_free(start, end) for start, end in pairwise(path))
         if free:
             self._proven.update(start.tobytes() + end.tobytes() for start, end in pairwise(path))
         return free
@@ -77,10 +77,13 @@ def least_clearance(path: FloatArray, checker: CollisionChecker) -> float:
     curve = Curve(checker.robot, path)
     samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP)))
     least = min(checker.clearance(q).distance for q in samples[[0, -1]])
-    for q in samples if np.isfinite(least) else ():
-        if least <= 0:
-            break
-        checker.set_margins(np.where(checker.meets_obstacle, least, 0.0))
-        if checker.within_margins(q):
-            least = min(least, checker.clearance(q).distance)
-    return max(0.0, least)
+    if not 0 < least < np.inf:
+        return max(0.0, least)
+    checker.set_margins(np.where(checker.meets_obstacle, least, 0.0))
+    for q in samples:
+        if checker.within_margins(q) and (distance := checker.clearance(q).distance) < least:
+            if distance <= 0:
+                return 0.0
+            least = distance
+            checker.set_margins(np.where(checker.meets_obstacle, least, 0.0))
+    return least

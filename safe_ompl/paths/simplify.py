@@ -36,13 +36,13 @@ _SAME = 1e-4  # [m] clearances that differ by less are the same
 _SCAN = 0.15  # [rad] between the configurations at which all danger points are looked at
 _SHARE = 0.75  # of the greatest danger: points that reach it somewhere are looked at in the descent
 _FAR = 0.5  # [rad] when way points have moved so far, other points may matter
-_ROUNDS = (2, 3, 5)  # steps between two proofs: more, as long as the proofs succeed
+_ROUNDS = (3, 5, 8)  # steps between two proofs: more, as long as the proofs succeed
 _CAUTION = 0.3  # a round that fails is tried again with this share of the step
 _SMALLEST = 0.01  # [rad] steps are not worth taking
 _CONVERGED = 2e-3  # a round that lowers the cost by less than this share is the last
 
 Stop = Callable[[], bool]
-Better = Callable[[FloatArray], None]
+Better = Callable[[FloatArray, float], None]
 
 
 def simplify_danger(
@@ -80,7 +80,7 @@ def simplify_danger(
     stop : callable, optional
         Asked between steps; when it returns True, that is the end.
     on_better : callable, optional
-        Told every better path (N', n) as soon as it is proven.
+        Told every better path (N', n) as soon as it is proven, and its J.
     goal : GoalSet, optional
         A set on which the last way point may move, such as a `WorkspaceGoal`; without it the ends are fixed.
     weight, exponent : float
@@ -158,6 +158,7 @@ class Simplifier:
         length_factor: float = LENGTH_FACTOR,
         spacing: float = SPACING,
     ) -> None:
+        checker.cover(CLEARANCE)  # so that the first path need not wait for it
         self.robot = checker.robot
         self.checker = checker
         self.motion = motion or CertifiedMotion(checker)
@@ -191,12 +192,14 @@ class Simplifier:
         stop: Stop,
         on_better: Better | None = None,
         goal: GoalSet | None = None,
+        *,
+        proven: bool = False,
     ) -> FloatArray:
-        """Return a better path; see `simplify_danger`."""
+        """Return a better path; see `simplify_danger`. That `path` is proven already saves its proof."""
         checked = finite_array(path, (None, self.robot.n), "path")
         if len(checked) < 2:
             raise InputError(f"path must have two configurations at least, got {len(checked)}")
-        run = _Run(self, _unrolled(self.robot, checked), stop, on_better, goal)
+        run = _Run(self, _unrolled(self.robot, checked), stop, on_better, goal, proven)
         with suppress(KeyboardInterrupt):  # the best path so far stands
             run.shorten()
             run.descend()
@@ -213,6 +216,7 @@ class _Run:
         stop: Stop,
         on_better: Better | None,
         goal: GoalSet | None,
+        proven: bool,
     ) -> None:
         self.best = path
         self._robot = simplifier.robot
@@ -222,7 +226,7 @@ class _Run:
         self._on_better = on_better
         self._place = Freedom(simplifier.robot) if goal is None else FreeGoal(goal)
         self._longest = simplifier.length_factor * _length(path)
-        self._proof = _proof_of(path, simplifier)
+        self._proof = _proof_of(path, simplifier, proven)
         self._nearness = simplifier.nearness
         if self._nearness is not None:
             ends = [simplifier.checker.clearance(q).distance for q in path[[0, -1]]]
@@ -237,8 +241,9 @@ class _Run:
     def shorten(self) -> None:
         """Take shortcuts."""
         shorter = shortcut(self.best, self._danger_cost, self._proof, self._stop)
-        if _length(shorter) <= self._longest and self._danger_cost.of(shorter) < self._ceiling:
-            self._publish(shorter)
+        cost = self._danger_cost.of(shorter)
+        if _length(shorter) <= self._longest and cost < self._ceiling:
+            self._publish(shorter, cost)
 
     def descend(self) -> None:
         """Descend until the cost falls no more."""
@@ -254,7 +259,7 @@ class _Run:
 
     def _descend_nearby(self) -> bool:
         """Descend until the cost falls no more, or way points have moved far; return whether they have."""
-        first, self._level = self.best, self._level_of(self.best)
+        first, self._level = self.best, self._danger_cost.of(self.best) + self._nearness_of(self.best)
         descent = Descent(self._cost, self.best, self._place)
         largest, round_ = LARGEST, 0
         while largest >= _SMALLEST and not self._stop():
@@ -283,18 +288,19 @@ class _Run:
         """Make a proven path the best one if it is cheaper and not too long; return by how much it is cheaper."""
         if np.array_equal(path, self.best) or _length(path) > self._longest:
             return 0.0
-        level = self._level_of(path)
+        cost = self._danger_cost.of(path)
+        level = cost + self._nearness_of(path)
         gain = self._level - level
-        if gain <= 0:
+        if gain <= 0 or cost > self._ceiling:
             return 0.0
         self._level = level
-        self._publish(path)
+        self._publish(path, cost)
         return gain
 
-    def _publish(self, path: FloatArray) -> None:
+    def _publish(self, path: FloatArray, cost: float) -> None:
         self.best = path
         if self._on_better is not None:
-            self._on_better(path)
+            self._on_better(path, cost)
 
     def _divide(self) -> None:
         """Put way points where the descent needs them; the path stays what it is."""
@@ -313,24 +319,23 @@ class _Run:
         self._danger_cost = PathCost(self._robot, [danger])
         self._cost = PathCost(self._robot, [danger, *([] if self._nearness is None else [self._nearness])])
 
-    def _level_of(self, path: FloatArray) -> float:
-        """Return what a path costs, danger closely sampled; witnesses of nearness are those of this path then."""
-        level = self._danger_cost.of(path)
-        if self._nearness is not None:
-            self._anchor(path)
-            level += PathCost(self._robot, [self._nearness]).value_and_gradient(path)[0] - _length(path)
-        return level
+    def _nearness_of(self, path: FloatArray) -> float:
+        """Return what nearness along a path costs; the witnesses of nearness are those of this path then."""
+        if self._nearness is None:
+            return 0.0
+        self._anchor(path)
+        return PathCost(self._robot, [self._nearness]).value_and_gradient(path)[0] - _length(path)
 
     def _anchor(self, path: FloatArray) -> None:
         if self._nearness is not None:
             self._nearness.anchor(self._cost.nodes(path))
 
 
-def _proof_of(path: FloatArray, simplifier: Simplifier) -> PathProof:
+def _proof_of(path: FloatArray, simplifier: Simplifier, proven: bool) -> PathProof:
     """Return what later paths must hold: proven free, and no nearer to obstacles than the given one, but for 0.1 mm."""
     margin = least_clearance(path, simplifier.checker) - _SAME
     proof = PathProof(simplifier.motion, max(0.0, margin) if np.isfinite(margin) else 0.0)
-    if not proof.admit(path):
+    if not proof.admit(path, proven):
         raise InputError(f"path: the edge from way point {proof.refused(path)[0]} on is not proven free")
     return proof
 

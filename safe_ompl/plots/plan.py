@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.errors import InputError
 from safe_ompl.palette import Colour, planner_styles
 from safe_ompl.plots.data import curve
 from safe_ompl.plots.page import ALARM, ALONG, DANGER, GREY, Page, natural
@@ -22,6 +23,7 @@ def plot_plan(
     *,
     clearance: ArrayLike | None = None,
     near: float = 0.05,
+    improvements: ArrayLike | None = None,
     planner: str = "",
     title: str | None = None,
 ) -> Any:
@@ -39,6 +41,8 @@ def plot_plan(
         Clearance at equal steps of the path [m].
     near : float
         Clearance under which the path is too near [m]; shaded.
+    improvements : (K, 2) array, optional
+        Of an optimisation: times [s] at which better paths were found, and their costs.
     planner : str
         Who planned it; decides the colour.
     title : str, optional
@@ -57,16 +61,38 @@ def plot_plan(
     """
     values = curve(danger, "danger")
     gaps = None if clearance is None else 1e3 * curve(clearance, "clearance")
-    with Page(file, 7.0, 3.7 if gaps is None else 6.2) as page:
-        upper = page.figure.add_subplot(1 if gaps is None else 2, 1, 1)
+    steps = None if improvements is None else _checked_improvements(improvements)
+    rows = 1 + (gaps is not None) + (steps is not None)
+    with Page(file, 7.0, 1.2 + 2.5 * rows) as page:
+        upper = page.figure.add_subplot(rows, 1, 1)
         _draw_danger(upper, values, planner_styles([planner])[planner].colour)
         upper.set_title(planner if title is None else title)
         lowest = upper
         if gaps is not None:
-            lowest = page.figure.add_subplot(2, 1, 2)
+            lowest = page.figure.add_subplot(rows, 1, 2)
             _draw_clearance(lowest, gaps, 1e3 * near)
         lowest.set_xlabel(ALONG)
+        if steps is not None:
+            _draw_improvements(page.figure.add_subplot(rows, 1, rows), steps)
     return page.figure
+
+
+def _checked_improvements(improvements: ArrayLike) -> FloatArray:
+    steps = finite_array(improvements, (None, 2), "improvements")
+    if not (len(steps) and (steps[:, 0] > 0).all()):
+        raise InputError(f"improvements must be at times > 0, at least one, got {steps.tolist()}")
+    return steps
+
+
+def _draw_improvements(axes: Any, steps: FloatArray) -> None:
+    """Draw the cost of the best path against time, as a staircase."""
+    times, costs = steps.T
+    end = max(1.3 * float(times[-1]), 1.0)
+    axes.step([*times, end], [*costs, costs[-1]], where="post", color="0.25", linewidth=2.4)
+    axes.set(xscale="log", xlabel="time [s]", ylabel="cost of the best path", xlim=(0.8 * times[0], end))
+    axes.set_ylim(0.0, 1.12 * float(costs.max()))
+    note = f"{costs[-1]:.1f} after {times[-1]:.2g} s"
+    axes.set_title(note, loc="right", color="0.25", fontsize=11, weight="normal")
 
 
 def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:

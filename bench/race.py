@@ -1,0 +1,253 @@
+"""The race: the cost J of the best path against time, on 20 queries among obstacles.
+
+    python bench/race.py [--planners A,B] [--queries 0:20] [--time 40] [--runs 1] [--plot FILE] [--json FILE]
+
+J = ∫ (1 + λ·CDF) ds, λ = 5/median danger over valid configurations: the cost that every rival is given. The queries
+are fixed: robot, scene, and the first pair of random configurations with 20 mm of clearance whose straight motion is
+blocked. Racing are
+
+* Safe: `SafeSetup.plan(optimise=…)`, SafeRRTConnect, simplification, restarts, refinement;
+* Restart: OMPL's RRTConnect and OMPL's simplifier, started anew until the time is up, the best path kept;
+* every other name: that planner with the cost as its objective. OMPL's optimising planners go on until the time is
+  up; others are started anew.
+
+Paths are noted with the time at which they were found; what they cost is computed afterwards. The last column is
+the best J that anything found for the query, the first and last rows of the table are medians over queries of J
+divided by it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import count
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from _scenes import scattered
+from ompl import geometric as og
+from ompl import util as ou
+
+from safe_ompl import DangerObjective, Robot, SafeSetup, Scene
+from safe_ompl.arrays import FloatArray
+from safe_ompl.paths.cost import PathCost
+from safe_ompl.planners.registry import make_planner
+
+OURS, RESTART = "Safe", "Restart"
+PLANNERS = (OURS, RESTART, "BITstar", "RRTstar", "InformedRRTstar")
+OPTIMISING = ("BITstar", "RRTstar", "InformedRRTstar", "SORRTstar")
+INSTANTS = (0.05, 0.1, 0.3, 1.0, 10.0, 40.0)
+OBSTACLES, CLEARANCE = 6, 0.02
+_LOOK = 0.02  # [s] an optimising planner runs between two looks at its best path
+QUERIES = tuple((robot, seed) for seed in range(7) for robot in ("ur5", "panda", "xarm7"))[:20]
+
+
+@dataclass(frozen=True)
+class Query:
+    """A problem of the race."""
+
+    robot: str
+    seed: int
+
+    def __str__(self) -> str:
+        return f"{self.robot} {self.seed}"
+
+    def setup(self) -> SafeSetup:
+        """Return the problem, simplified by the cost of the race."""
+        robot = named_robot(self.robot)
+        scene = Scene(
+            tuple(replace(obstacle, weight=1.0) for obstacle in scattered(OBSTACLES, self.seed).obstacles)
+        )
+        setup = SafeSetup(robot, scene)
+        setup.setSimplification(exponent=1.0, clearance=0.0)
+        setup.setConfigurations(*self._ends(setup))
+        return setup
+
+    def _ends(self, setup: SafeSetup) -> tuple[FloatArray, FloatArray]:
+        rng = np.random.default_rng(self.seed)
+        lower, upper = np.maximum(setup.robot.lower, -2.8), np.minimum(setup.robot.upper, 2.8)
+        motion, checker = setup.simplifier.motion, setup.checker
+        while True:
+            start, goal = rng.uniform(lower, upper, (2, setup.robot.n))
+            if not (checker.in_collision(start) or checker.in_collision(goal)):
+                clear = min(checker.clearance(q).distance for q in (start, goal)) > CLEARANCE
+                if clear and not motion.is_free(start, goal):
+                    return start, goal
+
+
+class RaceCost:
+    """1 + λ·CDF in the place of a danger field: as an objective, its integral is J."""
+
+    def __init__(self, cost: PathCost) -> None:
+        self._density = cost.densities[0]
+
+    def value(self, q: FloatArray) -> float:
+        """Return the density at `q: (n,)`."""
+        return float(self.values(q[None])[0])
+
+    def values(self, Q: FloatArray) -> FloatArray:
+        """Return the density (B,) at `Q: (B, n)`."""
+        return 1.0 + self._density.values(Q)
+
+    def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
+        values, gradients = self._density.values_and_gradients(Q)
+        return 1.0 + values, gradients
+
+
+@cache
+def named_robot(name: str) -> Robot:
+    """Return an example robot."""
+    return Robot.from_example(name)
+
+
+# ------------------------------------------------------------------------------------------------ the runners
+
+Found = list[tuple[float, float]]  # when, and J
+
+
+def run(name: str, query: Query, seconds: float, seed: int) -> Found:
+    """Return when a planner found what on a query, best paths only."""
+    setup = query.setup()
+    if name == OURS:
+        result = setup.plan(optimise=seconds, seed=seed)
+        return [(i.time + _overhead(result), i.cost) for i in result.improvements]
+    setup.getSpaceInformation().setup()
+    ou.RNG.setSeed(seed + 1)
+    setup.setOptimizationObjective(
+        DangerObjective(setup.getSpaceInformation(), RaceCost(setup.simplifier.cost))
+    )
+    begin = perf_counter()
+    paths = _optimised if name in OPTIMISING else _restarted
+    noted = [(perf_counter() - begin, path) for path in paths(setup, name, begin + seconds)]
+    return _falling((when, setup.simplifier.cost.of(path)) for when, path in noted)
+
+
+def _overhead(result: Any) -> float:
+    """Return what `plan` needs before its clock begins; it is part of the clock."""
+    return 0.0
+
+
+def _optimised(setup: SafeSetup, name: str, end: float) -> Iterator[FloatArray]:
+    """Yield the best path of one run, each time that it has become another."""
+    setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
+    last = None
+    while (left := end - perf_counter()) > 0:
+        setup.solve(min(_LOOK, left))
+        if setup.haveExactSolutionPath():
+            path = setup.solution()
+            if last is None or not np.array_equal(path, last):
+                last = path
+                yield path
+
+
+def _restarted(setup: SafeSetup, name: str, end: float) -> Iterator[FloatArray]:
+    """Yield the paths of one run after another."""
+    planner = "RRTConnect" if name == RESTART else name
+    for start in count():
+        if (left := end - perf_counter()) <= 0:
+            return
+        setup.clear()
+        made = make_planner(planner, setup.getSpaceInformation())
+        if hasattr(made, "setSeed"):
+            made.setSeed(start)
+        setup.setPlanner(made)
+        setup.solve(left)
+        if setup.haveExactSolutionPath():
+            yield setup.solution()
+            og.SimpleSetup.simplifySolution(setup)
+            yield setup.solution()
+
+
+def _falling(found: Iterator[tuple[float, float]]) -> Found:
+    kept: Found = []
+    for when, cost in found:
+        if not kept or cost < kept[-1][1]:
+            kept.append((when, cost))
+    return kept
+
+
+def cost_at(found: Found, instant: float) -> float:
+    """Return the best J up to an instant [s], infinite where there was no path."""
+    return min((cost for when, cost in found if when <= instant), default=np.inf)
+
+
+# ------------------------------------------------------------------------------------------------- the table
+
+
+def main() -> None:
+    """Run the race."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--planners", default=",".join(PLANNERS), help="default: %(default)s")
+    parser.add_argument("--queries", default="0:20", metavar="A:B", help="which of the 20")
+    parser.add_argument("--time", type=float, default=40.0, metavar="S", help="of each run (default: 40)")
+    parser.add_argument(
+        "--longer", type=float, metavar="S", help="time for ours alone, towards the best J known"
+    )
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write what was found when")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it (.png)")
+    options = parser.parse_args()
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    logging.disable(logging.WARNING)
+
+    planners = options.planners.split(",")
+    part = slice(*(int(text) if text else None for text in options.queries.split(":")))
+    queries = [Query(*query) for query in QUERIES[part]]
+    found: dict[str, dict[str, Found]] = {planner: {} for planner in planners}
+    best: dict[str, float] = {}
+    instants = [instant for instant in INSTANTS if instant <= options.time]
+    print(f"{'query':10s}{'planner':>18s}" + "".join(f"{f'{t:g} s':>9s}" for t in instants))
+    for query in queries:
+        for planner in planners:
+            found[planner][str(query)] = run(planner, query, options.time, options.seed)
+            row = [cost_at(found[planner][str(query)], instant) for instant in instants]
+            print(f"{query!s:10s}{planner:>18s}" + "".join(f"{cost:9.2f}" for cost in row), flush=True)
+        known = [of[str(query)][-1][1] for of in found.values() if of[str(query)]]
+        if options.longer:
+            known += [run(OURS, query, options.longer, options.seed + 1)[-1][1]]
+        best[str(query)] = min(known)
+        print(f"{query!s:10s}{'best known':>18s}{best[str(query)]:9.2f}", flush=True)
+    print("\nmedian over queries of J / best J known; inf: no path on half of them")
+    for planner in planners:
+        ratios = [[cost_at(found[planner][q], t) / best[q] for t in instants] for q in best]
+        print(
+            f"{planner:>28s}" + "".join(f"{np.median(column):9.3f}" for column in zip(*ratios, strict=True))
+        )
+    if options.json:
+        options.json.write_text(json.dumps({"found": found, "best": best}))
+    if options.plot:
+        draw(found, best, options.time, options.plot)
+
+
+def draw(found: dict[str, dict[str, Found]], best: dict[str, float], seconds: float, file: Path) -> None:
+    """Draw the median over the queries of J over the best J known, against time."""
+    from matplotlib import pyplot as plt
+
+    times = np.geomspace(0.01, seconds, 200)
+    figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
+    for planner, of in found.items():
+        ratios = np.array([[cost_at(of[q], t) / best[q] for t in times] for q in best])
+        median = np.median(ratios, axis=0)
+        known = np.isfinite(median)
+        axes.plot(times[known], median[known], label=planner, linewidth=2.4 if planner == OURS else 1.4)
+    axes.set(
+        xscale="log", xlabel="time, planning included [s]", ylabel="J / best J known, median over queries"
+    )
+    axes.set_xlim(0.01, seconds)
+    axes.set_ylim(0.98, None)
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    figure.savefig(file, dpi=150)
+
+
+if __name__ == "__main__":
+    main()
