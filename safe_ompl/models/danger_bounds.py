@@ -93,8 +93,8 @@ class CertifiedDanger:
             If the path is empty, not finite, or leaves the limits of a prismatic joint (their strokes bound
             the radii).
         """
-        search = PeakSearch(self.field, path, self.floor)
-        search.narrow(lambda lower: (1 + self.tolerance) * lower)
+        search = PeakSearch(self.field, path, self.floor, lambda lower: (1 + self.tolerance) * lower)
+        search.narrow()
         best = search.best
         return DangerBounds(best.danger, search.upper, best.edge, best.t)
 
@@ -150,8 +150,11 @@ class DangerLimit:
         InputError
             As `CertifiedDanger.of_path`.
         """
-        search = PeakSearch(self._bounds.field, np.array([start, end], dtype=np.float64), self._bounds.floor)
-        search.narrow(lambda lower: inf if lower > self.limit else self.limit, give_up=True)
+        edge, bounds = np.array([start, end], dtype=np.float64), self._bounds
+        search = PeakSearch(
+            bounds.field, edge, bounds.floor, lambda lower: inf if lower > self.limit else self.limit
+        )
+        search.narrow(give_up=True)
         if search.best.danger > self.limit:
             return MotionVerdict(Verdict.BLOCKED, search.best.t, _WITNESS)
         if search.upper > self.limit:

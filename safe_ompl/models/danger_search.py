@@ -58,6 +58,8 @@ class PeakSearch:
         Way points.
     floor : float
         [m] Intervals in which the robot moves less are not halved any more.
+    ceiling : callable
+        Maps the largest danger found to the bound that is good enough. It must not fall as more is found.
 
     Attributes
     ----------
@@ -65,56 +67,67 @@ class PeakSearch:
         The most dangerous configuration found.
     """
 
-    def __init__(self, field: DangerField, path: ArrayLike, floor: float) -> None:
+    best: Sample
+
+    def __init__(
+        self, field: DangerField, path: ArrayLike, floor: float, ceiling: Callable[[float], float]
+    ) -> None:
         robot = field.robot
         points = finite_array(path, (None, robot.n), "path")
         if not len(points):
             raise InputError("path must have a configuration at least, got none")
         _check_strokes(robot, points)
-        self._field, self._floor = field, floor
+        self._field, self._floor, self._ceiling = field, floor, ceiling
         lengths = field.segments.lengths
         self._lengths = None if lengths is None else lengths.ravel()
-        ends = points[1:] if len(points) > 1 else points
-        self._starts = points[: len(ends)]
+        points = points if len(points) > 1 else points[[0, 0]]
+        self._starts, ends = points[:-1], points[1:]
         self._deltas = robot.difference(self._starts, ends)
         self._rates = KeypointRates.of(robot, self._deltas)
         self._stroke_rates = np.abs(self._deltas)[:, robot.prismatic].sum(axis=1)
         self._heap: list[tuple[float, int, _Interval]] = []
         self._undecided: list[_Interval] = []
+        self._settled = 0.0  # highest bound of the intervals that need no more halving; they are not kept
         self._order = count()
-        samples = self._sampled([(k, t) for k in range(len(ends)) for t in (0.0, 1.0)])
-        self.best = max(samples, key=lambda sample: sample.danger)
-        self._push(zip(samples[::2], samples[1::2], strict=True))
+        for first in range(0, len(ends), _BATCH):
+            edges = self._whole_edges(first, min(first + _BATCH, len(ends)))
+            self.best = max(([self.best] if first else []) + [s for pair in edges for s in pair], key=_danger)
+            self._push(edges)
 
     @property
     def upper(self) -> float:
         """Proven upper bound of the peak."""
         bounds = [interval.upper for interval in self._undecided]
         bounds += [-self._heap[0][0]] if self._heap else []
-        return max(max(bounds) * (1 + _ROUNDING), self.best.danger)
+        return max(max([*bounds, self._settled]) * (1 + _ROUNDING), self.best.danger)
 
     @property
     def undecided_at(self) -> float | None:
         """Fraction of the edge in the middle of the first interval that was given up."""
         return min((interval.middle for interval in self._undecided), default=None)
 
-    def narrow(self, ceiling: Callable[[float], float], *, give_up: bool = False) -> None:
-        """Halve intervals until no bound is above `ceiling(lower)`, or all those (to give up: one) are too small."""
+    def narrow(self, *, give_up: bool = False) -> None:
+        """Halve intervals until all bounds are good enough, or all those (to give up: one) are too small."""
         while not (give_up and self._undecided):
-            chosen = list(self._above(ceiling(self.best.danger) / (1 + _ROUNDING)))
+            chosen = list(self._above())
             if not chosen:
                 return
             middles = self._sampled([(interval.first.edge, interval.middle) for interval in chosen])
-            self.best = max(self.best, *middles, key=lambda sample: sample.danger)
+            self.best = max(self.best, *middles, key=_danger)
             halves = []
             for interval, middle in zip(chosen, middles, strict=True):
                 halves += [(interval.first, middle), (middle, interval.last)]
             self._push(halves)
 
-    def _above(self, ceiling: float) -> Iterable[_Interval]:
+    @property
+    def _enough(self) -> float:
+        """The bound that is good enough for an interval."""
+        return self._ceiling(self.best.danger) / (1 + _ROUNDING)
+
+    def _above(self) -> Iterable[_Interval]:
         """Take the most dangerous intervals out of the heap, as many as make a batch."""
-        number = 0
-        while number < _BATCH and self._heap and -self._heap[0][0] > ceiling:
+        number, enough = 0, self._enough
+        while number < _BATCH and self._heap and -self._heap[0][0] > enough:
             interval = heappop(self._heap)[2]
             if interval.path < self._floor:
                 self._undecided.append(interval)
@@ -123,20 +136,44 @@ class PeakSearch:
                 yield interval
 
     def _sampled(self, places: list[tuple[int, float]]) -> list[Sample]:
+        points, speeds, pushes = self._motions(places)
+        return self._samples(places, speeds, pushes, *self._evaluated(points))
+
+    def _whole_edges(self, first: int, last: int) -> list[tuple[Sample, Sample]]:
+        """Return start and end of some edges; a way point between two of them is evaluated once."""
+        starts, ends = ([(k, t) for k in range(first, last)] for t in (0.0, 1.0))
+        points, *start_rates = self._motions(starts)
+        last_point, *end_rates = self._motions(ends)
+        evaluated = self._evaluated(np.concatenate([points, last_point[-1:]]))
+        return list(
+            zip(
+                self._samples(starts, *start_rates, *(values[:-1] for values in evaluated)),
+                self._samples(ends, *end_rates, *(values[1:] for values in evaluated)),
+                strict=True,
+            )
+        )
+
+    def _motions(self, places: list[tuple[int, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return positions (B, K, 3), speeds and accelerations (B, K) of the key points at places of edges."""
         edges, t = np.array([edge for edge, _ in places]), np.array([t for _, t in places])
         deltas = self._deltas[edges]
         points, velocities, accelerations = self._field.robot.keypoint_motions(
             self._starts[edges] + t[:, None] * deltas, deltas
         )
-        speeds, pushes = np.linalg.norm(velocities, axis=2), np.linalg.norm(accelerations, axis=2)
+        return points, np.linalg.norm(velocities, axis=2), np.linalg.norm(accelerations, axis=2)
+
+    def _evaluated(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return dangers (B,), fields and distances (B, L, M), and lengths (B, L) for key points (B, K, 3)."""
         fields, distances = self._field.link_fields(points)
         lengths = self._link_lengths(points)
-        dangers = self._field.aggregated((lengths[..., None] * fields).sum(axis=1))
+        return self._field.aggregated((lengths[..., None] * fields).sum(axis=1)), fields, distances, lengths
+
+    def _samples(
+        self, places: list[tuple[int, float]], speeds: FloatArray, pushes: FloatArray, *evaluated: FloatArray
+    ) -> list[Sample]:
         return [
-            Sample(edge, at, float(danger), Ends(u, d), length, v, a)
-            for (edge, at), danger, u, d, length, v, a in zip(
-                places, dangers, fields, distances, lengths, speeds, pushes, strict=True
-            )
+            Sample(edge, t, float(danger), Ends(u, d), length, v, a)
+            for (edge, t), v, a, danger, u, d, length in zip(places, speeds, pushes, *evaluated, strict=True)
         ]
 
     def _link_lengths(self, points: FloatArray) -> FloatArray:
@@ -150,14 +187,17 @@ class PeakSearch:
         return lengths
 
     def _push(self, pairs: Iterable[tuple[Sample, Sample]]) -> None:
-        """Bound the danger between pairs of samples, and put the intervals into the heap."""
+        """Bound the danger between pairs of samples, and put the intervals that are not settled by it into the heap."""
         pairs = list(pairs)
         size = max(1, _BLOCK // pairs[0][0].ends.fields.size)
         for begin in range(0, len(pairs), size):
             part = pairs[begin : begin + size]
             for (first, last), upper, path in zip(part, *self._bounded(part), strict=True):
-                interval = _Interval(first, last, float(upper), float(path))
-                heappush(self._heap, (-interval.upper, next(self._order), interval))
+                if upper <= self._enough:
+                    self._settled = max(self._settled, float(upper))
+                else:
+                    interval = _Interval(first, last, float(upper), float(path))
+                    heappush(self._heap, (-interval.upper, next(self._order), interval))
 
     def _bounded(self, pairs: list[tuple[Sample, Sample]]) -> tuple[FloatArray, FloatArray]:
         """Return for each interval the upper bound of its danger, and how far the robot moves in it [m]."""
@@ -183,6 +223,10 @@ class PeakSearch:
             *(self._field.aggregated((lengths[..., None] * side).sum(axis=1)) for side in (low, high))
         )
         return upper, speed.max(axis=1) * h
+
+
+def _danger(sample: Sample) -> float:
+    return sample.danger
 
 
 def _stacked(samples: list[Sample]) -> Ends:
