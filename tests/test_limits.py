@@ -209,7 +209,7 @@ def test_limits_on_the_command_line(
     limits = ["--max-danger", str(LIMIT), "--min-clearance", "0.1"]
     assert main(["plan", scenario, *limits, "--certificate", "proof.json"]) == 0
     content = json.loads(Path("proof.json").read_text())
-    assert content["danger"]["bound"] <= 1.05 * LIMIT
+    assert content["danger"]["bound"] <= LIMIT
     assert content["clearance"] == {"distance": 0.1, "obstacles": ["person"], "exempt": []}
     capfd.readouterr()
     assert main(["verify", "proof.json"]) == 0

@@ -109,6 +109,7 @@ def certificate_of(
         setup.scene,
         field=setup.field,
         spacing=scenario.danger.get("spacing"),
+        max_danger=scenario.limits.max_danger or None,
         clearance=None if wanted is None else wanted.as_dict(),
         source={
             "scenario": document.file_name(scenario.file.resolve(), folder),

@@ -20,7 +20,7 @@ from safe_ompl.arrays import BoolArray, FloatArray, finite_array
 from safe_ompl.errors import PlanningError
 from safe_ompl.models.collision import DISTANCE_ERROR
 from safe_ompl.models.danger import DangerField
-from safe_ompl.models.danger_bounds import CertifiedDanger
+from safe_ompl.models.danger_bounds import CertifiedDanger, DangerLimit
 from safe_ompl.models.fingerprint import robot_hash
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
@@ -43,6 +43,7 @@ def certificate(
     *,
     field: DangerField | None = None,
     spacing: float | None = None,
+    max_danger: float | None = None,
     clearance: Mapping[str, Any] | None = None,
     source: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -60,6 +61,8 @@ def certificate(
         Claim a bound of the path's danger, too, where there is one.
     spacing : float, optional
         Distance between the field's danger points [m]; default: the scene's own.
+    max_danger : float, optional
+        Claim this bound of the danger, if it can be proven and is lower than what is claimed otherwise.
     clearance : mapping, optional
         Claim a clearance, too: `distance` [m], the names of the `obstacles`, and `exempt` pairs of link and obstacle.
     source : mapping, optional
@@ -87,7 +90,7 @@ def certificate(
         "clearance": None if clearance is None else dict(clearance),
         "danger": None
         if field is None
-        else _danger_claim(field, scene.spacing if spacing is None else spacing, points),
+        else _danger_claim(field, scene.spacing if spacing is None else spacing, points, max_danger),
         "edges": [
             _intervals(pairs, required, k, start, robot.difference(start, end))
             for k, (start, end) in enumerate(edges_of(points))
@@ -195,12 +198,18 @@ def _intervals(
     return proven
 
 
-def _danger_claim(field: DangerField, spacing: float, path: FloatArray) -> dict[str, Any] | None:
+def _danger_claim(
+    field: DangerField, spacing: float, path: FloatArray, limit: float | None
+) -> dict[str, Any] | None:
     bounds = CertifiedDanger(field).of_path(path)
-    if not np.isfinite(bounds.upper):
+    bound = max(bounds.upper, (1 + _LEAST_SLACK) * bounds.lower)
+    if limit and limit < bound:
+        keeps = DangerLimit(field, limit).allows_motion
+        bound = limit if all(keeps(start, end) for start, end in edges_of(path)) else bound
+    if not np.isfinite(bound):
         return None
     return {
-        "bound": max(bounds.upper, (1 + _LEAST_SLACK) * bounds.lower),
+        "bound": bound,
         "spacing": spacing,
         "aggregate": field.aggregate,
         "weighting": field.weighting,

@@ -286,5 +286,11 @@ def test_a_claim_of_danger(robot_named, clutter, name, aggregate, weighting):
     t = np.linspace(0, 1, 500)[:, None]
     dense = field.values(np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)]))
     assert dense.max() <= content["danger"]["bound"] <= 1.06 * dense.max()
+    limit = 1.001 * dense.max()
+    limited = certificate(path, robot, scene, field=field, spacing=0.1, max_danger=limit)
+    assert limited["danger"]["bound"] == limit
+    assert verify(limited, robot, scene).edges == 2
+    above = certificate(path, robot, scene, field=field, spacing=0.1, max_danger=0.9 * limit)
+    assert above["danger"] == content["danger"]
     content["danger"]["bound"] = 0.99 * dense.max()
     refused(signed(content), robot, scene, r"edge \d: danger .* is claimed")
