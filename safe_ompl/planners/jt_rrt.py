@@ -38,7 +38,7 @@ class SafeJTRRT(SafeRRT):
         Its space must have the robot's joints as coordinates (see `joint_space`).
     name : str
         Name in logs and benchmarks.
-    range, alpha, nearest_fraction, slide
+    range, alpha, nearest_fraction, slide, threshold_rise
         Of the random extensions, as for `SafeRRTConnect`. α also weighs the danger in the choice of the node
         from which to go to the goal; there the distance is the tip's, and a radian counts as many metres as
         it typically moves the tip (`Place.lever`).
@@ -73,6 +73,7 @@ class SafeJTRRT(SafeRRT):
         alpha: float = 1.0,
         nearest_fraction: float = 0.1,
         slide: float = 0.8,
+        threshold_rise: float = 0.05,
         step: float = 0.1,
         goal_bias: float = 0.1,
         null_space_gain: float = 1.0,
@@ -88,6 +89,7 @@ class SafeJTRRT(SafeRRT):
         self.setAlpha(alpha)
         self.setNearestFraction(nearest_fraction)
         self.setSlide(slide)
+        self.setThresholdRise(threshold_rise)
         self.setStep(step)
         self.setGoalBias(goal_bias)
         self.setNullSpaceGain(null_space_gain)

@@ -5,15 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.planners.base import fraction
+from safe_ompl.planners.base import fraction, non_negative
 from safe_ompl.planners.growing import Extension, TreePlanner
-from safe_ompl.planners.tree import Tree
+from safe_ompl.planners.tree import ROOT, Tree
+
+_PATIENCE = 5  # refusals of too dangerous nodes before the threshold rises
 
 
 class SafeRRT(TreePlanner):
     """Base of the planners that grow trees from nodes which are near and safe (§4.3, §4.4)."""
 
     _nearest_fraction = 0.0
+    _threshold_rise = 0.0
+    _threshold = 0.0  # the danger above which no node is added now
+    _refusals = 0
 
     def setNearestFraction(self, epsilon: float) -> None:
         """Set the share ε in [0, 1] of selections by distance alone."""
@@ -22,6 +27,14 @@ class SafeRRT(TreePlanner):
     def getNearestFraction(self) -> float:
         """Return the share ε of selections by distance alone."""
         return self._nearest_fraction
+
+    def setThresholdRise(self, share: float) -> None:
+        """Set by what share the adaptive threshold on danger rises after five refusals; 0 for no threshold."""
+        self._threshold_rise = non_negative("threshold_rise", share)
+
+    def getThresholdRise(self) -> float:
+        """Return by what share the adaptive threshold on danger rises."""
+        return self._threshold_rise
 
     def _select(self, tree: Tree, q: FloatArray) -> int:
         """Return argmin of ρ(node, q) + α·CDF(node)."""
@@ -38,15 +51,40 @@ class SafeRRT(TreePlanner):
                 return Extension.TRAPPED, old
             return Extension.REACHED, self._add(tree, target, old)
         straight = q_old + (step / length) * delta
-        # The reach shrinks as the target comes near, so that every step comes nearer to it.
-        direction, reach = delta / length, self._slide * min(step, length - step)
-        # Where the straight step is free, the slope at its end says best where to slide. Where it is not, one at
-        # `old` must do: it costs nothing when the node is tried again.
-        if self._edge_is_free(tree, q_old, straight):
-            slid = self._slid(straight, direction, reach)
-            ahead = straight if slid is None or not self._edge_is_free(tree, q_old, slid) else slid
-            return Extension.ADVANCED, self._add(tree, ahead, old)
-        slid = self._slid(straight, direction, reach, lambda: tree.gradient(old))
-        if slid is None or not self._edge_is_free(tree, q_old, slid):
-            return Extension.TRAPPED, old
-        return Extension.ADVANCED, self._add(tree, slid, old)
+        # The reach of the slide shrinks as the target comes near, so that every step comes nearer to it.
+        reach = self._slide * min(step, length - step)
+        slid = self._slid(straight, delta / length, reach, lambda: tree.gradient(old))
+        for q_new in (straight,) if slid is None else (slid, straight):
+            if self._edge_is_free(tree, q_old, q_new):
+                new = self._add(tree, q_new, old)
+                if self._is_tolerable(tree, new):
+                    return Extension.ADVANCED, new
+                tree.drop_last()
+                self.counts.nodes -= 1
+                break
+        return Extension.TRAPPED, old
+
+    def _is_tolerable(self, tree: Tree, new: int) -> bool:
+        """Return whether a new node is no more dangerous than the threshold, or than its parent.
+
+        The paper's CDF_Threshold, made adaptive: it begins with the danger that start or goal force, and rises with
+        the refusals, so that no passage stays closed.
+        """
+        if not (self._threshold_rise and self._danger_weight):
+            return True
+        if not self._threshold:
+            roots = (ends.costs[ends.parents == ROOT] for ends in (self._start_tree, self._goal_tree))
+            self._threshold = max(float(costs.min()) for costs in roots if len(costs))
+        if self._slides:
+            tree.gradient(new)  # gives the cost as well, and the next step from here wants it
+        costs = tree.costs
+        if costs[new] <= max(self._threshold, costs[tree.parents[new]]):
+            return True
+        self._refusals += 1
+        if self._refusals % _PATIENCE == 0:
+            self._threshold *= 1 + self._threshold_rise
+        return False
+
+    def _forget(self) -> None:
+        super()._forget()
+        self._threshold, self._refusals = 0.0, 0

@@ -35,6 +35,10 @@ class SafeRRTConnect(SafeRRT):
         Largest sideways slide of a new node, as a fraction of the range; 0 gives the paper's straight extension.
         It acts where α > 0 and the objective offers gradients (`DangerObjective` does). Selection alone lowers the
         danger little; this is the null-space motion of the paper's JT-RRT (§4.3) for a step in C-space.
+    threshold_rise : float
+        No node is added that is more dangerous than its parent and than a threshold: at first the danger of the
+        more dangerous end, which no path can avoid; after every five refusals it rises by this share. It keeps
+        the peak of the danger low. 0 for no threshold.
 
     References
     ----------
@@ -51,12 +55,14 @@ class SafeRRTConnect(SafeRRT):
         alpha: float = 1.0,
         nearest_fraction: float = 0.3,
         slide: float = 0.8,
+        threshold_rise: float = 0.05,
     ) -> None:
         super().__init__(si, name)
         self.setRange(range)
         self.setAlpha(alpha)
         self.setNearestFraction(nearest_fraction)
         self.setSlide(slide)
+        self.setThresholdRise(threshold_rise)
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 

@@ -72,6 +72,12 @@ class Tree:
         self._size += 1
         return self._size - 1
 
+    def drop_last(self) -> None:
+        """Remove the node that was added last; nothing may have grown from it."""
+        self._size -= 1
+        self._costs[self._size] = np.nan
+        self._gradients.pop(self._size, None)
+
     def distances(self, q: FloatArray) -> FloatArray:
         """Return ρ (N,) from every node to `q: (n,)` [rad or m]."""
         delta = self._bridge.difference(self.configurations, q)

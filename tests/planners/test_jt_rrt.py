@@ -13,11 +13,12 @@ from ompl import util as ou
 from safe_ompl.errors import InputError
 from safe_ompl.models.obstacle import Obstacle
 from safe_ompl.models.pose import Pose
+from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.models.shapes import Box, Sphere
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.setup import SafeSetup
+from safe_ompl.setup import SafeSetup, setup_scenario
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = np.array([0.35, -0.45, 0.35])
@@ -190,12 +191,13 @@ def test_null_space_motion_makes_the_way_safer(panda, far_ball):
     assert safe.profile[-1] < 0.98 * plain.profile[-1]
 
 
-def test_the_safe_planner_is_safer_than_the_classical_one(setup):
+def test_the_safe_planner_is_much_safer_than_the_classical_one():
+    handover = setup_scenario(Scenario.load(find_scenario("ur5_handover")))
     safe, classic = (
-        np.mean([setup.plan(planner, time=10.0, seed=seed).report.danger.mean for seed in range(15)])
+        np.mean([handover.plan(planner, time=10.0, seed=seed).report.danger.mean for seed in range(6)])
         for planner in ("SafeJTRRT", "ClassicJTRRT")
     )
-    assert safe < 0.95 * classic
+    assert safe < 0.7 * classic
 
 
 def test_the_classical_planner_does_not_look_at_danger(setup, ur5, scene):

@@ -14,9 +14,10 @@ from ompl import util as ou
 
 from safe_ompl.errors import InputError
 from safe_ompl.models.danger import DangerField
+from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.objective import DangerObjective
-from safe_ompl.setup import SafeSetup
+from safe_ompl.setup import SafeSetup, setup_scenario
 
 EXACT = ob.PlannerStatus.EXACT_SOLUTION
 START, GOAL = (-0.8, 0.0), (0.8, 0.0)
@@ -489,3 +490,33 @@ def test_a_process_ends_quietly_and_repeats_itself():
     assert first == again
     assert first != other
     assert paths[0] == paths[1]
+
+
+# -------------------------------------------------------------------------------------------- the adaptive threshold
+
+
+def avoidable_danger(setup, seed, **options):
+    planner = SafeRRTConnect(setup.getSpaceInformation(), **options)
+    result = setup.plan(planner, time=20.0, seed=seed)
+    assert result
+    return result.report.danger.avoidable
+
+
+def test_the_threshold_keeps_the_peak_of_the_danger_low():
+    setup = setup_scenario(Scenario.load(find_scenario("panda_shelf")))
+    with_it, without = (
+        np.mean([avoidable_danger(setup, seed, threshold_rise=rise) for seed in range(5)])
+        for rise in (0.05, 0.0)
+    )
+    assert with_it < 0.5 * without
+
+
+def test_a_threshold_does_not_close_a_dangerous_passage():
+    """Start and goal are harmless; the only gap lies in the middle of the hot spot."""
+
+    def hot_gap(x, y):
+        return abs(x) < 0.1 and abs(y) > 0.1
+
+    problem = Problem(hot_gap, SlopedHotSpot, seed=1, threshold_rise=0.01)
+    assert problem.solve() == EXACT
+    assert problem.planner._threshold > 1.5 * np.exp(-4 * 0.8**2)
