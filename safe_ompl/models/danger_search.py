@@ -142,16 +142,13 @@ class PeakSearch:
     def _whole_edges(self, first: int, last: int) -> list[tuple[Sample, Sample]]:
         """Return start and end of some edges; a way point between two of them is evaluated once."""
         starts, ends = ([(k, t) for k in range(first, last)] for t in (0.0, 1.0))
-        points, *start_rates = self._motions(starts)
-        last_point, *end_rates = self._motions(ends)
-        evaluated = self._evaluated(np.concatenate([points, last_point[-1:]]))
-        return list(
-            zip(
-                self._samples(starts, *start_rates, *(values[:-1] for values in evaluated)),
-                self._samples(ends, *end_rates, *(values[1:] for values in evaluated)),
-                strict=True,
-            )
-        )
+        points, speeds, pushes = self._motions(starts + ends)
+        number = len(starts)
+        evaluated = self._evaluated(np.concatenate([points[:number], points[-1:]]))
+        at_starts, at_ends = ([values[part] for values in evaluated] for part in (slice(-1), slice(1, None)))
+        first_samples = self._samples(starts, speeds[:number], pushes[:number], *at_starts)
+        last_samples = self._samples(ends, speeds[number:], pushes[number:], *at_ends)
+        return list(zip(first_samples, last_samples, strict=True))
 
     def _motions(self, places: list[tuple[int, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return positions (B, K, 3), speeds and accelerations (B, K) of the key points at places of edges."""
@@ -160,7 +157,7 @@ class PeakSearch:
         points, velocities, accelerations = self._field.robot.keypoint_motions(
             self._starts[edges] + t[:, None] * deltas, deltas
         )
-        return points, np.linalg.norm(velocities, axis=2), np.linalg.norm(accelerations, axis=2)
+        return points, _norm(velocities), _norm(accelerations)
 
     def _evaluated(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return dangers (B,), fields and distances (B, L, M), and lengths (B, L) for key points (B, K, 3)."""
@@ -223,6 +220,11 @@ class PeakSearch:
             *(self._field.aggregated((lengths[..., None] * side).sum(axis=1)) for side in (low, high))
         )
         return upper, speed.max(axis=1) * h
+
+
+def _norm(vectors: FloatArray) -> FloatArray:
+    norm: FloatArray = np.sqrt(np.einsum("bkc,bkc->bk", vectors, vectors))
+    return norm
 
 
 def _danger(sample: Sample) -> float:

@@ -62,7 +62,8 @@ class KeypointRates:
         -------
         two ndarrays, shape (I, K)
         """
-        speed, acceleration = np.moveaxis((first + last) / 2, 1, 0)
+        middle = (first + last) / 2
+        speed, acceleration = middle[:, 0], middle[:, 1]
         step = h[:, None] / 2
         acceleration = np.minimum(self.acceleration[edges], acceleration + step * self.jerk[edges])
         return np.minimum(self.speed[edges], speed + step * acceleration), acceleration
