@@ -14,7 +14,7 @@ WITHIN = 0.15
 
 @pytest.fixture(scope="module")
 def near(panda, clutter):
-    """A checker, and free configurations that are near something."""
+    """Return a checker, and free configurations that are near something."""
     checker = CollisionChecker(panda, clutter)
     rng = np.random.default_rng(3)
     found = []

@@ -1,0 +1,176 @@
+"""Simplified paths on a MotionBenchMaker file: SafeRRTConnect + simplify_danger, OMPL's RRTConnect + its simplifier.
+
+    python bench/simplify.py FILE [--problems 0:100] [--time 5] [--simplify SECONDS] [--seed 0]
+
+Same checker, same validator, in turn. Ours end by themselves, or after so many seconds; OMPL's simplifier ends by
+itself. Prints medians and ratios over the problems that both solved. No path can be clearer than its ends, so the
+least clearance is compared with that, too; and every path that ours went through is looked at: proven or not, and
+whether the cost J of one is above that of the path that the planner had found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from time import process_time
+
+import numpy as np
+from mbm import set_up
+from ompl import geometric as og
+from ompl import util as ou
+
+from safe_ompl import PathReport, Robot, SafeSetup
+from safe_ompl.arrays import FloatArray
+from safe_ompl.models.mbm import MbmFile
+from safe_ompl.paths.simplify import timed
+
+OURS, THEIRS = "SafeRRTConnect", "RRTConnect"
+STEEP, NEARLY = 5.0, 0.9  # times their least clearance; share of what the ends have
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A simplified path: CPU times [s], its report, and J before, on the way, and after."""
+
+    planning: float
+    simplifying: float
+    report: PathReport
+    raw: FloatArray
+    steps: list[FloatArray]
+    costs: list[float]
+
+
+def ours(setup: SafeSetup, seconds: float | None, time: float, seed: int) -> Outcome | None:
+    """Plan with SafeRRTConnect and simplify."""
+    simplifier = setup.simplifier  # made before the clock starts
+    begin = process_time()
+    raw = _planned(setup, OURS, time, seed)
+    if raw is None:
+        return None
+    middle, steps = process_time(), [raw]
+    stop = timed(seconds) if seconds else lambda: False
+    path = simplifier.simplify(raw, stop, lambda better, cost: steps.append(better), proven=True)
+    end = process_time()
+    costs = [simplifier.cost.of(step) for step in steps]
+    return Outcome(middle - begin, end - middle, setup.report(path), raw, steps, costs)
+
+
+def theirs(setup: SafeSetup, time: float, seed: int) -> Outcome | None:
+    """Plan with OMPL's RRTConnect and its simplifier."""
+    begin = process_time()
+    raw = _planned(setup, THEIRS, time, seed)
+    if raw is None:
+        return None
+    middle = process_time()
+    og.SimpleSetup.simplifySolution(setup)
+    end = process_time()
+    path = setup.solution()
+    costs = [setup.simplifier.cost.of(raw), setup.simplifier.cost.of(path)]
+    return Outcome(middle - begin, end - middle, setup.report(path), raw, [raw, path], costs)
+
+
+def _planned(setup: SafeSetup, planner: str, time: float, seed: int) -> FloatArray | None:
+    """Return a path without a report, whose work would be part of the time."""
+    setup._prepare(planner, seed, None)
+    setup.solve(time)
+    return setup.solution() if setup.haveExactSolutionPath() else None
+
+
+def main() -> None:
+    """Run the bench."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("file")
+    parser.add_argument("--problems", default=":", metavar="A:B", help="slice of each family")
+    parser.add_argument("--time", type=float, default=5.0, metavar="S", help="for planning (default: 5)")
+    parser.add_argument("--simplify", type=float, metavar="S", help="for ours (default: until it ends)")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    ou.setLogLevel(ou.LogLevel.LOG_ERROR)
+    logging.disable(logging.WARNING)
+
+    file = MbmFile.load(options.file)
+    part = slice(*(int(text) if text else None for text in options.problems.split(":")))
+    robot = Robot.from_example(file.robot)
+    pairs: list[tuple[Outcome, Outcome]] = []
+    families: list[str] = []
+    steps = unproven = rising = 0
+    caps: list[float] = []
+    for family in file.families:
+        for problem in list(file.problems(family))[part]:
+            _, setup = set_up(robot, problem)
+            own = ours(setup, options.simplify, options.time, options.seed)
+            other = theirs(setup, options.time, options.seed)
+            if own is None or other is None:
+                print(
+                    f"unsolved: {family} {problem.index}", own is not None, other is not None, file=sys.stderr
+                )
+                continue
+            pairs.append((own, other))
+            families.append(family)
+            caps.append(min(setup.checker.clearance(q).distance for q in own.raw[[0, -1]]))
+            motion = setup.simplifier.motion
+            steps += len(own.steps) - 1
+            rising += own.costs[-1] > own.costs[0]
+            unproven += sum(
+                not all(motion.is_free(a, b) for a, b in pairwise(step)) for step in own.steps[1:]
+            )
+    for family in dict.fromkeys(families):
+        print(f"\n{family}")
+        show([pair for pair, of in zip(pairs, families, strict=True) if of == family])
+    print("\nall")
+    show(pairs)
+    least = np.array([[outcome.report.clearance.min for outcome in pair] for pair in pairs])
+    reached = least[:, 0] >= np.minimum(STEEP * least[:, 1], NEARLY * np.array(caps))
+    print(f"least clearance of the ends, median [mm]: {1e3 * np.median(caps):.2f}")
+    print(f"least clearance 5 times theirs, or 0.9 of what the ends have: {reached.sum()}/{len(reached)}")
+    peaks = np.array([[outcome.report.danger.max for outcome in pair] for pair in pairs])
+    print(f"peak danger lower / equal / higher: {_comparison(peaks)}")
+    print(f"paths on the way: {steps}, not proven: {unproven}; J above the planner's path: {rising}")
+
+
+def _comparison(values: FloatArray) -> str:
+    difference = (values[:, 0] - values[:, 1]) / values[:, 1]
+    counts = (difference < -1e-3).sum(), (abs(difference) <= 1e-3).sum(), (difference > 1e-3).sum()
+    return " / ".join(map(str, counts))
+
+
+ROWS: dict[str, Callable[[Outcome], float]] = {
+    "planning [ms CPU]": lambda o: 1e3 * o.planning,
+    "simplification [ms CPU]": lambda o: 1e3 * o.simplifying,
+    "total [ms CPU]": lambda o: 1e3 * (o.planning + o.simplifying),
+    "J": lambda o: o.costs[-1],
+    "length [rad]": lambda o: o.report.length,
+    "way points": lambda o: len(o.steps[-1]),
+    "mean danger": lambda o: o.report.danger.mean,
+    "peak danger": lambda o: o.report.danger.max,
+    "integral of danger": lambda o: o.report.danger.integral,
+    "avoidable danger": lambda o: o.report.danger.avoidable,
+    "min clearance [mm]": lambda o: 1e3 * o.report.clearance.min,
+    "mean clearance [mm]": lambda o: 1e3 * o.report.clearance.mean,
+    "length nearer than 50 mm [rad]": lambda o: o.report.clearance.length_below_50mm,
+}
+
+
+def show(pairs: list[tuple[Outcome, Outcome]]) -> None:
+    """Print medians, their ratio, and the median of the ratios."""
+    columns = ("ours", "theirs", "ratio", "of each", "mean, ours", "theirs")
+    head = f"{f'{len(pairs)} problems':32s}" + "".join(f"{column:>11s}" for column in columns)
+    print(head)
+    for label, value in ROWS.items():
+        both = np.array([[value(outcome) for outcome in pair] for pair in pairs])
+        own, other = np.median(both, axis=0)
+        each = both[both[:, 1] > 0]
+        ratio = f"{own / other:11.2f}" if other else f"{'–':>11s}"
+        of_each = f"{np.median(each[:, 0] / each[:, 1]):11.2f}" if len(each) else f"{'–':>11s}"
+        means = both.mean(axis=0)
+        print(f"{label:32s}{own:11.4g}{other:11.4g}{ratio}{of_each}{means[0]:11.4g}{means[1]:11.4g}")
+
+
+if __name__ == "__main__":
+    main()
