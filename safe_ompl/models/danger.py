@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sized
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -161,6 +162,20 @@ class DangerField:
         """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`."""
         Q = self._single(q)
         return int(self._levels(self._keypoints(Q), self._points_at(Q))[0].argmax())
+
+    @cached_property
+    def minimum(self) -> float:
+        """A proven lower bound of the danger at any configuration: every link as far away as it can get.
+
+        Zero where a callable gives the danger points, or prismatic joints make the links' lengths change (eq. 1).
+        """
+        if self.points is None or (self.weighting == "length" and self._segments.lengths is None):
+            return 0.0
+        ends = self.robot.keypoint_reaches(self.points)[self.robot.segments]
+        farthest = ends.max(axis=1)  # (L, M): no point of a segment is farther away than both of its ends
+        lengths = self._segments.lengths if self.weighting == "length" else None
+        charges = np.ones(len(farthest)) if lengths is None else lengths.ravel()
+        return float(self.aggregated(self.k1 * (charges @ (1.0 / farthest))[None])[0])
 
     # --------------------------------------------------------------------------------------- parts of danger
 

@@ -378,6 +378,17 @@ class Robot:
         keys = zip(self._key_joints, self._key_offsets, strict=True)
         return np.array([self.chain.radii(int(joint), Hull(offset[None], 0.0)) for joint, offset in keys])
 
+    def keypoint_reaches(self, points: FloatArray) -> FloatArray:
+        """Return how far (K, M) [m] each key point can ever be from fixed `points: (M, 3)`, at most; proven."""
+        reaches = np.empty((len(self._key_joints), len(points)))
+        for k, (joint, offset) in enumerate(zip(self._key_joints, self._key_offsets, strict=True)):
+            if joint == 0:
+                reaches[k] = np.linalg.norm(points - offset, axis=1)
+            else:
+                region = self.chain.reach(int(joint), Hull(offset[None], 0.0))
+                reaches[k] = [region.farthest(Hull(point[None], 0.0)) for point in points]
+        return reaches
+
     @property
     def keypoint_support(self) -> BoolArray:
         """Which joints move each key point, (K, n)."""

@@ -30,7 +30,7 @@ _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
 # Danger-aware planners of others that OMPL's wheel lacks, to compare with.
 _BASELINES = {"TRRT": TRRT, "BiTRRT": BiTRRT, "GradienTRRT": GradienTRRT}
 
-# Bound in OMPL's Python wheel, and safe to run with callbacks in Python (PRM and PRMstar are not: they deadlock).
+# Bound in OMPL's Python wheel, and safe to run with callbacks in Python.
 _OMPL = (
     "RRTConnect",
     "RRT",
@@ -38,12 +38,18 @@ _OMPL = (
     "InformedRRTstar",
     "SORRTstar",
     "BITstar",
-    "FMT",
-    "BFMT",
     "KPIECE1",
     "BKPIECE1",
     "LBKPIECE1",
 )
+
+_REFUSED = {
+    "PRM": "it waits for itself for ever where objective or checker are Python's; take SafePRM",
+    "PRMstar": "it waits for itself for ever where objective or checker are Python's; take SafePRM",
+    "FMT": "it prices all motions of its graph before it looks at the clock: 9 s for a limit of 4 s; take BITstar",
+    "BFMT": "it does not look at the clock where costs are Python's: 45 s for a limit of 4 s; take BITstar",
+    "AORRTC": "it ignores the objective and ends the process when it is cleared; take BITstar",
+}
 
 
 def planner_names() -> list[str]:
@@ -85,6 +91,8 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
         fixed, planner = {}, _BASELINES[name](si, name)
     elif name in _OMPL:
         fixed, planner = {}, getattr(og, name)(si)
+    elif name in _REFUSED:
+        raise InputError(f"OMPL's {name} cannot be used from Python: {_REFUSED[name]}")
     else:
         raise UnknownNameError("planner", name, planner_names())
     for key, value in {**(parameters or {}), **fixed}.items():

@@ -7,9 +7,13 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
+from safe_ompl.errors import InputError
 from safe_ompl.models.danger import DangerField
-from safe_ompl.plugins.objective import DangerObjective, StateCost
+from safe_ompl.models.scenario import Scenario, find_scenario
+from safe_ompl.planners.registry import make_planner
+from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective, StateCost
 from safe_ompl.plugins.states import ScratchState, StateBridge, joint_space
+from safe_ompl.setup import setup_scenario
 
 
 class Squares(ob.OptimizationObjective):
@@ -118,3 +122,70 @@ def test_no_objective_and_path_length_cost_nothing(plane, rng, length):
     assert not cost.has_gradients
     np.testing.assert_array_equal(cost.values(batch), 0.0)
     np.testing.assert_array_equal(cost.gradient_norms(batch), 0.0)
+
+
+def test_no_configuration_is_less_dangerous_than_the_proven_minimum(setting, rng):
+    _, field, bridge = setting
+    dangers = field.values(rng.uniform(bridge.lower, bridge.upper, (3000, bridge.n)))
+    assert 0.3 * dangers.min() < field.minimum <= dangers.min()
+
+
+@pytest.mark.parametrize(
+    "options", [{"weighting": "length"}, {"aggregate": "mean"}, {"aggregate": "softmax"}]
+)
+def test_the_minimum_holds_for_other_fields_too(ur5, points, rng, options):
+    field = DangerField(ur5, points, **options)
+    assert 0 < field.minimum <= field.values(rng.uniform(ur5.lower, ur5.upper, (1000, 6))).min()
+
+
+def test_the_minimum_holds_for_prismatic_joints(robot_named, points, rng):
+    slider = robot_named("slider")
+    field = DangerField(slider, points)
+    assert 0 < field.minimum <= field.values(rng.uniform(slider.lower, slider.upper, (1000, slider.n))).min()
+
+
+@pytest.mark.parametrize("kind", [DangerObjective, PeakDangerObjective])
+def test_the_heuristic_never_exceeds_the_cost_of_a_motion(setting, rng, kind):
+    si, field, bridge = setting
+    objective = kind(si, field)
+    first, second = ScratchState(bridge), ScratchState(bridge)
+    for q1, q2 in rng.uniform(bridge.lower, bridge.upper, (20, 2, bridge.n)):
+        ends = first.set(q1), second.set(q2)
+        assert objective.motionCostHeuristic(*ends).value() <= objective.motionCost(*ends).value()
+
+
+def test_the_peak_of_a_motion_and_of_a_path(setting, rng):
+    si, field, bridge = setting
+    objective = PeakDangerObjective(si, field)
+    first, second = ScratchState(bridge), ScratchState(bridge)
+    q1, q2 = rng.uniform(bridge.lower, bridge.upper, (2, bridge.n))
+    t = np.linspace(0, 1, 2001)[:, None]
+    exact = field.values(q1 + t * bridge.difference(q1, q2)).max()
+    assert objective.motionCost(first.set(q1), second.set(q2)).value() == pytest.approx(exact, rel=0.02)
+    assert objective.combineCosts(ob.Cost(2.0), ob.Cost(3.0)).value() == 3.0
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), "fine"])
+def test_tolerance_and_step_must_be_positive(setting, value):
+    si, field, _ = setting
+    with pytest.raises(InputError, match="tolerance"):
+        DangerObjective(si, field, tolerance=value)
+    with pytest.raises(InputError, match="step"):
+        PeakDangerObjective(si, field, step=value)
+
+
+@pytest.mark.parametrize("planner", ["RRTstar", "InformedRRTstar", "SORRTstar", "BITstar"])
+@pytest.mark.parametrize("kind", [DangerObjective, PeakDangerObjective])
+def test_optimising_planners_stop_when_asked(kind, planner):
+    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    setup.setOptimizationObjective(kind(setup.getSpaceInformation(), setup.field))
+    result = setup.plan(planner, time=1.0, seed=2)
+    assert result.planning_time < 2.0
+    assert result.status in ("Exact solution", "Approximate solution", "Timeout")
+    assert not result or result.report.certified
+
+
+@pytest.mark.parametrize("planner", ["PRM", "PRMstar", "AORRTC", "FMT", "BFMT"])
+def test_planners_that_would_hang_or_crash_are_refused(setting, planner):
+    with pytest.raises(InputError, match=f"OMPL's {planner} cannot be used"):
+        make_planner(planner, setting[0])
