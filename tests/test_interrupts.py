@@ -23,9 +23,7 @@ from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.setup import SafeSetup, setup_scenario
 
-PLANNERS = [
-    name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar", "FMT")
-]
+PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]
 PROGRAM = Path(__file__).parent / "programs" / "interrupted.py"
 LATENCY = 0.2  # [s]
 TRIES = 3  # another process may hold the machine up
@@ -167,8 +165,7 @@ def test_an_exception_of_a_callback_arrives_unchanged(planner: str) -> None:
             setup.setWorkspaceGoal(scenario.goal.position)
         fuse = Fuse(10**9)
         BREAKERS[what](setup, fuse)
-        few = {"num_samples": 25} if "FMT" in planner else {}
-        setup.setPlanner(make_planner(planner, setup.getSpaceInformation(), few))
+        setup.setPlanner(make_planner(planner, setup.getSpaceInformation()))
         setup.setup()
         fuse.left = k
         try:
