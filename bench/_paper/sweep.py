@@ -53,6 +53,7 @@ PARAMETERS = (
     Parameter("alpha", (0.0, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0), "weight of danger α"),
     Parameter("nearest_fraction", (0.0, 0.1, 0.3, 0.5, 0.8, 1.0), "share that ignores danger ε"),
     Parameter("slide", (0.0, 0.2, 0.4, 0.8, 1.0), "slide"),
+    Parameter("threshold_rise", (0.0, 0.02, 0.05, 0.1, 0.2), "rise of the threshold (0: none)"),
     Parameter(RANGE, (0.25, 0.5, 1.0, 2.0), "step, × default"),
     Parameter("goal_bias", (0.05, 0.1, 0.2, 0.4), "share towards the goal"),
     Parameter("null_space_gain", (0.0, 0.5, 1.0, 2.0), "gain in the null space"),
