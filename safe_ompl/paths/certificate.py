@@ -1,7 +1,8 @@
 """A certificate: a path with the proof that it may be driven, which anyone can check (`safe_ompl.paths.verify`).
 
 It holds, for each edge, intervals that cover it. At the centre of each interval every pair of bodies is farther
-apart than its margin, and the margin is more than the two can approach each other within the interval.
+apart than its margin, and the margin is more than the two can approach each other within the interval. The digest
+shows that a file has changed; it is no signature, for whoever changes a file can compute it.
 """
 
 from __future__ import annotations
