@@ -4,7 +4,8 @@ Runs every planner and its classical counterpart N times on both scenarios (bubb
 once), and writes DIR/report.md: Tables I and II beside the paper's, figures after Figs. 1, 3, 4 and 6–13, and each of
 the paper's claims with a verdict. Results are kept in DIR/study_N/runs.jsonl as they come; started again, the
 bench does only what is missing, so after a change of the planners give another folder. DIR/study_N/benchmark.log
-and DIR/benchmark.db are the same runs for OMPL's tools and Planner Arena. With --sweep it shows instead how danger, success and time depend on the planners' parameters.
+and DIR/benchmark.db are the same runs for OMPL's tools and Planner Arena. With --sweep it shows instead how danger,
+success and time depend on the planners' parameters.
 """
 
 from __future__ import annotations
