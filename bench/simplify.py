@@ -75,7 +75,7 @@ def theirs(setup: SafeSetup, time: float, seed: int) -> Outcome | None:
 
 def _planned(setup: SafeSetup, planner: str, time: float, seed: int) -> FloatArray | None:
     """Return a path without a report, whose work would be part of the time."""
-    setup._prepare(planner, seed, None)
+    setup.prepare(planner, seed)
     setup.solve(time)
     return setup.solution() if setup.haveExactSolutionPath() else None
 

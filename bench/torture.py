@@ -4,8 +4,8 @@
 
 Every program takes random steps: build, solve, clear, use again, delete, raise exceptions in callbacks, interrupt,
 hand over bad input. Python's errors are part of the game; a program fails if its process is ended by a signal, hangs
-past its time limit, breaks a promise (a path that the validator refuses, an exception that is not the one raised), or leaves
-with the words "leaked instances". `python bench/torture.py --program 17` repeats one of them here.
+past its time limit, breaks a promise (a path that the validator refuses, an exception that is not the one raised), or
+leaves with the words "leaked instances". `python bench/torture.py --program 17` repeats one of them here.
 """
 
 from __future__ import annotations

@@ -117,16 +117,7 @@ def crash(seed: int, error: str) -> Measured:
 
 
 def _measure(setup: Any, entry: Entry, seed: int, limits: Limits, events: Events) -> Measured:
-    space = setup.getSpaceInformation()
-    if not space.isSetup():
-        space.setup()  # draws random numbers, so it goes before the seed
-    ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"; planners built later follow it
-    planner = entry.planner(setup)
-    if isinstance(planner, SafePlanner):
-        planner.setSeed(seed)
-    setup.clear()
-    setup.setPlanner(planner)
-    setup.setup()
+    planner = _prepared(setup, entry, seed)
     if events.before:
         events.before(planner)
     counts = setup.counts.copy() if isinstance(setup, SafeSetup) else None
@@ -158,6 +149,23 @@ def _measure(setup: Any, entry: Entry, seed: int, limits: Limits, events: Events
         events.after(planner, properties)
         properties = dict(_typed(name, value) for name, value in properties.items())
     return Measured(properties, planner_settings(planner), progress.names, progress.samples)
+
+
+def _prepared(setup: Any, entry: Entry, seed: int) -> Any:
+    """Return the planner, with the problem ready for it."""
+    space = setup.getSpaceInformation()
+    if not space.isSetup():
+        space.setup()  # draws random numbers, so it goes before the seed
+    ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"; planners made later follow it
+    planner = entry.planner(setup)
+    if isinstance(setup, SafeSetup):
+        return setup.prepare(planner, seed)[0]
+    if isinstance(planner, SafePlanner):
+        planner.setSeed(seed)
+    setup.clear()
+    setup.setPlanner(planner)
+    setup.setup()
+    return planner
 
 
 class _Progress:

@@ -27,7 +27,8 @@ from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.optimise import optimise as optimise_paths
 from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplify import Simplifier, Stop, timed
+from safe_ompl.paths.simplifier import Simplifier, Stop
+from safe_ompl.paths.simplify import timed
 from safe_ompl.planners.base import SafePlanner, non_negative
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.registry import make_planner
@@ -330,7 +331,7 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         """
         time = _positive_time("time limit", time if optimise is None else optimise)
         duration = _simplification(simplify)
-        planner, name = self._prepare(planner, seed, parameters)
+        planner, name = self.prepare(planner, seed, parameters)
         simplified = duration is not None or optimise is not None
         self._validator.setDangerLimit(self._limit_of(planner) if simplified else self._danger_limit)
         if self.field is not None and (duration is not None or optimise is not None):
@@ -361,10 +362,10 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             counts,
         )
 
-    def _prepare(
-        self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None
+    def prepare(
+        self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None = None
     ) -> tuple[Any, str]:
-        """Make planner and problem ready for a run; return the planner and its name."""
+        """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**32:
             raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
         if not self.getSpaceInformation().isSetup():

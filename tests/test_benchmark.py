@@ -84,6 +84,17 @@ def test_a_run_is_what_plan_does_with_the_same_seed_in_any_process(setup: SafeSe
             assert run["margin queries"] == plan.counts.margin_queries
 
 
+def test_goals_in_the_workspace_start_anew_in_every_run(tmp_path: Path) -> None:
+    setup, place = build(), [0.465, -0.875, 0.0]
+    setup.setWorkspaceGoal(place)
+    plans = [setup.plan("SafeJTRRT", seed=seed) for seed in (5, 6)]
+    benchmark = Benchmark(setup, "place")
+    benchmark.addPlanner("SafeJTRRT")
+    benchmark.benchmark(request(), seed=5, processes=2)
+    for run, plan in zip(runs_of(benchmark, tmp_path), plans, strict=True):
+        assert run["danger_integral"] == plan.report.danger.integral
+
+
 def test_progress_of_planners_that_improve_their_path(setup: SafeSetup, tmp_path: Path) -> None:
     benchmark = Benchmark(setup, "anytime")
     benchmark.addPlanner("RRTstar")
