@@ -18,6 +18,7 @@ from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.paths.certificate import certificate
 from safe_ompl.paths.report import PathReport
+from safe_ompl.paths.simplify import simplify_danger
 from safe_ompl.paths.verify import verify
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
@@ -62,5 +63,6 @@ __all__ = [
     "make_planner",
     "plan",
     "planner_names",
+    "simplify_danger",
     "verify",
 ]

@@ -10,7 +10,8 @@ from time import perf_counter
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.paths.simplify import Simplifier, Stop, timed
+from safe_ompl.paths.simplifier import Simplifier, Stop
+from safe_ompl.paths.simplify import timed
 
 _PATIENCE = 4  # starts in a row that find nothing better before the best path is refined
 _WORTHWHILE = 1e-3  # share of the cost that a better path must save to count as such for that

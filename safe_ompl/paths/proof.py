@@ -12,6 +12,8 @@ from safe_ompl.models.motion import CertifiedMotion
 from safe_ompl.paths.report import Curve
 
 _STEP = 0.03  # [rad]
+_REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
+_WIDENINGS = 6  # then twice as much, so many times
 
 
 class PathProof:
@@ -49,8 +51,11 @@ class PathProof:
         """Return the edges of a path (N, n) that are not proven."""
         return [k for k, (start, end) in enumerate(pairwise(path)) if not self.accepts(start, end)]
 
-    def put_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return `path: (N, n)` with way points beside refused edges put back, and which these are (N,).
+    def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return `path: (N, n)`, held back to a known one where edges are refused, and which way points are there (N,).
+
+        Way points beside a refused edge go back to where they were, and those around them in part, so that there is
+        no kink; if that does not help, more of them.
 
         Parameters
         ----------
@@ -59,14 +64,24 @@ class PathProof:
         known : ndarray, shape (N, n)
             A path that is accepted; where nothing else helps, all way points go back to it.
         """
-        path, back = path.copy(), np.zeros(len(path), dtype=bool)
-        refused = self.refused(path)
-        while refused and not back.all():
+        refused, reach = self.refused(path), _REACH
+        if not refused:
+            return path, np.zeros(len(path), dtype=bool)
+        lengths = np.linalg.norm(known[1:] - known[:-1], axis=1)
+        arc = np.concatenate([[0.0], np.cumsum(lengths)])
+        share, held = np.ones(len(path)), path
+        for _ in range(_WIDENINGS):
             for k in refused:
-                back[k : k + 2] = True
-            path[back] = known[back]
-            refused = self.refused(path)
-        return path, back
+                beyond = np.maximum(arc[k] - arc, arc - arc[k + 1])
+                share = np.minimum(share, np.maximum(0.0, beyond) / reach)
+                share[k : k + 2] = 0.0
+            held = np.where(share[:, None] < 1, known + share[:, None] * (path - known), path)
+            held[share == 0] = known[share == 0]
+            refused = self.refused(held)
+            if not refused:
+                return held, share == 0
+            reach *= 2.0
+        return known.copy(), np.ones(len(path), dtype=bool)
 
 
 def least_clearance(path: FloatArray, checker: CollisionChecker) -> float:

@@ -19,7 +19,8 @@ from safe_ompl.paths.cost import PathCost
 from safe_ompl.paths.proof import PathProof, least_clearance
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.shortcut import shortcut
-from safe_ompl.paths.simplify import Simplifier, simplify_danger
+from safe_ompl.paths.simplifier import Simplifier
+from safe_ompl.paths.simplify import simplify_danger
 from safe_ompl.setup import SafeSetup
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
@@ -205,16 +206,34 @@ def test_the_chain_goes_round_what_is_refused(setup):
     np.testing.assert_array_equal(found, path)
 
 
-def test_what_is_refused_goes_back(setup):
-    class Picky(PathProof):
+class Picky(PathProof):
+    """Refuses edges between which the first joint jumps."""
+
+    def accepts(self, start, end):
+        return abs(start[0] - end[0]) < 0.4
+
+
+def test_what_is_refused_is_held_back_without_kinks(setup):
+    known = np.zeros((9, 6))
+    known[:, 1] = np.linspace(0, 1.6, 9)
+    wanted = known.copy()
+    wanted[5:7, 0] = 0.5
+    found, back = Picky(setup.simplifier.motion).held_back(wanted, known)
+    np.testing.assert_array_equal(found[back], known[back])
+    assert back[4:8].all()
+    assert not back.all()
+    assert np.abs(np.diff(found[:, 0])).max() < 0.4
+
+
+def test_where_nothing_helps_all_goes_back(setup):
+    class Refusing(PathProof):
         def accepts(self, start, end):
-            return abs(start[0] - end[0]) < 1.0
+            return start[0] == end[0] == 0
 
     known = np.zeros((4, 6))
-    wanted = known + np.array([0.0, 0.5, 1.8, 0.0])[:, None]
-    found, back = Picky(setup.simplifier.motion).put_back(wanted, known)
-    np.testing.assert_array_equal(back, [False, True, True, True])
+    found, back = Refusing(setup.simplifier.motion).held_back(known + 0.1, known)
     np.testing.assert_array_equal(found, known)
+    assert back.all()
 
 
 def test_the_least_clearance_over_a_path(setup, raw):
