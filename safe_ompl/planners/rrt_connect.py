@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from safe_ompl.arrays import FloatArray
 from safe_ompl.planners.growing import Extension
 from safe_ompl.planners.rrt import SafeRRT
 from safe_ompl.planners.tree import Tree
+
+_SHORTEST_STEP = 0.05  # of the range
 
 
 class SafeRRTConnect(SafeRRT):
@@ -39,6 +43,9 @@ class SafeRRTConnect(SafeRRT):
         No node is added that is more dangerous than its parent and than a threshold: at first the danger of the
         more dangerous end, which no path can avoid; after every five refusals it rises by this share. It keeps
         the peak of the danger low. 0 for no threshold.
+    short_steps : bool
+        Where the step towards a random configuration is trapped, try a shorter one, of 5 to 100 % of the range: it
+        leads out of narrow places.
 
     References
     ----------
@@ -56,6 +63,7 @@ class SafeRRTConnect(SafeRRT):
         nearest_fraction: float = 0.3,
         slide: float = 0.8,
         threshold_rise: float = 0.05,
+        short_steps: bool = True,
     ) -> None:
         super().__init__(si, name)
         self.setRange(range)
@@ -63,6 +71,15 @@ class SafeRRTConnect(SafeRRT):
         self.setNearestFraction(nearest_fraction)
         self.setSlide(slide)
         self.setThresholdRise(threshold_rise)
+        self.setShortSteps(short_steps)
+
+    def setShortSteps(self, short_steps: bool) -> None:
+        """Set whether a shorter step is tried where a whole one is trapped."""
+        self._short_steps = bool(short_steps)
+
+    def getShortSteps(self) -> bool:
+        """Return whether a shorter step is tried where a whole one is trapped."""
+        return self._short_steps
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
@@ -73,6 +90,8 @@ class SafeRRTConnect(SafeRRT):
             q_rand = self._random_configuration()
             old = self._select(tree, q_rand)
             outcome, new = self._extend(tree, old, q_rand)
+            if outcome is Extension.TRAPPED and self._short_steps:
+                outcome, new = self._extend(tree, old, self._nearer(tree, old, q_rand))
             if outcome is not Extension.TRAPPED:
                 q_new = tree.configurations[new]
                 outcome, met = self._connect(other, self._select(other, q_new), q_new, ptc)
@@ -80,6 +99,14 @@ class SafeRRTConnect(SafeRRT):
                     return self._join(tree, new, other, met)
             tree, other = other, tree
         return None
+
+    def _nearer(self, tree: Tree, node: int, target: FloatArray) -> FloatArray:
+        """Return a configuration (n,) on the way from a node to a target, log-uniformly nearer than the range."""
+        q = tree.configurations[node]
+        delta = self._bridge.difference(q, target)
+        length = float(np.sqrt(delta @ delta))
+        step = _SHORTEST_STEP ** self._rng.random() * min(length, self.getRange())
+        return self._bridge.inside(q + (step / length) * delta) if length else q
 
     def _connect(self, tree: Tree, node: int, target: FloatArray, ptc: Any) -> tuple[Extension, int]:
         """CONNECT: extend until the target is reached, the tree is trapped, or `ptc` fires."""
