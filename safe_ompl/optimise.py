@@ -129,5 +129,6 @@ def _improve(
             continue
         if found.first_path is None:
             found.first_path = perf_counter() - begin
-            better(path, simplifier.cost.of(path))
+            found.times.append(found.first_path)
+            found.paths.append(path)
         simplifier.simplify(path, over, better, proven=True)

@@ -334,12 +334,11 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         planner, name = self.prepare(planner, seed, parameters)
         simplified = duration is not None or optimise is not None
         self._validator.setDangerLimit(self._limit_of(planner) if simplified else self._danger_limit)
-        if self.field is not None and (duration is not None or optimise is not None):
+        if self.field is not None and simplified:
             self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
         begin, before = perf_counter(), self.counts.copy()
         if optimise is not None:
             return self._optimised(planner, name, seed, time, begin, before)
-        begin, before = perf_counter(), self.counts.copy()
         status = self.solve(float(time))
         elapsed = perf_counter() - begin
         nodes = _nodes(planner)

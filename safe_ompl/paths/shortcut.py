@@ -11,8 +11,8 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.paths.cost import PathCost
 from safe_ompl.paths.proof import PathProof
 
-_SPACING = 0.5  # [rad] between the samples of an edge's cost
-_FEWEST, _MOST = 2, 8  # samples of an edge
+_SPACING = 0.6  # [rad] between the samples of an edge's cost
+_FEWEST, _MOST = 2, 6  # samples of an edge
 
 
 def shortcut(path: FloatArray, cost: PathCost, proof: PathProof, stop: Callable[[], bool]) -> FloatArray:
