@@ -6,7 +6,7 @@ import logging
 import multiprocessing
 import signal
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
@@ -23,6 +23,7 @@ from safe_ompl.setup import PlanResult, SafeSetup, setup_scenario
 
 _log = logging.getLogger(__name__)
 
+_ATTEMPTS = 2  # of a run that its process does not survive
 BAND = (15, 85)  # [%]; the percentiles that the paper shows
 
 
@@ -113,7 +114,7 @@ class Campaign:
         self.check(setup)
         if processes == 1:
             return (self.result(run, setup) for k in range(self.runs) for run in self.round(k))
-        return self._parallel_results(min(processes, self.runs))
+        return self._parallel_results(min(processes, self.runs), setup.robot.joint_names)
 
     def result(self, run: Run, setup: SafeSetup) -> PlanResult:
         """Do one run. A path that the validator refuses is reported as not solved."""
@@ -129,25 +130,62 @@ class Campaign:
             _log.warning("%s, seed %d: %s", run.planner, run.seed, error)
             return failure(f"Error: {error}", run.planner, run.seed, setup.robot.joint_names)
 
-    def _parallel_results(self, processes: int) -> Iterator[PlanResult]:
+    def _parallel_results(self, processes: int, joint_names: tuple[str, ...]) -> Iterator[PlanResult]:
         """Deal the rounds out to processes: round k goes to process k modulo their number."""
-        context = multiprocessing.get_context("spawn")
-        pipes = [context.Pipe(duplex=False) for _ in range(processes)]
-        workers = [
-            context.Process(target=_work, args=(self, k, processes, sender, _log_level()), daemon=True)
-            for k, (_, sender) in enumerate(pipes)
-        ]
+        workers = [_Worker(self, k, processes) for k in range(processes)]
         try:
-            for worker, (_, sender) in zip(workers, pipes, strict=True):
-                worker.start()
-                sender.close()  # so that reading ends if the worker does
             for k in range(self.runs):
-                for _ in self.round(k):
-                    yield _received(pipes[k % processes][0])
+                for run in self.round(k):
+                    yield workers[k % processes].result(run, joint_names)
         finally:
             for worker in workers:
-                if worker.is_alive():
-                    worker.terminate()
+                worker.end()
+
+
+class _Worker:
+    """A process that does every `step`-th round of a campaign, and is replaced if it ends early."""
+
+    def __init__(self, campaign: Campaign, first: int, step: int) -> None:
+        self._campaign, self._first, self._step = campaign, first, step
+        self._done: set[Run] = set()
+        self._delivered = False
+        self._start()
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        left = replace(self._campaign, done={*self._campaign.done, *self._done})
+        self._results, sender = context.Pipe(duplex=False)
+        work = (left, self._first, self._step, sender, _log_level())
+        self._process = context.Process(target=_work, args=work, daemon=True)
+        self._process.start()
+        sender.close()  # so that reading ends if the process does
+
+    def result(self, run: Run, joint_names: tuple[str, ...]) -> PlanResult:
+        """Return the result of the next run. One that ends its process is tried again, and then not solved."""
+        for attempt in range(_ATTEMPTS):
+            if attempt:
+                self._start()
+            try:
+                result: PlanResult = self._results.recv()
+            except EOFError:
+                self._process.join()
+                words = f"the process ended with exit code {self._process.exitcode}"
+                _log.warning("%s, seed %d: %s", run.planner, run.seed, words)
+                result = failure(f"Error: {words}", run.planner, run.seed, joint_names)
+            else:
+                self._delivered = True
+                self._done.add(run)
+                return result
+        if not self._delivered:
+            raise SafeOmplError(f"a process of the campaign ended before its first result: {result.status}")
+        self._done.add(run)
+        self._start()
+        return result
+
+    def end(self) -> None:
+        """End the process."""
+        if self._process.is_alive():
+            self._process.terminate()
 
 
 def _work(campaign: Campaign, first: int, step: int, results: Connection, log_level: str) -> None:
@@ -163,14 +201,6 @@ def _work(campaign: Campaign, first: int, step: int, results: Connection, log_le
 def _log_level() -> str:
     """Return OMPL's log level in a form that travels between processes."""
     return str(ou.getLogLevel().name)
-
-
-def _received(results: Connection) -> PlanResult:
-    try:
-        result: PlanResult = results.recv()
-    except EOFError:
-        raise SafeOmplError("a process of the campaign ended before its work was done") from None
-    return result
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import signal
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +16,7 @@ from safe_ompl.campaign import (
     Campaign,
     Run,
     Summary,
+    _work,
     check_planner,
     default_planners,
     failure,
@@ -84,6 +88,54 @@ def test_a_process_that_ends_early_is_an_error(scenario: Scenario, monkeypatch: 
     monkeypatch.setattr("safe_ompl.campaign._work", print)  # takes any arguments, sends nothing
     with pytest.raises(SafeOmplError, match="ended before"):
         list(campaign.results(processes=2))
+
+
+def test_a_process_that_is_lost_is_replaced(
+    scenario: Scenario, results: list[PlanResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mark = tmp_path / "lost"
+    monkeypatch.setenv("SAFE_OMPL_TEST_MARK", str(mark))
+    monkeypatch.setattr("safe_ompl.campaign._work", _unlucky_work)
+    parallel = list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(processes=2))
+    assert mark.exists()
+    for one, other in zip(parallel, results, strict=True):
+        np.testing.assert_array_equal(one.path, other.path)
+
+
+def test_a_run_that_ends_its_process_is_not_solved(
+    scenario: Scenario, results: list[PlanResult], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("safe_ompl.campaign._work", _deadly_work)
+    parallel = list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(processes=2))
+    failed = [k for k, result in enumerate(parallel) if not result]
+    assert [(parallel[k].planner, parallel[k].seed) for k in failed] == [("SafeRRTConnect", 12)]
+    assert parallel[failed[0]].status == "Error: the process ended with exit code -9"
+
+
+def _unlucky_work(campaign: Campaign, first: int, *others: Any) -> None:
+    """Work, but end the first time that a run with seed 12 begins."""
+    mark = Path(os.environ["SAFE_OMPL_TEST_MARK"])
+
+    def result(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
+        if run.seed == 12 and not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return honest(self, run, setup)
+
+    honest, Campaign.result = Campaign.result, result
+    _work(campaign, first, *others)
+
+
+def _deadly_work(campaign: Campaign, first: int, *others: Any) -> None:
+    """Work, but end whenever a certain run begins."""
+
+    def result(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
+        if run == ("SafeRRTConnect", 12):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return honest(self, run, setup)
+
+    honest, Campaign.result = Campaign.result, result
+    _work(campaign, first, *others)
 
 
 def test_a_refused_path_counts_as_not_solved(
