@@ -16,7 +16,7 @@ from safe_ompl.models.collision import CollisionChecker
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
 # instead of at the whole edge saves a third of the time of a free edge (bench/motion.py).
-_FIRST_REACH = 0.2
+_FIRST_REACH = 0.15
 
 # [m] Default floor. Smaller ones decide hardly more edges, as contact itself is known to 0.01 mm; larger ones save
 # nothing while planning, where few edges pass so near to a contact.
@@ -236,17 +236,18 @@ class CertifiedMotion:
             for t in centres:
                 if required.growth is not None:
                     checker.set_margins(half * approach + required.at(t))
-                if checker.within_margins(start + t * delta):
-                    if t not in known_free and checker.in_collision(start + t * delta):
+                q = start + t * delta
+                if checker.within_margins(q):
+                    if t not in known_free and checker.in_collision(q):
                         return Verdict.BLOCKED, t
                     unproven.append(t)
             if not unproven:
                 return Verdict.FREE, None
-            blocked = self._first_too_near(
-                start, delta, [t for t in unproven if t not in known_free], required
-            )
-            if blocked is not None:
-                return Verdict.BLOCKED, blocked
+            if required.any:
+                unknown = [t for t in unproven if t not in known_free]
+                blocked = self._first_too_near(start, delta, unknown, required)
+                if blocked is not None:
+                    return Verdict.BLOCKED, blocked
             if half * widest < self._floor:
                 return Verdict.UNDECIDED, unproven[0]
             half /= 3
@@ -256,8 +257,6 @@ class CertifiedMotion:
         self, start: FloatArray, delta: FloatArray, places: list[float], required: _Required
     ) -> float | None:
         """Return the first of the places on an edge where a pair is nearer than it must be, or None."""
-        if not required.any:
-            return None
         self.checker.set_margins(required.at_start)
         for t in places:
             if required.growth is not None:
