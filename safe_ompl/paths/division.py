@@ -50,3 +50,16 @@ def refined(path: FloatArray, near: Callable[[FloatArray], BoolArray]) -> FloatA
         path = np.insert(path, where, middles[split], axis=0)
         close = np.insert(close, where, at_middle[split])
     return path
+
+
+def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> FloatArray:
+    """Return the same path (N, n) with way points at some arc lengths (K,), unless others are less than `apart` away."""
+    steps = path[1:] - path[:-1]
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+    for place in places:
+        if np.abs(arc - place).min() >= apart:
+            k = int(np.searchsorted(arc, place))
+            share = (place - arc[k - 1]) / (arc[k] - arc[k - 1])
+            path = np.insert(path, k, path[k - 1] + share * (path[k] - path[k - 1]), axis=0)
+            arc = np.insert(arc, k, place)
+    return path

@@ -17,7 +17,7 @@ from safe_ompl.models.motion import CertifiedMotion
 from safe_ompl.models.robot import Robot
 from safe_ompl.paths.cost import STEP, WEIGHT, DangerDensity, PathCost, number, reference_danger
 from safe_ompl.paths.descent import LARGEST, Descent
-from safe_ompl.paths.division import divided, refined
+from safe_ompl.paths.division import divided, refined, with_way_points
 from safe_ompl.paths.freedom import Freedom, FreeGoal, GoalSet
 from safe_ompl.paths.nearness import NearnessDensity
 from safe_ompl.paths.proof import PathProof, least_clearance
@@ -32,6 +32,10 @@ SPACING = 0.4  # [rad] between way points
 _ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
 _SAME = 1e-4  # [m] clearances that differ by less are the same
 _SCAN = 0.15  # [rad] between the configurations at which all danger points are looked at
+_BESIDE, _CLOSELY = 0.4, 0.02  # [rad] so far from the ends peaks are looked for, at samples so close together
+_EXCESS = 0.02  # over the danger of the ends: share that makes a peak
+_APART = 0.01  # [rad] of path between way points, at least
+_RESOLUTIONS = 2  # how often peaks are looked for
 _SHARE = 0.85  # of the greatest danger: points that reach it somewhere are looked at in the descent
 _FAR = 0.5  # [rad] when way points have moved so far, other points may matter
 _ROUNDS = (3, 5, 8)  # steps between two proofs: more, as long as the proofs succeed
@@ -168,14 +172,19 @@ class _Run:
     def descend(self) -> None:
         """Descend until the cost falls no more."""
         self._divide()
-        known = self.best
-        while self._descend_nearby():
+        known, resolutions = self.best, 0
+        while True:
+            far = self._descend_nearby()
             # Other danger points may matter now. They can only add to the cost.
             self._look_at_danger()
             if self._danger_cost.of(self.best) > self._ceiling:
                 self.best = known
                 return
             known = self.best
+            if not far:
+                if self._stop() or resolutions == _RESOLUTIONS or not self._resolve_peaks():
+                    return
+                resolutions += 1
 
     def _descend_nearby(self) -> bool:
         """Descend until the cost falls no more, or way points have moved far; return whether they have."""
@@ -230,11 +239,34 @@ class _Run:
         if self._proof.admit(path):
             self.best = path
 
+    def _resolve_peaks(self) -> bool:
+        """Put way points where danger peaks beside the ends, between those that there are; return whether it does.
+
+        There danger changes quickly, and a peak that no node of the cost sees is one that the descent does not lower.
+        """
+        curve = Curve(self._robot, self.best)
+        beside = np.arange(0.0, min(_BESIDE, 0.5 * curve.length), _CLOSELY)
+        s = np.concatenate([beside, curve.length - beside[::-1]])
+        samples = curve.at(s)
+        danger = self._all_danger.field.values(samples)
+        forced = max(danger[0], danger[-1])
+        inner = danger[1:-1]
+        peak = (inner > (1.0 + _EXCESS) * forced) & (inner >= danger[:-2]) & (inner >= danger[2:])
+        path = with_way_points(self.best, s[1:-1][peak], _APART)
+        if len(path) == len(self.best) or not self._proof.admit(path):
+            return False
+        self.best = path
+        self._look_at_danger(samples[1:-1][peak])
+        return True
+
     # ------------------------------------------------------------------------------------------- what it costs
 
-    def _look_at_danger(self) -> None:
-        """Take the danger points that matter near the best path."""
-        field = self._all_danger.field.active(divided(self.best, _SCAN), _SHARE)
+    def _look_at_danger(self, besides: FloatArray | None = None) -> None:
+        """Take the danger points that matter near the best path, and at some configurations besides."""
+        samples = divided(self.best, _SCAN)
+        if besides is not None:
+            samples = np.concatenate([samples, besides])
+        field = self._all_danger.field.active(samples, _SHARE)
         danger = self._all_danger.restricted(field)
         self._danger_cost = PathCost(self._robot, [danger])
         self._cost = PathCost(self._robot, [danger, *([] if self._nearness is None else [self._nearness])])

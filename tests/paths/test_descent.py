@@ -6,7 +6,7 @@ from test_cost import Density, Plane
 
 from safe_ompl.paths.cost import PathCost
 from safe_ompl.paths.descent import BlockChain, Descent
-from safe_ompl.paths.division import divided, refined
+from safe_ompl.paths.division import divided, refined, with_way_points
 
 # In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
 # between two points is arcosh(1 + distance²/(2 y₁ y₂)) (Poincaré).
@@ -108,3 +108,10 @@ def test_segments_are_short_where_the_path_is_near_something():
     assert lengths[found[1:, 0] > 1.01].max() <= 0.12
     assert lengths[0] == 0.4
     np.testing.assert_array_equal(refined(path, lambda Q: Q[:, 0] > 5), path)
+
+
+def test_way_points_at_given_places_unless_others_are_near():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    found = with_way_points(path, np.array([0.5, 0.995, 1.75]), 0.01)
+    np.testing.assert_allclose(found, [[0, 0], [0.5, 0], [1, 0], [1, 0.75], [1, 1]])
+    np.testing.assert_array_equal(with_way_points(path, np.zeros(0), 0.01), path)
