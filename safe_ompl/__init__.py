@@ -27,7 +27,7 @@ from safe_ompl.planners.registry import make_planner, planner_names
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
-from safe_ompl.plugins.objective import DangerObjective
+from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.setup import PlanResult, SafeSetup, plan
 
@@ -46,6 +46,7 @@ __all__ = [
     "DangerObjective",
     "InputError",
     "PathReport",
+    "PeakDangerObjective",
     "PlanResult",
     "PlanningError",
     "Robot",
