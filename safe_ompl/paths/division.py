@@ -53,7 +53,7 @@ def refined(path: FloatArray, near: Callable[[FloatArray], BoolArray]) -> FloatA
 
 
 def with_way_points(path: FloatArray, places: FloatArray, apart: float) -> FloatArray:
-    """Return the same path (N, n) with way points at some arc lengths (K,), unless others are less than `apart` away."""
+    """Return the same path (N, n) with way points at arc lengths (K,), unless others are less than `apart` away."""
     steps = path[1:] - path[:-1]
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
     for place in places:
