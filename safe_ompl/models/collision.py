@@ -94,20 +94,25 @@ class CollisionChecker:
         self._apart_pairs = indices(self._apart)
         self._distances = fresh_data(self._apart)
         self._distance_data = robot.model.createData()
-        self._own_geometry = geometry
+        self._touching = geometry.copy()  # with the pairs that may touch
+        for (body, obstacle), least in zip(self._apart_pairs, self._never_nearer, strict=True):
+            if least < DISTANCE_ERROR:
+                self._touching.addCollisionPair(pin.CollisionPair(body, obstacle))
+        self._pair_distances = fresh_data(self._touching)
+        self._pair_results = list(self._pair_distances.distanceResults)
+        self._contact = Queries(robot.model, self._touching, len(obstacles))
+        prove_manager(robot, self._contact)
         self._links = self._names[: len(bodies.geometryObjects)]
         self._min_clearance: MinClearance | None = None
         self._take_pairs(0.0)
 
     def _take_pairs(self, clearance: float) -> None:
-        """Take all pairs that may come nearer than a clearance [m]."""
-        robot, bodies = self.robot, self.robot.collision_model
+        """Take the pairs that may touch and, after them, those that may come nearer than a clearance [m]."""
         self._covered = clearance
-        geometry = self._own_geometry.copy()
+        geometry = self._touching.copy()
         for (body, obstacle), least in zip(self._apart_pairs, self._never_nearer, strict=True):
-            if least < clearance + DISTANCE_ERROR:
+            if DISTANCE_ERROR <= least < clearance + DISTANCE_ERROR:
                 geometry.addCollisionPair(pin.CollisionPair(body, obstacle))
-        obstacles = len(geometry.geometryObjects) - len(bodies.geometryObjects)
 
         self.geometry = geometry
         pairs = indices(geometry)
@@ -115,14 +120,10 @@ class CollisionChecker:
         self._pairs: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         self.pair_radii: FloatArray = self._pair_radii()
         self.meets_obstacle: BoolArray = self._pairs.max(axis=1, initial=-1) >= len(self._links)
-        self._pair_distances = fresh_data(geometry)
-        self._pair_results = list(self._pair_distances.distanceResults)
         self.required: FloatArray = self._required()
-        self._contact = Queries(robot.model, geometry, obstacles)
-        self._margin = Queries(robot.model, geometry, obstacles)
+        self._margin = Queries(self.robot.model, geometry, len(geometry.geometryObjects) - len(self._links))
         self._margin.set_margins(np.full(len(pairs), _PROOF_MARGIN))
-        for queries in (self._contact, self._margin):
-            prove_manager(robot, queries)
+        prove_manager(self.robot, self._margin)
 
     def __repr__(self) -> str:
         obstacles, pairs = len(self.scene.obstacles), len(self.pair_names)
@@ -181,8 +182,8 @@ class CollisionChecker:
     @cached_property
     def _obstacle_radii(self) -> FloatArray:
         """How far each obstacle is from the joints' axes at most; infinite for the robot's own bodies (G, n)."""
-        distances = np.full((len(self._own_geometry.geometryObjects), self.robot.n), np.inf)
-        for k, part in list(enumerate(self._own_geometry.geometryObjects))[len(self._links) :]:
+        distances = np.full((len(self._touching.geometryObjects), self.robot.n), np.inf)
+        for k, part in list(enumerate(self._touching.geometryObjects))[len(self._links) :]:
             hull = bounding_hull(part.geometry).moved(part.placement)
             distances[k] = self.robot.chain.axis_distances(hull)
         return distances
@@ -239,28 +240,32 @@ class CollisionChecker:
         return np.array([result.min_distance for result in self._distances.distanceResults])
 
     def pair_distances(self, q: FloatArray) -> FloatArray:
-        """Return the distance (P,) [m] of every checked pair at `q: (n,)`, the robot's own pairs included."""
+        """Return the distance (T,) [m] of the pairs that may touch at `q: (n,)`, the robot's own pairs included.
+
+        They are the first T of the P pairs; of which the others come into view with a clearance only (`cover`).
+        """
         self.counts.distance_queries += 1
         pin.computeDistances(
             self.robot.model,
             self._distance_data,
-            self.geometry,
+            self._touching,
             self._pair_distances,
             self.robot.pinocchio_configuration(q),
         )
         return np.array([result.min_distance for result in self._pair_results])
 
     def pair_radii_at(self, q: FloatArray) -> FloatArray:
-        """Return the displacement radii (P, n) of the pairs at `q: (n,)`; tighter than `pair_radii`, and dearer.
+        """Return the displacement radii (T, n) of the pairs of `pair_distances` at `q: (n,)`: tighter, and dearer.
 
         They hold for motions that start at `q` (`math.md` §3).
         """
         bodies = np.zeros((len(self.geometry.geometryObjects), self.robot.n))
         radii = self.robot.displacement_radii_at(q)
         bodies[: len(radii)] = radii
-        first, second = self._pairs.T
+        touching = len(self._pair_results)
+        first, second = self._pairs[:touching].T
         both: FloatArray = bodies[first] + bodies[second]
-        return np.minimum(both, self.pair_radii)
+        return np.minimum(both, self.pair_radii[:touching])
 
     @property
     def distance_names(self) -> list[tuple[str, str]]:

@@ -103,6 +103,21 @@ def test_what_never_touches_may_come_too_near(crank):
     assert not checker.in_collision(np.zeros(1))
 
 
+def test_what_never_touches_counts_for_clearance_only(crank, clutter, panda):
+    for robot, scene, number in ((crank, balls(far=0.65, near=0.5), 1), (panda, clutter, None)):
+        checker = CollisionChecker(robot, scene)
+        q = (robot.lower + robot.upper) / 2
+        before = checker.pair_distances(q), checker.pair_radii_at(q)
+        names, found = checker.pair_names, checker.colliding_pair(q)
+        assert number in (None, len(names))
+        checker.cover(1.0)
+        assert len(checker.pair_names) > len(names)
+        assert checker.pair_names[: len(names)] == names
+        for old, new in zip(before, (checker.pair_distances(q), checker.pair_radii_at(q)), strict=True):
+            np.testing.assert_array_equal(old, new)
+        assert checker.colliding_pair(q) == found
+
+
 def test_a_margin_takes_in_what_never_touches(crank):
     motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65)), margin=0.06)
     assert motion.check(START, END).verdict is not Verdict.FREE
