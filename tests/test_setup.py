@@ -349,3 +349,25 @@ def test_a_scenario_may_name_a_place_alone(planner: str) -> None:
     assert result
     tip = setup.robot.tip_pose(result.path[-1]).translation
     assert np.linalg.norm(tip - place.position) <= place.tolerance
+
+
+def test_problems_without_start_or_goal_are_refused(ur5, scene):
+    setup = SafeSetup(ur5, scene)
+    for call in (setup.setup, setup.solve, setup.plan):
+        with pytest.raises(InputError, match="no goal is set"):
+            call()
+    setup.setWorkspaceGoal([0.4, 0.3, 0.4])
+    with pytest.raises(InputError, match="no start is set"):
+        setup.solve(0.1)
+
+
+def test_a_problem_on_which_ompl_hangs_is_refused(setup):
+    setup.setConfigurations(START, START)
+    with pytest.raises(InputError, match="SORRTstar never ends"):
+        setup.plan("SORRTstar", time=0.1)
+
+
+@pytest.mark.parametrize("time", ["soon", -1.0, None, float("nan")])
+def test_solve_refuses_times_that_make_no_sense(setup, time):
+    with pytest.raises(InputError, match="time must be"):
+        setup.solve(time)
