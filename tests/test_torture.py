@@ -17,16 +17,16 @@ def output_of(*command: str) -> str:
     return run.stdout
 
 
-@pytest.mark.parametrize("number", range(8))
+@pytest.mark.parametrize("number", range(5))
 def test_a_random_program_survives(number: int) -> None:
     steps = output_of(str(BENCH / "torture.py"), "--program", str(number)).splitlines()
     assert len([step for step in steps if not step.startswith(" ")]) == 25
 
 
 def test_memory_is_given_back() -> None:
-    lines = output_of(str(BENCH / "memory.py"), "--solves", "150").splitlines()
+    lines = output_of(str(BENCH / "memory.py"), "--solves", "100").splitlines()
     counts = dict(reversed(part.split()) for part in lines[-2].split(", "))
-    assert sum(map(int, counts.values())) == 150
+    assert sum(map(int, counts.values())) == 100
     assert int(counts["solved"]) > 10
     assert int(counts["failed"]) > 10
     assert int(counts["broken"]) > 0
