@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.errors import CollisionError, InputError, PlanningError
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.models import document
-from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.counts import Counts
-from safe_ompl.models.danger import DangerField
 from safe_ompl.models.danger_bounds import DangerLimit
 from safe_ompl.models.motion import FLOOR
 from safe_ompl.models.robot import Robot
@@ -29,14 +26,9 @@ from safe_ompl.optimise import optimise as optimise_paths
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplifier import Simplifier, Stop
 from safe_ompl.paths.simplify import timed
-from safe_ompl.planners.base import SafePlanner, non_negative
-from safe_ompl.planners.jt_rrt import SafeJTRRT
+from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
-from safe_ompl.plugins.motion import CertifiedMotionValidator
-from safe_ompl.plugins.objective import DangerObjective
-from safe_ompl.plugins.states import StateBridge, joint_space
-from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.problem import SafeProblem
 from safe_ompl.result import PlanResult as PlanResult
 
 _log = logging.getLogger(__name__)
@@ -44,7 +36,7 @@ _log = logging.getLogger(__name__)
 _SHORTEST = 1e-3  # [s] a planner gets at least this
 
 
-class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
+class SafeSetup(SafeProblem):
     """An `og.SimpleSetup` with the robot's joint space, certified motions and the danger objective.
 
     Everything that OMPL's SimpleSetup does works as usual; `plan` is a short cut that also reports.
@@ -84,183 +76,12 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         danger: Mapping[str, Any] | None = {},
         floor: float = FLOOR,
     ) -> None:
-        super().__init__(joint_space(robot))
-        si = self.getSpaceInformation()
-        self.robot = robot
-        self.scene = scene
-        self.counts = Counts()
-        self.checker = CollisionChecker(robot, scene, self.counts)
-        self.field = None if danger is None else _danger_field(robot, scene, danger, self.counts)
-        self._validity = CollisionFreeValidity(si, self.checker)
-        self.setStateValidityChecker(self._validity)
-        self._validator = CertifiedMotionValidator(si, self.checker, floor)
-        si.setMotionValidator(self._validator)
-        if self.field is not None:
-            self.setOptimizationObjective(DangerObjective(si, self.field))
-        self._bridge = StateBridge(self.getStateSpace())
-        self._danger_limit: DangerLimit | None = None
+        super().__init__(robot, scene, danger=danger, floor=floor)
         self._simplifier: Simplifier | None = None
         self._simplification_time = 0.0
-        self._given: tuple[FloatArray | None, list[FloatArray]] = None, []  # start and goals
-        self._goal_region: Any = None
-        self._place: WorkspaceGoal | None = None
 
     def __repr__(self) -> str:
         return f"SafeSetup({self.robot!r}, {self.scene!r})"
-
-    # ----------------------------------------------------------------------------------------- the problem
-
-    def setConfigurations(self, start: ArrayLike, goals: ArrayLike) -> None:
-        """Set the start configuration (n,) and one goal (n,) or several (G, n) [rad or m].
-
-        Raises
-        ------
-        InputError
-            Wrong shape, NaN, or outside the limits: names joint, value and limits.
-        CollisionError
-            In collision: names the pair. Of several goals only those that are free count; one must be.
-        """
-        rows = np.atleast_2d(np.asarray(goals, dtype=object))
-        q_goals = self._checked_goals([list(row) for row in rows])
-        self.setStartConfiguration(start)
-        self._given = self._given[0], q_goals
-        region = ob.GoalStates(self.getSpaceInformation())
-        for q in q_goals:
-            region.addState(self._state(q))
-        self._goal_region = region
-        self.setGoal(region)
-
-    def setStartConfiguration(self, start: ArrayLike) -> None:
-        """Set the start configuration (n,) [rad or m]; errors as `setConfigurations`."""
-        q_start = self._checked_configuration(start, "start")
-        self._given = q_start, self._given[1]
-        self.clearStartStates()
-        self.addStartState(self._state(q_start))
-
-    def setWorkspaceGoal(
-        self, position: ArrayLike, rotation: ArrayLike | None = None, tolerance: float = TOLERANCE
-    ) -> None:
-        """Set a place for the tip as the goal: `position: (3,)` [m], for a pose `rotation: (3, 3)` as well.
-
-        Goal configurations set before stay for the planners that `plan` starts and that plan to configurations.
-
-        Raises
-        ------
-        InputError
-            Wrong shape, NaN, a matrix that is not a rotation, or a tolerance that is not positive.
-        """
-        self._place = WorkspaceGoal(
-            self.getSpaceInformation(),
-            self.robot,
-            position,
-            rotation,
-            tolerance=tolerance,
-            field=self.field,
-            seed=0,
-        )
-        self.setGoal(self._place)
-
-    def setMaxDanger(self, limit: float) -> None:
-        """Set the danger that no configuration of a path may exceed, whoever plans it, proven along whole motions.
-
-        Parameters
-        ----------
-        limit : float
-            In the units of the danger field; 0: any danger.
-
-        Raises
-        ------
-        InputError
-            If it is negative or not finite, or there is no danger field.
-        CollisionError
-            If start or all goals are above it.
-        """
-        if self.field is None:
-            raise InputError("max danger needs a danger field; this setup plans without danger")
-        self._danger_limit = DangerLimit(self.field, limit) if non_negative("max danger", limit) else None
-        self._validity.setDangerLimit(self._danger_limit)
-        self._validator.setDangerLimit(self._danger_limit)
-        self._check_given()
-
-    def setMinClearance(
-        self,
-        distance: float,
-        obstacles: Sequence[str] | None = None,
-        exempt: Sequence[tuple[str, str]] = (),
-    ) -> None:
-        """Set the distance that every path must keep from obstacles, whoever plans it, proven along whole motions.
-
-        Parameters
-        ----------
-        distance, obstacles, exempt
-            As in `CollisionChecker.setMinClearance`.
-
-        Raises
-        ------
-        CollisionError
-            If start or all goals are nearer.
-        InputError
-            As there.
-        """
-        self.checker.setMinClearance(distance, obstacles, exempt)
-        self._check_given()
-
-    def _check_given(self) -> None:
-        """Raise an error if the start or all goals that were given are not allowed any more."""
-        start, goals = self._given
-        if start is not None:
-            self._checked_configuration(start, "start")
-        if goals:
-            self._checked_goals(goals)
-
-    def _choose_goal(self, planner: Any, seed: int) -> None:
-        """Of a place and goal configurations that were both set, take what the planner plans to."""
-        if self._place is None:
-            return
-        self._place.setSeed(seed)
-        if self._goal_region is not None:
-            self.setGoal(self._place if isinstance(planner, SafeJTRRT) else self._goal_region)
-
-    def _checked_goals(self, goals: Sequence[ArrayLike]) -> list[FloatArray]:
-        if len(goals) == 1:
-            return [self._checked_configuration(goals[0], "goal")]
-        free, refused = [], None
-        for k, goal in enumerate(goals):
-            try:
-                free.append(self._checked_configuration(goal, f"goal {k}"))
-            except CollisionError as error:
-                _log.warning("%s", error)
-                refused = error
-        if refused is not None and not free:
-            raise refused
-        return free
-
-    def _checked_configuration(self, value: ArrayLike, name: str) -> FloatArray:
-        robot = self.robot
-        q = finite_array(value, (robot.n,), f"{name} configuration")
-        for i in np.flatnonzero(~robot.within_limits(q)):
-            raise InputError(
-                f"{name}: joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits "
-                f"[{robot.lower[i]:g}, {robot.upper[i]:g}]"
-            )
-        pair = self.checker.colliding_pair(q)
-        if pair is not None:
-            raise CollisionError(f"{name} is in collision: {pair[0]!r} touches {pair[1]!r}")
-        if self.checker.too_near(q):
-            near = self.checker.pair_within_margins(q) or ("robot", "obstacle")
-            least = f"{1e3 * self.checker.required.max():g} mm"
-            raise CollisionError(f"{name} is too near: {near[0]!r} keeps less than {least} from {near[1]!r}")
-        if self._danger_limit is not None and not self._danger_limit.allows(q):
-            raise CollisionError(
-                f"{name}: danger {self._danger_limit.danger(q):.4g} is above the limit {self._danger_limit.limit:g}"
-            )
-        # Within the tolerance of the limits a start is accepted; OMPL's own tolerance is smaller.
-        return np.where(robot.continuous, q, np.clip(q, robot.lower, robot.upper))
-
-    def _state(self, q: FloatArray) -> Any:
-        state = self.getStateSpace().allocState()
-        self._bridge.write(q, state)
-        return state
 
     # -------------------------------------------------------------------------------------------- planning
 
@@ -499,34 +320,6 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
         """Return how long the last simplification took [s]."""
         return self._simplification_time
 
-    def _set_solution(self, path: FloatArray) -> None:
-        solution = og.PathGeometric(self.getSpaceInformation())
-        for q in path:
-            solution.append(self._state(q))
-        problem = self.getProblemDefinition()
-        problem.clearSolutionPaths()
-        problem.addSolutionPath(solution, False, 0.0, self.getPlanner().getName())
-
-    def setup(self) -> None:
-        """Prepare for `solve`, as OMPL's `setup`.
-
-        Raises
-        ------
-        InputError
-            If no start or no goal is set.
-        """
-        self._check_problem()
-        super().setup()
-
-    def _check_problem(self) -> None:
-        """Raise an error where OMPL would say less, or end the process."""
-        if self.getGoal() is None:
-            raise InputError("no goal is set: call setConfigurations, setWorkspaceGoal or setGoal")
-        if not self.getProblemDefinition().getStartStateCount():
-            raise InputError(
-                "no start is set: call setConfigurations, setStartConfiguration or addStartState"
-            )
-
     def getPlannerData(self, data: Any) -> None:
         """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
         planner = self.getPlanner()
@@ -535,16 +328,6 @@ class SafeSetup(og.SimpleSetup):  # type: ignore[misc]
             planner.fillPlannerData(data)
         else:
             super().getPlannerData(data)
-
-    def solution(self) -> FloatArray:
-        """Return the solution path (N, n) found last."""
-        path = self.getSolutionPath()
-        return np.array([self._bridge.read(path.getState(i)) for i in range(path.getStateCount())])
-
-    def report(self, path: ArrayLike) -> PathReport:
-        """Validate and examine a path (N, n)."""
-        array = finite_array(path, (None, self.robot.n), "path")
-        return PathReport.of(array, self.checker, self.field, self._validator.motion)
 
 
 def plan(
@@ -606,14 +389,6 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
                 limits = scenario.limits
                 setup.setMinClearance(limits.min_clearance, limits.obstacles, limits.exempt)
     return setup
-
-
-def _danger_field(robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts) -> DangerField:
-    with document.within("danger"):
-        document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "sharpness"))
-    options = dict(options)
-    points, weights, _ = scene.danger_points(options.pop("spacing", None))
-    return DangerField(robot, points, weights, counts=counts, **options)
 
 
 def _positive_time(name: str, value: Any) -> float:
