@@ -376,11 +376,13 @@ def main() -> None:
         logging.disable()
         Program(options.program).run()
         return
-    numbers = range(options.first, options.first + options.programs)
-    wrong = {number: words for number in numbers if (words := survives(number, options.time))}
-    for number, words in wrong.items():
-        print(f"program {number}: {words}")
-    print(f"{len(wrong)} of {len(numbers)} programs failed")
+    wrong = 0
+    for number in range(options.first, options.first + options.programs):
+        words = survives(number, options.time)
+        if words is not None:
+            wrong += 1
+            print(f"program {number}: {words}", flush=True)
+    print(f"{wrong} of {options.programs} programs failed")
     sys.exit(bool(wrong))
 
 
