@@ -27,7 +27,7 @@ _SCALE_SAMPLES = 50
 _SCALE_SEED = 0  # the scale belongs to robot and scene: it must not change with the planner's seed
 _FIRST_GOALS = 100  # taken before planning begins
 _RANGE_FRACTION = (
-    0.055  # of the space's extent: 0.8 rad on an arm; longer steps are trapped, shorter ones crawl
+    0.075  # of the space's extent: 1.1 rad on an arm; longer steps are trapped, shorter ones crawl
 )
 
 
@@ -79,7 +79,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return self._alpha
 
     def setRange(self, distance: float) -> None:
-        """Set the largest length of one extension, before it slides [rad]; 0 takes 5.5 % of the space's extent."""
+        """Set the largest length of one extension, before it slides [rad]; 0 takes 7.5 % of the space's extent."""
         self._range = non_negative("range", distance)
 
     def getRange(self) -> float:

@@ -75,7 +75,7 @@ class SafeJTRRT(SafeRRT):
         slide: float = 0.8,
         threshold_rise: float = 0.05,
         step: float = 0.1,
-        goal_bias: float = 0.1,
+        goal_bias: float = 0.05,
         null_space_gain: float = 1.0,
         danger_threshold: float = np.inf,
         transpose: bool = False,

@@ -28,7 +28,7 @@ class SafeRRTConnect(SafeRRT):
     name : str
         Name in logs and benchmarks.
     range : float
-        Largest length of one extension, before it slides [rad]; 0 takes 5.5 % of the space's extent.
+        Largest length of one extension, before it slides [rad]; 0 takes 7.5 % of the space's extent.
     alpha : float
         Weight of danger, relative to the median of ‖∇CDF‖ over valid configurations: at 1, nodes that differ in
         danger as much as a typical step of 1 rad changes it are set 1 rad apart. One default serves all robots.

@@ -108,7 +108,7 @@ class TRRT(TransitionPlanner):
     name : str
         Name in logs and benchmarks.
     range : float
-        Largest length of one extension [rad]; 0 takes 5.5 % of the space's extent.
+        Largest length of one extension [rad]; 0 takes 7.5 % of the space's extent.
     goal_bias : float
         Share of the extensions that go towards a goal.
 
