@@ -86,6 +86,8 @@ class RaceCost:
 
     def __init__(self, cost: PathCost) -> None:
         self._density = cost.densities[0]
+        least = self._density.field.minimum / self._density.reference
+        self.minimum = 1.0 + self._density.weight * least**self._density.exponent
 
     def value(self, q: FloatArray) -> float:
         """Return the density at `q: (n,)`."""
