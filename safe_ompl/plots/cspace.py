@@ -19,6 +19,7 @@ from safe_ompl.plots.page import GREY, Page
 from safe_ompl.plots.silhouette import draw_arm, draw_scene
 
 _PIXELS = 181  # of a plane, along each side
+_IN_COLLISION, _SHADE = "0.72", 0.22
 _VOXELS = 45  # of a cube
 _COLOURS = ("#0b62b4", "#7d2f91", "#00876a", "#b87a00")
 _LIGHT = np.array([0.35, -0.5, 0.79])
@@ -70,7 +71,7 @@ def plot_bubbles(
         left.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
         left.locator_params(nbins=6)
         grid, free = _plane(checker)
-        right.contourf(*grid, np.where(free, 0.0, 1.0), [0.5, 1.5], colors=["0.72"])
+        right.contourf(*grid, np.where(free, 0.0, 1.0), [0.5, 1.5], colors=[_IN_COLLISION])
         right.set(
             aspect="equal", xlim=(robot.lower[0], robot.upper[0]), ylim=(robot.lower[1], robot.upper[1])
         )
@@ -168,7 +169,7 @@ def _draw_bubble(axes: Any, checker: CollisionChecker, q: FloatArray, colour: st
     reach = np.max(
         [(r[0] * abs(dx) + r[1] * abs(dy)) / d for r, d in zip(radii, distances, strict=True)], axis=0
     )
-    axes.contourf(q[0] + dx, q[1] + dy, reach, [-1.0, 1.0], colors=[colour], alpha=0.22)
+    axes.contourf(q[0] + dx, q[1] + dy, reach, [-1.0, 1.0], colors=[colour], alpha=_SHADE)
     diamonds = ((bubbles.link_diamond, "-"), (bubbles.common_diamond, "--"))
     for shape, dashes in diamonds:
         a, b = bubbles.extents(shape(radii, distances))
@@ -183,12 +184,13 @@ def _add_bubble_legend(figure: Any) -> None:
     from matplotlib.patches import Patch
 
     handles = [
-        Patch(color=GREY, alpha=0.3, linewidth=0, label="proven free"),
+        Patch(color=_IN_COLLISION, linewidth=0, label="in collision"),
+        Patch(color=_COLOURS[0], alpha=_SHADE, linewidth=0, label="proven free"),
         Line2D([], [], color=GREY, linestyle="-", label="diamond of all links"),
         Line2D([], [], color=GREY, linestyle="--", label="paper's (9)"),
         Line2D([], [], color=GREY, linestyle=":", label="cube"),
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    figure.legend(handles=handles, loc="outside lower center", ncols=5)
 
 
 def _plane(checker: CollisionChecker) -> tuple[list[FloatArray], FloatArray]:
