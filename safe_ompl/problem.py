@@ -257,7 +257,8 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
             solution.append(self._state(q))
         problem = self.getProblemDefinition()
         problem.clearSolutionPaths()
-        problem.addSolutionPath(solution, False, 0.0, self.getPlanner().getName())
+        planner = self.getPlanner()  # none, if a planner solved the problem on its own
+        problem.addSolutionPath(solution, False, 0.0, "" if planner is None else planner.getName())
 
 
 def _danger_field(robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts) -> DangerField:

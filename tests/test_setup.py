@@ -371,3 +371,11 @@ def test_a_problem_on_which_ompl_hangs_is_refused(setup):
 def test_solve_refuses_times_that_make_no_sense(setup, time):
     with pytest.raises(InputError, match="time must be"):
         setup.solve(time)
+
+
+def test_a_solution_that_a_planner_found_on_its_own_is_simplified(setup):
+    planner = SafeRRTConnect(setup.getSpaceInformation())
+    planner.setProblemDefinition(setup.getProblemDefinition())
+    assert planner.solve(10.0)
+    setup.simplifySolution(0.5)
+    assert setup.report(setup.solution()).certified
