@@ -18,8 +18,9 @@ After B. Lacevic, P. Rocco, *Safety-oriented path planning for articulated robot
 "Classic…" are their safe counterparts with danger switched off. Numbers are means over the solved runs, as in the
 paper. Its scenes are not published: ours were chosen among random variants of two layouts, for the effort of the
 classical planners and for a clear effect of safety. They show what can be had, not what is to be expected everywhere:
-the other scenarios and the MotionBenchMaker problems do that. A check is one query of the whole robot: boolean, with or without margins (a certified motion asks a few of
-them where the paper samples), or of distances (bubbles). Bubble planners are deterministic and run once.
+the other scenarios and the MotionBenchMaker problems do that. A check is one query of the whole robot: boolean, with
+or without margins (a certified motion asks a few of them where the paper samples), or of distances (bubbles). Bubble
+planners are deterministic and run once.
 """
 
 
