@@ -14,6 +14,7 @@ prismatic joints), distances in m, weights in 1/rad (or 1/m).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -141,7 +142,38 @@ def box_meetings(u: FloatArray, v: FloatArray) -> Meetings:
     return Meetings((u * shares).max(axis=1, initial=0.0), shares)
 
 
-def may_meet(u: FloatArray, v: FloatArray) -> BoolArray:
+def diamonds_may_meet(u: FloatArray, v: FloatArray) -> BoolArray:
     """Return False (N,) only where diamonds do not meet: Σ min(u_i, v_i) bounds twice their gap from below."""
     near: BoolArray = np.minimum(u, v).sum(axis=1) < 2.0
     return near
+
+
+def boxes_may_meet(u: FloatArray, v: FloatArray) -> BoolArray:
+    """Return False (N,) only where boxes do not meet: max min(u_i, v_i) bounds twice their gap from below."""
+    near: BoolArray = np.minimum(u, v).max(axis=1, initial=0.0) < 2.0
+    return near
+
+
+class Shape(NamedTuple):
+    """A kind of bubble.
+
+    Attributes
+    ----------
+    weights : callable
+        From radii (P, n) and distances (P,) to weights (n,).
+    may_meet : callable
+        From weighted gaps u, v (N, n) to which of N pairs may meet (N,): cheap, and never wrongly False.
+    meetings : callable
+        From weighted gaps u, v (N, n) to how they meet.
+    """
+
+    weights: Callable[[FloatArray, FloatArray], FloatArray]
+    may_meet: Callable[[FloatArray, FloatArray], BoolArray]
+    meetings: Callable[[FloatArray, FloatArray], Meetings]
+
+
+SHAPES = {
+    "paper": Shape(common_diamond, diamonds_may_meet, diamond_meetings),
+    "link": Shape(link_diamond, diamonds_may_meet, diamond_meetings),
+    "cube": Shape(inscribed_cube, boxes_may_meet, box_meetings),
+}

@@ -2,53 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.maths import bubbles
+from safe_ompl.maths.bubbles import SHAPES
 from safe_ompl.maths.halton import halton_point
-from safe_ompl.models.collision import DISTANCE_ERROR, CollisionChecker
+from safe_ompl.models.bubble import INSIDE, Bubble
+from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.planners.base import fraction, non_negative
 from safe_ompl.planners.graph import two_trees
 from safe_ompl.planners.sliding import SlidingPlanner
-from safe_ompl.planners.volume_tree import ROOT, EndPoint, Metric, VolumeTree
+from safe_ompl.planners.volume_tree import ROOT, Metric, VolumeTree
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
-_INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`math.md` §2)
 _LEAST_CLEARANCE = 1e-3  # [m]; smaller bubbles lead nowhere
 _PATH_SHARE = 0.1  # weight of g where f is normalised: greedy, as in weighted A*
 _LEAST_GAIN = 2e-3  # [m] a turn ends where the tree comes less near to its goal in a step than this, …
 _GAIN_SHARE = 0.2  # … or than this share of its best step
 _SCALE_POINTS = 100
-_BAND_POINTS = 8
-
-
-class Shape(NamedTuple):
-    """A kind of bubble: its weights from radii and distances, and how two of its kind meet."""
-
-    weights: Callable[[FloatArray, FloatArray], FloatArray]
-    meetings: Callable[[FloatArray, FloatArray], bubbles.Meetings]
-
-
-SHAPES = {
-    "paper": Shape(bubbles.common_diamond, bubbles.diamond_meetings),
-    "link": Shape(bubbles.link_diamond, bubbles.diamond_meetings),
-    "cube": Shape(bubbles.inscribed_cube, bubbles.box_meetings),
-}
-
-
-class Bubble(NamedTuple):
-    """A bubble: centre q (n,), weights (n,), and the radii (P, n) and distances (P,) that it comes from."""
-
-    q: FloatArray
-    weights: FloatArray
-    radii: FloatArray
-    distances: FloatArray
 
 
 class BubblePlanner(SlidingPlanner):
@@ -205,7 +181,9 @@ class BubblePlanner(SlidingPlanner):
         progress = _Progress()
         while len(tree.open) and not ptc():
             x = tree.take(int(self._f(tree, goal).argmin()))
-            bubble = self._bubble(x)
+            bubble = Bubble.around(
+                x.q, self._checker, self._shape, 0.0 if x.parent == ROOT else _LEAST_CLEARANCE
+            )
             if bubble is None:
                 return None
             new = tree.close(x, bubble.weights)
@@ -240,9 +218,10 @@ class BubblePlanner(SlidingPlanner):
         delta = self._bridge.difference(q, other.closed["center"])
         reach = np.abs(delta)
         u, v = weights * reach, other.closed["weights"] * reach
-        near = np.flatnonzero(other.closed["alive"] & bubbles.may_meet(u, v))
-        gaps, shares = SHAPES[self._shape].meetings(u[near], v[near])
-        if gaps.min(initial=np.inf) >= _INSIDE:
+        shape = SHAPES[self._shape]
+        near = np.flatnonzero(other.closed["alive"] & shape.may_meet(u, v))
+        gaps, shares = shape.meetings(u[near], v[near])
+        if gaps.min(initial=np.inf) >= INSIDE:
             return None
         best = int(gaps.argmin())
         met = int(near[best])
@@ -270,16 +249,9 @@ class BubblePlanner(SlidingPlanner):
 
     def _bubble_endpoints(self, bubble: Bubble, goal: FloatArray) -> FloatArray:
         """BUBBLE_ENDPOINTS: the vertices (K, n), and guided the point where the way to the goal leaves the bubble."""
-        circular = self._bridge.circular
-        lower = np.where(circular, -np.inf, self._bridge.lower)
-        upper = np.where(circular, np.inf, self._bridge.upper)
-        # Half a turn is as far as a joint that wraps can go, and where both ways to it are the same.
-        reaches = np.minimum(_INSIDE * bubbles.extents(bubble.weights), np.where(circular, 3.1, np.inf))
-        points = bubbles.axis_points(bubble.q, reaches, lower, upper)
+        points = bubble.vertices(self._bridge.lower, self._bridge.upper, self._bridge.circular)
         if self._guided:
-            motion = self._bridge.difference(bubble.q, goal)
-            reach = min(1.0, _INSIDE * bubbles.reach_along(motion, bubble.radii, bubble.distances))
-            points = np.vstack([points, bubble.q + reach * motion])
+            points = np.vstack([points, bubble.exit(self._bridge.difference(bubble.q, goal))])
         points = self._bridge.inside(points)
         return points[self._metric.separations(bubble.q, points) > 1e-9]
 
@@ -307,14 +279,6 @@ class BubblePlanner(SlidingPlanner):
             half = max(1, self._max_open // 2)
             tree.open.keep(np.argpartition(self._f(tree, goal), half)[:half])
 
-    def _bubble(self, x: EndPoint) -> Bubble | None:
-        """Return the bubble of an end point; None where it is too small to lead anywhere."""
-        distances = self._checker.pair_distances(x.q) - DISTANCE_ERROR
-        if distances.min(initial=np.inf) <= (0.0 if x.parent == ROOT else _LEAST_CLEARANCE):
-            return None
-        radii = self._checker.pair_radii_at(x.q)
-        return Bubble(x.q, SHAPES[self._shape].weights(radii, distances), radii, distances)
-
     def _danger(self, points: FloatArray) -> FloatArray:
         """Return the danger (K,) as f takes it: in metres where f is normalised."""
         if not self._alpha or self._cost.is_zero:
@@ -328,36 +292,6 @@ class BubblePlanner(SlidingPlanner):
         metres = float(np.sqrt(np.mean(self._rates**2))) / slope
         scaled: FloatArray = metres * usual * np.log1p(costs / usual)
         return scaled
-
-    # ------------------------------------------------------------------------------------ the path as it is driven
-
-    def _elastic(self, path: FloatArray, ptc: Any) -> FloatArray:
-        """Return the path (N, n) as an elastic band [3]: contracted where that is as safe, then bent from danger."""
-        band = [path[0]]
-        at = 0
-        while at < len(path) - 1:
-            at = self._farthest(path, at, ptc)
-            band += [*self._bent(band[-1], path[at], ptc), path[at]]
-        return np.array(band)
-
-    def _farthest(self, path: FloatArray, at: int, ptc: Any) -> int:
-        """Return the way point to which a straight motion from way point `at` does what the path between does."""
-        end = len(path) - 1
-        while end > at + 1 and not ptc():
-            if self._is_as_safe(path[at], path[end], path[at : end + 1]) and self._motion_is_free(
-                path[at], path[end]
-            ):
-                return end
-            end = (at + end) // 2
-        return at + 1
-
-    def _is_as_safe(self, start: FloatArray, end: FloatArray, piece: FloatArray) -> bool:
-        if not self._danger_weight:
-            return True
-        t = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]
-        straight = start + t * self._bridge.difference(start, end)
-        costs = self._cost.values(np.vstack([self._bridge.wrapped(straight), piece]))
-        return bool(costs[:_BAND_POINTS].mean() <= costs[_BAND_POINTS:].mean())
 
     # --------------------------------------------------------------------------------------------- the scales
 

@@ -10,6 +10,8 @@ import numpy as np
 from safe_ompl.arrays import FloatArray
 from safe_ompl.planners.base import SafePlanner, fraction
 
+_BAND_POINTS = 8
+
 
 class SlidingPlanner(SafePlanner):
     """A planner whose way points slide down the gradient of the danger, at right angles to the way.
@@ -66,3 +68,30 @@ class SlidingPlanner(SafePlanner):
         if middle is None or not (self._motion_is_free(start, middle) and self._motion_is_free(middle, end)):
             return []
         return [*self._bent(start, middle, ptc), middle, *self._bent(middle, end, ptc)]
+
+    def _elastic(self, path: FloatArray, ptc: Any) -> FloatArray:
+        """Return the path (N, n) as an elastic band (Quinlan 1994): contracted where as safe, then bent from danger."""
+        band = [path[0]]
+        at = 0
+        while at < len(path) - 1:
+            at = self._farthest(path, at, ptc)
+            band += [*self._bent(band[-1], path[at], ptc), path[at]]
+        return np.array(band)
+
+    def _farthest(self, path: FloatArray, at: int, ptc: Any) -> int:
+        """Return the way point to which a straight motion from way point `at` does what the path between does."""
+        end = len(path) - 1
+        while end > at + 1 and not ptc():
+            if self._is_as_safe(path[at : end + 1]) and self._motion_is_free(path[at], path[end]):
+                return end
+            end = (at + end) // 2
+        return at + 1
+
+    def _is_as_safe(self, path: FloatArray) -> bool:
+        """Return whether the straight motion between the ends of a path (N, n) is no more dangerous on an average."""
+        if not self._danger_weight:
+            return True
+        t = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]
+        straight = path[0] + t * self._bridge.difference(path[0], path[-1])
+        costs = self._cost.values(np.vstack([self._bridge.wrapped(straight), path]))
+        return bool(costs[:_BAND_POINTS].mean() <= costs[_BAND_POINTS:].mean())

@@ -8,13 +8,14 @@ from ompl import base as ob
 
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import bubbles
+from safe_ompl.maths.bubbles import SHAPES
 from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.obstacle import Obstacle
 from safe_ompl.models.pose import Pose
 from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.models.shapes import Box, Sphere
-from safe_ompl.planners.bubble import SHAPES, BubblePlanner
+from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.setup import SafeSetup, setup_scenario
 
 
