@@ -16,7 +16,7 @@ import numpy as np
 from ompl import util as ou
 
 from safe_ompl import CollisionFreeValidity, SafeSetup
-from safe_ompl.benchmark_runs import resident_megabytes
+from safe_ompl.benchmark.runs import resident_megabytes
 from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.registry import planner_names
 from safe_ompl.setup import setup_scenario

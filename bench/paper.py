@@ -24,7 +24,7 @@ from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs
 from _paper.sweep import sweep
 from ompl import util as ou
 
-from safe_ompl.benchmark_log import save_database, write_log
+from safe_ompl.benchmark.log import save_database, write_log
 from safe_ompl.cli.arguments import count, names
 from safe_ompl.cli.console import error_console, progress_bar
 from safe_ompl.errors import InputError, UnknownNameError

@@ -1,6 +1,6 @@
 """Safety-oriented robot arm motion planning for OMPL (Lacevic & Rocco, Robotica 2013)."""
 
-from safe_ompl.benchmark import Benchmark
+from safe_ompl.benchmark.benchmark import Benchmark
 from safe_ompl.errors import (
     CertificateError,
     CollisionError,

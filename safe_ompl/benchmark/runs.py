@@ -17,7 +17,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from safe_ompl.benchmark_log import Value
+from safe_ompl.benchmark.log import Value
 from safe_ompl.errors import InputError
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner

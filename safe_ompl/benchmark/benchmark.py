@@ -17,9 +17,9 @@ from ompl import base as ob
 from ompl import tools as ot
 from ompl import util as ou
 
-from safe_ompl.benchmark_log import Experiment, PlannerRuns, Value, save_database
-from safe_ompl.benchmark_runs import Entry, Events, Limits, Measured
-from safe_ompl.benchmark_workers import Job, Task, in_processes, in_turn, on_cluster
+from safe_ompl.benchmark.log import Experiment, PlannerRuns, Value, save_database
+from safe_ompl.benchmark.runs import Entry, Events, Limits, Measured
+from safe_ompl.benchmark.workers import Job, Task, in_processes, in_turn, on_cluster
 from safe_ompl.errors import InputError
 from safe_ompl.setup import SafeSetup
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from ompl import base as ob
 from ompl import util as ou
 
-from safe_ompl.benchmark_runs import Entry, Events, Limits, Measured, crash, measure
+from safe_ompl.benchmark.runs import Entry, Events, Limits, Measured, crash, measure
 from safe_ompl.errors import InputError
 
 _ATTEMPTS = 2  # of a run that its process does not survive

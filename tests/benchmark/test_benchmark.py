@@ -17,8 +17,8 @@ from ompl import geometric as og
 from ompl import tools as ot
 from ompl import util as ou
 
-from safe_ompl.benchmark import Benchmark
-from safe_ompl.benchmark_runs import planner_settings
+from safe_ompl.benchmark.benchmark import Benchmark
+from safe_ompl.benchmark.runs import planner_settings
 from safe_ompl.errors import InputError
 from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.rrt_connect import SafeRRTConnect

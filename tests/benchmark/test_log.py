@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from safe_ompl.benchmark_log import Experiment, PlannerRuns, save_database, write_log
+from safe_ompl.benchmark.log import Experiment, PlannerRuns, save_database, write_log
 from safe_ompl.campaign import failure
 from safe_ompl.errors import InputError
 from safe_ompl.models.scenario import Scenario, find_scenario

@@ -1,0 +1,1 @@
+"""Benchmarks in OMPL's form: the runs, their workers, logs and databases."""
