@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import settings
+from ompl import util as ou
 
 from safe_ompl.models.displacement import bounding_hull
 from safe_ompl.models.obstacle import Obstacle
@@ -63,6 +64,15 @@ def kinova():
 def twin_arm():
     """Two arms on a lift: prismatic, continuous and revolute joints, and a branch."""
     return _robot("twin_arm")
+
+
+@pytest.fixture(autouse=True)
+def quiet_ompl():
+    """Keep OMPL's own messages out of the output."""
+    handler = ou.getOutputHandler()
+    ou.noOutputHandler()
+    yield
+    ou.useOutputHandler(handler)
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ompl import util as ou
 
 from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
@@ -29,21 +28,15 @@ LATENCY = 0.2  # [s]
 TRIES = 3  # another process may hold the machine up
 
 
-@pytest.fixture(autouse=True)
-def quiet():
-    level = ou.getLogLevel()
-    ou.setLogLevel(ou.LogLevel.LOG_NONE)
-    yield
-    ou.setLogLevel(level)
-
-
 def seconds_until_interrupted(setup: SafeSetup, planner: str, delay: float) -> float:
     """Plan again and again until an alarm, handled as Ctrl-C is, and return how late that was noticed [s]."""
     signal.signal(signal.SIGALRM, signal.default_int_handler)
     setup.prepare(planner, 0)
     begin = time.monotonic()
     try:
-        signal.setitimer(signal.ITIMER_REAL, delay, 1.0)  # again and again: what gets lost must not hang the test
+        signal.setitimer(
+            signal.ITIMER_REAL, delay, 1.0
+        )  # again and again: what gets lost must not hang the test
         while True:
             setup.clear()
             assert setup.solve(60.0)

@@ -6,7 +6,6 @@ import time
 import numpy as np
 import pytest
 from ompl import base as ob
-from ompl import util as ou
 
 from safe_ompl.campaign import Campaign, summarize
 from safe_ompl.cli import main
@@ -16,15 +15,6 @@ from safe_ompl.models.scene import Scene
 from safe_ompl.optimise import optimise
 from safe_ompl.plots import plot_plan
 from safe_ompl.setup import SafeSetup, setup_scenario
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    """Keep OMPL's own messages out of the output."""
-    handler = ou.getOutputHandler()
-    ou.noOutputHandler()
-    yield
-    ou.useOutputHandler(handler)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ import logging
 import numpy as np
 import pytest
 from ompl import base as ob
-from ompl import util as ou
 
 from safe_ompl.errors import CollisionError, InputError, PlanningError, UnknownNameError
 from safe_ompl.models.goal import Goal
@@ -26,15 +25,6 @@ from safe_ompl.setup import SafeSetup, plan, setup_scenario
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
 IN_BALL = START * [0, 1, 1, 1, 1, 1]
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    """Keep OMPL's own messages out of the output."""
-    handler = ou.getOutputHandler()
-    ou.noOutputHandler()
-    yield
-    ou.useOutputHandler(handler)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
-from ompl import util as ou
 
 from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.prm import SafePRM
@@ -20,14 +19,6 @@ from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.setup import SafeSetup, setup_scenario
 
 PLANNERS = [SafeRRTConnect, SafePRM]
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    level = ou.getLogLevel()
-    ou.setLogLevel(ou.LogLevel.LOG_NONE)
-    yield
-    ou.setLogLevel(level)
 
 
 def bounds(n: int, low: float, high: float) -> Any:

@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from ompl import base as ob
-from ompl import util as ou
 
 from safe_ompl.errors import InputError
 from safe_ompl.models.obstacle import Obstacle
@@ -27,15 +26,6 @@ FAR = [2.0, 0.0, 0.5]
 
 PANDA_START = np.array([1.2, 0.1, 0.0, -1.7, 0.0, 2.0, 0.785])
 PANDA_POSITION = np.array([0.25, -0.5, 0.4])
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    """Keep OMPL's own messages out of the output."""
-    handler = ou.getOutputHandler()
-    ou.noOutputHandler()
-    yield
-    ou.useOutputHandler(handler)
 
 
 @pytest.fixture(scope="module")

@@ -22,14 +22,6 @@ SAFE = [name for name in OURS if not name.startswith("Classic")]
 MOTION = np.array([0.4, 0.2, -0.15])  # short enough for every planner to find in no time
 
 
-@pytest.fixture(autouse=True)
-def quiet():
-    level = ou.getLogLevel()
-    ou.setLogLevel(ou.LogLevel.LOG_NONE)
-    yield
-    ou.setLogLevel(level)
-
-
 def load() -> Scenario:
     return Scenario.load(find_scenario("planar3"))
 

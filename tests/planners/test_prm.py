@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
-from ompl import util as ou
 
 from safe_ompl.errors import InputError
 from safe_ompl.models.danger import DangerField
@@ -22,15 +21,6 @@ from safe_ompl.setup import SafeSetup
 
 EXACT, TIMEOUT = ob.PlannerStatus.EXACT_SOLUTION, ob.PlannerStatus.TIMEOUT
 START, GOAL = (-0.8, 0.0), (0.8, 0.0)
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    """Keep OMPL's own messages out of the output."""
-    level = ou.getLogLevel()
-    ou.setLogLevel(ou.LogLevel.LOG_NONE)
-    yield
-    ou.setLogLevel(level)
 
 
 # ------------------------------------------------------------------------------------------------ a point in a plane

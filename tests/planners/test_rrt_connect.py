@@ -10,7 +10,6 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import tools as ot
-from ompl import util as ou
 
 from safe_ompl.errors import InputError
 from safe_ompl.models.danger import DangerField
@@ -21,15 +20,6 @@ from safe_ompl.setup import SafeSetup, setup_scenario
 
 EXACT = ob.PlannerStatus.EXACT_SOLUTION
 START, GOAL = (-0.8, 0.0), (0.8, 0.0)
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    """Keep OMPL's own messages out of the output."""
-    handler = ou.getOutputHandler()
-    ou.noOutputHandler()
-    yield
-    ou.useOutputHandler(handler)
 
 
 # ------------------------------------------------------------------------------------------------ a point in a plane

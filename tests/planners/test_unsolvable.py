@@ -4,7 +4,6 @@ import resource
 
 import numpy as np
 import pytest
-from ompl import util as ou
 
 from safe_ompl.models.obstacle import Obstacle
 from safe_ompl.models.pose import Pose
@@ -18,15 +17,6 @@ from safe_ompl.setup import SafeSetup
 OURS = [name for name in planner_names() if is_ours(name)]
 BASELINES = ["TRRT", "BiTRRT", "GradienTRRT"]
 LIMIT = 0.8  # [s]
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    """Keep OMPL's own messages out of the output."""
-    handler = ou.getOutputHandler()
-    ou.noOutputHandler()
-    yield
-    ou.useOutputHandler(handler)
 
 
 @pytest.fixture(scope="module")

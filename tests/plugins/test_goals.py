@@ -11,7 +11,6 @@ import pinocchio as pin
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
-from ompl import util as ou
 
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.models.obstacle import Obstacle
@@ -28,15 +27,6 @@ FAR = [2.0, 0.0, 0.5]
 
 EXACT = ob.PlannerStatus.EXACT_SOLUTION
 TIMEOUT = ob.PlannerStatus.TIMEOUT
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    """Keep OMPL's own messages out of the output."""
-    handler = ou.getOutputHandler()
-    ou.noOutputHandler()
-    yield
-    ou.useOutputHandler(handler)
 
 
 @pytest.fixture(scope="module")
