@@ -34,9 +34,8 @@ def seconds_until_interrupted(setup: SafeSetup, planner: str, delay: float) -> f
     setup.prepare(planner, 0)
     begin = time.monotonic()
     try:
-        signal.setitimer(
-            signal.ITIMER_REAL, delay, 1.0
-        )  # again and again: what gets lost must not hang the test
+        # Again and again: a signal that gets lost must not hang the test.
+        signal.setitimer(signal.ITIMER_REAL, delay, 1.0)
         while True:
             setup.clear()
             assert setup.solve(60.0)
