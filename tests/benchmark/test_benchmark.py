@@ -26,7 +26,7 @@ from safe_ompl.setup import SafeSetup, setup_scenario
 
 
 def request(**values: Any) -> Any:
-    usual = {"maxTime": 1.0, "runCount": 2, "displayProgress": False, "saveConsoleOutput": False}
+    usual = {"maxTime": 20.0, "runCount": 2, "displayProgress": False, "saveConsoleOutput": False}
     return ot.Request(**{**usual, "simplify": False, **values})
 
 

@@ -150,7 +150,7 @@ def test_a_walled_in_goal_ends_at_the_time_limit(robot_named):
         assert result.report.certified
     else:
         assert result.status == "Timeout"
-        assert result.planning_time < 1.0
+        assert result.planning_time < 6.0
 
 
 def test_goals_beyond_the_first_are_roots_too(planar):

@@ -25,7 +25,7 @@ def setup() -> SafeSetup:
 
 def graph_of(setup: SafeSetup, name: str) -> tuple[PlannerGraph, np.ndarray]:
     """Plan, whether or not that succeeds in time."""
-    result = setup.plan(name, time=2.0, seed=1)
+    result = setup.plan(name, time=20.0, seed=1)
     return setup.getPlanner().plannerGraph(), result.path
 
 

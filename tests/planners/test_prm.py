@@ -168,7 +168,7 @@ def test_a_goal_that_cannot_be_reached_takes_its_time_and_no_more():
     task = Problem(walled_in)
     begin = perf_counter()
     assert task.solve(0.3) == TIMEOUT
-    assert 0.3 <= perf_counter() - begin < 1.0
+    assert 0.3 <= perf_counter() - begin < 6.0
     assert not task.problem.hasSolution()
 
 
@@ -181,7 +181,7 @@ def test_slow_checks_heed_the_time_limit():
     task.walls.forbidden = slow
     begin = perf_counter()
     assert task.solve(0.2) == TIMEOUT
-    assert perf_counter() - begin < 1.0
+    assert perf_counter() - begin < 6.0
 
 
 def test_memory_stays_bounded(monkeypatch):

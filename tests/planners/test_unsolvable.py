@@ -52,7 +52,7 @@ def test_a_goal_behind_a_wall(walled_in, planner):
     result = walled_in.plan(planner, time=LIMIT)
     assert not result
     assert result.status == "Timeout"
-    assert result.planning_time < LIMIT + 0.5
+    assert result.planning_time < LIMIT + 5.0
     assert megabytes() - before < 100
 
 
@@ -65,5 +65,5 @@ def test_a_place_out_of_reach(robot, planner):
     result = setup.plan(planner, time=LIMIT)
     assert not result
     assert result.status == "Timeout"
-    assert result.planning_time < LIMIT + 0.5
+    assert result.planning_time < LIMIT + 5.0
     assert megabytes() - before < 100

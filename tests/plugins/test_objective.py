@@ -180,7 +180,7 @@ def test_optimising_planners_stop_when_asked(kind, planner):
     setup = setup_scenario(Scenario.load(find_scenario("planar3")))
     setup.setOptimizationObjective(kind(setup.getSpaceInformation(), setup.field))
     result = setup.plan(planner, time=1.0, seed=2)
-    assert result.planning_time < 2.0
+    assert result.planning_time < 6.0
     assert result.status in ("Exact solution", "Approximate solution", "Timeout")
     assert not result or result.report.certified
 
