@@ -181,7 +181,9 @@ class CertifiedMotion:
         for name, speed in speeds.items():
             if not (checker.scene[name] and isfinite(speed) and speed >= 0):
                 raise InputError(f"speed of {name!r} must be a number >= 0 [m/s], got {speed!r}")
-        checker.cover(self.margin + max(speeds.values(), default=0.0) * last)
+        wanted = checker.getMinClearance()
+        still = max(self.margin, 0.0 if wanted is None else wanted.distance)
+        checker.cover(still + max(speeds.values(), default=0.0) * last)
         rates = np.array([speeds.get(obstacle, 0.0) for _, obstacle in checker.pair_names])
         rates = rates * checker.meets_obstacle
         found = self._check(

@@ -207,6 +207,16 @@ def test_an_obstacle_that_comes_in_time(crank):
     assert motion.is_free(START, END), "obstacles stand still again"
 
 
+def test_a_clearance_is_kept_from_moving_obstacles_that_begin_out_of_reach(crank):
+    scene = Scene((Obstacle("walker", Sphere(0.1), Pose((2.0, 0.0, 0.0))),))
+    checker = CollisionChecker(crank, scene)
+    motion = CertifiedMotion(checker)
+    motion.setMinClearance(0.3, ["walker"])
+    left = checker.clearance(START).distance
+    assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.31)).verdict is Verdict.FREE
+    assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.29)).verdict is Verdict.BLOCKED
+
+
 def test_the_motion_among_moving_obstacles_is_checked(crank):
     motion = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))
     with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'; known: walker"):
