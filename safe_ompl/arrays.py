@@ -33,7 +33,7 @@ def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> 
     """
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         raise InputError(f"{name} must be numbers, got {value!r}") from None
     if array.ndim != len(shape) or any(
         n is not None and n != m for n, m in zip(shape, array.shape, strict=True)

@@ -248,7 +248,9 @@ def test_a_certificate_is_verified(run: Run, folder: Path) -> None:
     status, out, err = run("verify", "proof.json")
     assert (status, err) == (0, "")
     assert out.startswith("proof.json: every motion is free: ")
-    assert "danger at most " in out
+    danger = content["danger"]
+    kind = f"{danger['aggregate']}, {danger['weighting']}, k1 {danger['k1']:g}, points {danger['spacing']:g} m apart"
+    assert f"danger at most {danger['bound']:.3f} ({kind})" in out
     elsewhere = folder / "elsewhere"
     elsewhere.mkdir()
     assert run("plan", "test.yaml", "--urdf", "arm.urdf", "--certificate", "elsewhere/proof.json")[0] == 0
@@ -276,6 +278,12 @@ def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
     status, _, err = run("verify", "proof.json")
     assert status == 1
     assert err.startswith("safe-ompl: proof.json: edge 0: no interval covers 0.000000 to ")
+    (folder / "proof.json").write_text(
+        json.dumps({**content, "source": {"scenario": "test.yaml", "robot": 3}})
+    )
+    status, _, err = run("verify", "proof.json")
+    assert status == 2
+    assert err == "safe-ompl: proof.json: robot: must be a mapping of keys to values, not int 3\n"
 
 
 @pytest.mark.parametrize(
@@ -284,6 +292,7 @@ def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
         ("not JSON", ["bad.json: cannot be read as a certificate"]),
         ("[]", ["bad.json: this is not a safe-ompl certificate"]),
         ('{"format": "safe-ompl certificate", "version": 9}', ["version 9", "not known"]),
+        ("[" * 100_000, ["bad.json: cannot be read as a certificate"]),
     ],
 )
 def test_what_is_no_certificate(run: Run, folder: Path, text: str, words: list[str]) -> None:

@@ -79,16 +79,22 @@ def _claims(content: Mapping[str, Any], found: Verified) -> str:
         f"every motion is free: {found.edges} edges, {found.intervals} intervals, {found.distances} distances"
     ]
     if danger is not None:
-        said.append(f"danger at most {danger['bound']:.3f}")
+        points = f"points {danger['spacing']:g} m apart"
+        kind = f"{danger['aggregate']}, {danger['weighting']}, k1 {danger['k1']:g}, {points}"
+        said.append(f"danger at most {danger['bound']:.3f} ({kind})")
     if clearance is not None:
-        said.append(f"at least {1e3 * clearance['distance']:.1f} mm from {', '.join(clearance['obstacles'])}")
+        exempt = ", ".join(f"{link} from {obstacle}" for link, obstacle in clearance["exempt"])
+        said.append(
+            f"at least {1e3 * clearance['distance']:.1f} mm from {', '.join(clearance['obstacles'])}"
+            + (f", except {exempt}" if exempt else "")
+        )
     return "; ".join(said)
 
 
 def _read(file: str) -> Mapping[str, Any]:
     try:
         content = json.loads(Path(file).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, RecursionError, ValueError) as error:
         raise InputError(f"cannot be read as a certificate: {error}", file) from None
     with document.within(file, ": "):
         check_form(content)

@@ -143,7 +143,10 @@ def number(key: str, value: Any, *, above: float | None = None, at_least: float 
     """Return `value` as a finite float, larger than `above` or no smaller than `at_least` if given."""
     if not isinstance(value, Real) or isinstance(value, bool):
         raise InputError(f"must be a number, not {value!r}", key)
-    result = float(value)
+    try:
+        result = float(value)
+    except OverflowError:
+        result = math.inf
     if not math.isfinite(result):
         raise InputError(f"must be a finite number, not {result}", key)
     if above is not None and not result > above:

@@ -71,8 +71,8 @@ class RobotSpec:
         """Read the name of an example, or a mapping whose files are relative to `folder`."""
         if isinstance(data, str):
             return cls(example=data)
-        document.check_keys(data, [field.name for field in fields(cls)])
-        read = dict(data)
+        read = document.mapping("robot", data)
+        document.check_keys(read, [field.name for field in fields(cls)])
         for key in ("urdf", "srdf"):
             if key in read:
                 read[key] = folder / document.text(key, read[key])

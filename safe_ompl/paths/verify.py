@@ -25,9 +25,11 @@ from safe_ompl.models.fingerprint import robot_hash
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
 from safe_ompl.paths.certificate import FORMAT, OBSTACLE, VERSION, digest
+from safe_ompl.paths.claims import check_claims
 from safe_ompl.paths.plain_danger import PlainDanger
 
 _GJK = 1e-5  # [m] coal's distances are at most this far off
+_FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
 _GAP = 1e-9  # of an edge: intervals that are nearer to each other leave nothing out
 _KEYS = (
     *("format", "version", "source", "robot", "scene", "joint_names", "path", "pairs"),
@@ -63,7 +65,7 @@ def verify(content: Mapping[str, Any], robot: Robot, scene: Scene) -> Verified:
     check_form(content)
     try:
         return _verified(content, robot, scene)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
@@ -73,6 +75,7 @@ def _verified(content: Mapping[str, Any], robot: Robot, scene: Scene) -> Verifie
     _check_origin(content, robot, scene)
     path = finite_array(content["path"], (None, robot.n), "path")
     _check_limits(robot, path)
+    check_claims(content, robot, scene)
     ends = path[1:] if len(path) > 1 else path
     if len(content["edges"]) != len(ends):
         raise CertificateError(f"the path has {len(ends)} edges, the certificate {len(content['edges'])}")
@@ -126,6 +129,10 @@ def _check_limits(robot: Robot, path: FloatArray) -> None:
         raise CertificateError("the path is empty")
     for k, q in enumerate(path):
         for i in range(robot.n):
+            if robot.continuous[i] and abs(q[i]) > _FARTHEST:
+                raise CertificateError(
+                    f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g} is more than {_FARTHEST:g} rad"
+                )
             if not robot.continuous[i] and not robot.lower[i] - 1e-9 <= q[i] <= robot.upper[i] + 1e-9:
                 raise CertificateError(
                     f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits"

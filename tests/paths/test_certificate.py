@@ -23,7 +23,7 @@ from safe_ompl.models.pose import Pose
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
 from safe_ompl.models.shapes import Sphere
-from safe_ompl.paths.certificate import certificate, digest
+from safe_ompl.paths.certificate import Pairs, certificate, digest
 from safe_ompl.paths.plain_danger import PlainDanger
 from safe_ompl.paths.verify import verify
 
@@ -216,6 +216,22 @@ def test_edges_that_are_malformed(tampered, ur5, clutter, broken):
     refused(signed(tampered), ur5, clutter, "malformed")
 
 
+@pytest.mark.parametrize("key", ["centre", "half_length", "margins", "path"])
+def test_numbers_that_no_float_holds(tampered, ur5, clutter, key):
+    if key == "path":
+        tampered["path"][0][0] = 10**400
+    else:
+        tampered["edges"][0][0][key] = [10**400] * len(tampered["pairs"]) if key == "margins" else 10**400
+    with pytest.raises((CertificateError, InputError), match=r"malformed|must be numbers"):
+        verify(signed(tampered), ur5, clutter)
+
+
+def test_angles_so_large_that_turns_are_lost(kinova):
+    rest = [2.9, 1.3, 3.0, 1.8, -3.0]
+    leap = [[3.0, *rest], [1e17, *rest], [1.0, *rest]]  # both differences come out as zero
+    refused(certificate(leap, kinova, Scene()), kinova, Scene(), "way point 1: .* is more than 10000 rad")
+
+
 def test_what_is_no_certificate(tampered, ur5, clutter):
     for content, message in (
         ({}, "not a safe-ompl certificate"),
@@ -260,7 +276,68 @@ def test_a_claim_of_clearance(path, ur5, clutter, plain_check):
     assert verify(certificate(path, ur5, clutter, clearance=exempted), ur5, clutter).edges == 3
 
 
+def test_a_negative_clearance_lets_nothing_overlap(ur5, clutter, plain_check):
+    plain, alone, pairs = plain_check(ur5, clutter), Pairs(ur5, Scene()), Pairs(ur5, clutter)
+    drawn = np.random.default_rng(0).uniform(ur5.lower, ur5.upper, (100, 6))
+    q = next(q for q in drawn if plain.nearest(q) <= 0 < alone.distances(q).min() - 1e-3)
+    free = certificate([q], ur5, Scene())
+    content = {
+        **free,
+        "scene": {"hash": clutter.content_hash()},
+        "pairs": [list(pair) for pair in pairs.names],
+        "clearance": clearance(clutter, -5.0),
+        "edges": [[{"centre": 0.5, "half_length": 0.5, "margins": (pairs.distances(q) - 1e-4).tolist()}]],
+    }
+    with pytest.raises(InputError, match=r"clearance\.distance: -5 must be ≥ 0"):
+        verify(signed(content), ur5, clutter)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("distance", "0.1", "must be a number"),
+        ("distance", float("nan"), "must be a finite number"),
+        ("distance", 10**400, "must be a finite number"),
+        ("obstacles", ["ghost"], "unknown obstacle 'ghost'"),
+        ("obstacles", "ball", "must be a list"),
+        ("obstacles", [], "must name an obstacle at least"),
+        ("exempt", [["ghost", "ball"]], "unknown link 'ghost'"),
+        ("exempt", [["wrist_3_link", "ghost"]], "unknown obstacle 'ghost'"),
+        ("exempt", [3], "must be a list"),
+        ("exempt", [["ball"]], "must be pairs of a link and an obstacle"),
+        ("extra", 1, "unknown key"),
+    ],
+)
+def test_clearances_that_cannot_be_claimed(tampered, ur5, clutter, key, value, message):
+    tampered["clearance"] = {**clearance(clutter, 0.0), key: value}
+    with pytest.raises(InputError, match=rf"clearance.*{message}"):
+        verify(signed(tampered), ur5, clutter)
+
+
 # ----------------------------------------------------------------------------------------------------- danger
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("bound", float("inf"), "must be a finite number"),
+        ("bound", float("nan"), "must be a finite number"),
+        ("bound", "9.0", "must be a number"),
+        ("k1", -1.0, "must be > 0"),
+        ("k1", 0, "must be > 0"),
+        ("spacing", None, "must be a number"),
+        ("sharpness", 0, "must be > 0"),
+        ("sharpness", -1e-6, "must be > 0"),
+        ("aggregate", "least", "unknown aggregate 'least'"),
+        ("weighting", [], "unknown weighting"),
+        ("extra", 1, "unknown key"),
+    ],
+)
+def test_dangers_that_cannot_be_claimed(tampered, ur5, clutter, key, value, message):
+    usual = {"bound": 9.0, "spacing": 0.1, "aggregate": "softmax", "weighting": "unit"}
+    tampered["danger"] = {**usual, "k1": 1.0, "sharpness": 10.0, key: value}
+    with pytest.raises(InputError, match=rf"danger.*{message}"):
+        verify(signed(tampered), ur5, clutter)
 
 
 def dangerous(scene, name="ball"):
