@@ -42,9 +42,14 @@ class MinClearance:
         """Check what is asked for; see `CollisionChecker.setMinClearance`. None where the distance is 0."""
         if not (isinstance(distance, (int, float, np.number)) and np.isfinite(distance) and distance >= 0):
             raise InputError(f"min clearance must be a length >= 0 [m], got {distance!r}")
+        if isinstance(obstacles, str) or not (obstacles is None or isinstance(obstacles, Sequence)):
+            raise InputError(f"obstacles must be a list of names, got {obstacles!r}")
         names = [o.name for o in scene if o.weight > 0] if obstacles is None else obstacles
         chosen = tuple(scene[name].name for name in names)
-        for link, obstacle in exempt:
+        for pair in exempt:
+            if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
+                raise InputError(f"exempt must be pairs of a link and an obstacle, not {pair!r}")
+            link, obstacle = pair
             if link not in links:
                 raise UnknownNameError("link", link, sorted(set(links)))
             if scene[obstacle].name not in chosen:

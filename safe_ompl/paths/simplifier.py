@@ -171,6 +171,8 @@ class _Run:
 
     def descend(self) -> None:
         """Descend until the cost falls no more."""
+        if not _length(self.best):
+            return  # the start is the goal, and nothing is shorter
         self._divide()
         known, resolutions = self.best, 0
         while True:

@@ -244,6 +244,11 @@ def test_the_least_clearance_over_a_path(setup, raw):
         assert found > 0
 
 
+@pytest.mark.parametrize("way_points", [[START, START], [START, START, START], [START, START + 0.01, START]])
+def test_where_start_is_goal_nothing_moves(setup, way_points):
+    np.testing.assert_array_equal(np.unique(simplify(setup, np.array(way_points)), axis=0), [START])
+
+
 def test_without_obstacles_there_is_no_least_clearance(ur5):
     assert least_clearance(np.array([START, GOAL]), CollisionChecker(ur5, Scene())) == np.inf
 
