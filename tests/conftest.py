@@ -72,7 +72,8 @@ def quiet_ompl():
     handler = ou.getOutputHandler()
     ou.noOutputHandler()
     yield
-    ou.useOutputHandler(handler)
+    if handler is not None:  # a fixture of a module may have silenced OMPL before
+        ou.useOutputHandler(handler)
 
 
 @pytest.fixture
