@@ -62,3 +62,8 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
 def _rgb(code: str) -> Colour:
     red, green, blue = (int(code[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return red, green, blue
+
+
+def grid_columns(count: int) -> int:
+    """Return in how many columns to set so many pictures: three or four from five on, whichever fills the lines."""
+    return count if count <= 3 else 2 if count == 4 else min((4, 3), key=lambda columns: -count % columns)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
-from safe_ompl.palette import PlannerStyle, planner_styles
+from safe_ompl.palette import PlannerStyle, grid_columns, planner_styles
 from safe_ompl.plots.data import check_partners, rows, tables
 from safe_ompl.plots.page import ALONG, DANGER, GREY, Page, natural
 
@@ -72,7 +72,7 @@ def plot_bands(
     Parameters, returns and errors are those of `plot_profiles`.
     """
     data = tables(profiles)
-    columns = _columns(len(data))
+    columns = grid_columns(len(data))
     lines = -(-len(data) // columns)
     with Page(file, 0.6 + 3.3 * columns, 1.0 + 2.6 * lines) as page:
         grid = page.figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
@@ -252,10 +252,6 @@ def _set_scale(axes: Any, values: FloatArray) -> None:
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     else:
         axes.set_xlim(left=0.0)
-
-
-def _columns(count: int) -> int:
-    return count if count <= 3 else 2 if count == 4 else 3 if count <= 6 else 4
 
 
 def _with_runs(name: str, runs: int) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
-from safe_ompl.palette import Colour, planner_styles
+from safe_ompl.palette import Colour, grid_columns, planner_styles
 from safe_ompl.render.camera import Camera
 from safe_ompl.render.pictures import Image, draw, moments
 from safe_ompl.render.raytrace import Studio
@@ -114,7 +114,7 @@ def save_panels(
         from matplotlib.figure import Figure
     except ImportError as missing:
         raise SafeOmplError("panels need Matplotlib: pip install 'safe-ompl[plots]'") from missing
-    columns = _columns(len(images))
+    columns = grid_columns(len(images))
     rows = -(-len(images) // columns)
     height, width = images[0].shape[:2]
     total_width = columns * width + (columns + 1) * _GUTTER
@@ -136,10 +136,6 @@ def _write(figure: Any, x: float, y: float, text: str, points: float, colour: st
     """Write text with its baseline at pixels to the right of the left edge and below the upper edge."""
     width, height = figure.get_size_inches() * figure.dpi
     figure.text(x / width, 1.0 - y / height, text, fontsize=points, color=colour, va="baseline", **style)
-
-
-def _columns(count: int) -> int:
-    return count if count <= 3 else 2 if count == 4 else 3 if count <= 6 else 4
 
 
 def _panel_size(count: int) -> tuple[int, int]:
