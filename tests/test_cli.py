@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from ompl import util as ou
 
+from safe_ompl.campaign import failure
 from safe_ompl.cli import main, pictures
 from safe_ompl.planners.registry import planner_names
 from safe_ompl.render import render_comparison, render_path
@@ -256,6 +257,16 @@ def test_a_certificate_is_verified(run: Run, folder: Path) -> None:
     assert run("plan", "test.yaml", "--urdf", "arm.urdf", "--certificate", "elsewhere/proof.json")[0] == 0
     assert run("verify", "elsewhere/proof.json")[0] == 0
     assert run("verify", "elsewhere/proof.json", "test.yaml")[0] == 0
+
+
+def test_without_a_path_there_is_no_certificate(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unsolved = failure("Timeout", "SafeRRTConnect", 0, ("a",))
+    monkeypatch.setattr(SafeSetup, "plan", lambda *arguments, **options: unsolved)
+    status, _, err = run("plan", "test.yaml", "--certificate", "proof.json")
+    assert (status, err) == (1, "safe-ompl: there is no path: nothing is written to proof.json\n")
+    assert not (folder / "proof.json").exists()
 
 
 def test_a_certificate_of_what_has_changed(run: Run, folder: Path) -> None:

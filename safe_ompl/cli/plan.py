@@ -18,7 +18,7 @@ from safe_ompl.cli.arguments import (
     seconds,
     with_limits,
 )
-from safe_ompl.cli.console import output_console
+from safe_ompl.cli.console import error_console, output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
 from safe_ompl.cli.pictures import check_picture, draw_plan
 from safe_ompl.cli.tables import plan_table
@@ -96,7 +96,9 @@ class Plan:
                 print(json_line(record(self.scenario.name, self.setup.robot, result)), file=stream)
         if options.json != STANDARD_OUTPUT:
             output_console().print(plan_table(self.scenario.name, self.setup.robot.name, result))
-        if options.certificate and result.path is not None:
+        if options.certificate and result.path is None:
+            error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
+        elif options.certificate:
             proof = certificate_of(result, self.setup, self.scenario, self.robot, options.certificate)
             with opened(options.certificate) as stream:
                 print(json_line(proof), file=stream)

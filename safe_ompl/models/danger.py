@@ -59,8 +59,8 @@ class DangerField:
     Raises
     ------
     InputError
-        If there are no points; if points or weights have the wrong shape, are not finite, or weights are not
-        positive; if `aggregate` or `weighting` is unknown; if `k1` or `sharpness` is not positive.
+        If the robot has no links, or there are no points; if points or weights have the wrong shape, are not finite,
+        or weights are not positive; if `aggregate` or `weighting` is unknown; if `k1` or `sharpness` is not positive.
 
     Notes
     -----
@@ -88,6 +88,10 @@ class DangerField:
         if aggregate not in AGGREGATES:
             raise UnknownNameError("aggregate", aggregate, AGGREGATES)
         maths.check_weighting(weighting)
+        if not len(robot.segments):
+            raise InputError(
+                f"{robot.name!r} has no link of any length for a danger; give a tip beyond its joints"
+            )
         self.robot = robot
         self.aggregate = aggregate
         self.weighting = weighting

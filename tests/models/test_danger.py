@@ -10,6 +10,7 @@ from safe_ompl.errors import InputError
 from safe_ompl.maths.field import WEIGHTINGS, Segments, field
 from safe_ompl.models.counts import Counts
 from safe_ompl.models.danger import AGGREGATES, DangerField
+from safe_ompl.models.robot import Robot
 
 
 class PlanarArm:
@@ -286,6 +287,15 @@ def test_refuses_no_points(points):
 def test_refuses(options, message):
     with pytest.raises(InputError, match=message):
         DangerField(**{"robot": ARM, "points": POINTS} | options)
+
+
+def test_refuses_a_robot_without_links(tmp_path):
+    (tmp_path / "wheel.urdf").write_text(
+        """<robot name="wheel"><link name="base"/><link name="rim"/><joint name="turn" type="continuous">
+        <parent link="base"/><child link="rim"/><axis xyz="0 0 1"/></joint></robot>"""
+    )
+    with pytest.raises(InputError, match="'wheel' has no link of any length"):
+        DangerField(Robot.from_urdf(tmp_path / "wheel.urdf"), [[1.0, 0.0, 0.0]])
 
 
 def test_refuses_bad_configurations():
