@@ -160,6 +160,21 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         self.checker.setMinClearance(distance, obstacles, exempt)
         self._check_given()
 
+    def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
+        """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.
+
+        Parameters
+        ----------
+        speeds, time
+            As in `CertifiedMotion.setMovingObstacles`.
+
+        Raises
+        ------
+        InputError
+            As there.
+        """
+        self._validator.setMovingObstacles(speeds, time)
+
     def _check_given(self) -> None:
         """Raise an error if the start or all goals that were given are not allowed any more."""
         start, goals = self._given

@@ -100,6 +100,7 @@ class CertifiedMotion:
             raise InputError(f"margin must be a length >= 0 [m], got {margin!r}")
         self.margin = float(margin)
         checker.cover(self.margin)
+        self._moving: tuple[dict[str, float], float] = {}, 0.0  # speeds, and for how long
         self._required: tuple[FloatArray, _Required] | None = None  # made for which `checker.required`
 
     @property
@@ -118,7 +119,9 @@ class CertifiedMotion:
 
     def with_margin(self, margin: float) -> CertifiedMotion:
         """Return the same with another margin [m]."""
-        return CertifiedMotion(self.checker, self.floor, margin=margin, limits=self.limits)
+        other = CertifiedMotion(self.checker, self.floor, margin=margin, limits=self.limits)
+        other.setMovingObstacles(*self._moving)
+        return other
 
     def setMinClearance(
         self,
@@ -177,15 +180,8 @@ class CertifiedMotion:
             If a speed is negative or not finite, or the span is not one.
         """
         first, last = _checked_span(span)
-        checker = self.checker
-        for name, speed in speeds.items():
-            if not (checker.scene[name] and isfinite(speed) and speed >= 0):
-                raise InputError(f"speed of {name!r} must be a number >= 0 [m/s], got {speed!r}")
-        wanted = checker.getMinClearance()
-        still = max(self.margin, 0.0 if wanted is None else wanted.distance)
-        checker.cover(still + max(speeds.values(), default=0.0) * last)
-        rates = np.array([speeds.get(obstacle, 0.0) for _, obstacle in checker.pair_names])
-        rates = rates * checker.meets_obstacle
+        self._cover(speeds, last)
+        rates = self._rates(speeds)
         found = self._check(
             start, end, _Required(self._still.at_start + first * rates, (last - first) * rates)
         )
@@ -193,12 +189,56 @@ class CertifiedMotion:
             found = limit.check(start, end)
         return found
 
+    def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
+        """Prove from now on that motions stay free among obstacles that move, whenever within a time they are driven.
+
+        At any instant an obstacle may have moved by speed·time: this holds for whole paths, whatever their timing.
+        `check_moving` is sharper where the timing of a motion is known.
+
+        Parameters
+        ----------
+        speeds : mapping of str to float
+            Bound of the speed [m/s] of the obstacles that move, by name; none: all stand still.
+        time : float
+            [s] from the moment of the scene to the end of the last motion.
+
+        Raises
+        ------
+        UnknownNameError
+            If the scene has no obstacle of such a name.
+        InputError
+            If a speed or the time is negative or not finite.
+        """
+        _, last = _checked_span((0.0, time))
+        self._cover(speeds, last)
+        self._moving = dict(speeds), last
+        self._required = None
+
+    def _cover(self, speeds: Mapping[str, float], time: float) -> None:
+        """Have the checker look at all pairs that obstacles of such speeds may bring together."""
+        checker = self.checker
+        for name, speed in speeds.items():
+            if not (checker.scene[name] and isfinite(speed) and speed >= 0):
+                raise InputError(f"speed of {name!r} must be a number >= 0 [m/s], got {speed!r}")
+        wanted = checker.getMinClearance()
+        still = max(self.margin, 0.0 if wanted is None else wanted.distance)
+        standing = max(self._moving[0].values(), default=0.0) * self._moving[1]
+        checker.cover(still + standing + max(speeds.values(), default=0.0) * time)
+
+    def _rates(self, speeds: Mapping[str, float]) -> FloatArray:
+        """Return how fast (P,) obstacles may come nearer to the bodies of their pairs [m/s]."""
+        rates = np.array([speeds.get(obstacle, 0.0) for _, obstacle in self.checker.pair_names])
+        return rates * self.checker.meets_obstacle
+
     @property
     def _still(self) -> _Required:
-        """What pairs must keep from obstacles that stand still."""
+        """What pairs must keep from obstacles where the scene has them."""
         required = self.checker.required
         if self._required is None or self._required[0] is not required:
-            wanted = np.maximum(required, self.margin * self.checker.meets_obstacle)
+            speeds, time = self._moving
+            wanted = np.maximum(required, self.margin * self.checker.meets_obstacle) + time * self._rates(
+                speeds
+            )
             self._required = required, _Required(wanted)
         return self._required[1]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -47,6 +47,10 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     ) -> None:
         """Accept only motions that are proven to keep a distance; see `CollisionChecker.setMinClearance`."""
         self.motion.setMinClearance(distance, obstacles, exempt)
+
+    def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
+        """Accept only motions that are free whatever obstacles do; see `CertifiedMotion.setMovingObstacles`."""
+        self.motion.setMovingObstacles(speeds, time)
 
     def checkMotion(self, start: Any, end: Any) -> bool:
         """Return whether the straight motion between two states is within limits and proven free."""

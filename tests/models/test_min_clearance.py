@@ -1,6 +1,7 @@
 """Distances that must be kept: proven along whole motions, from obstacles that stand still and from those that move."""
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from safe_ompl.models.motion import CertifiedMotion, Verdict
 from safe_ompl.models.obstacle import Obstacle
 from safe_ompl.models.pose import Pose
 from safe_ompl.models.robot import Robot
+from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.models.shapes import Sphere
+from safe_ompl.setup import setup_scenario
 
 ROBOTS = ["panda", "kinova", "twin_arm", "slider"]
 ERROR = 2e-5  # [m] of coal's distances
@@ -231,3 +234,32 @@ def test_the_motion_among_moving_obstacles_is_checked(crank):
     for span in ((-1.0, 1.0), (1.0, 0.5), (0.0, np.nan)):
         with pytest.raises(InputError, match="span must be two instants"):
             motion.check_moving(START, END, {"walker": 1.0}, span)
+
+
+def test_all_motions_are_free_among_moving_obstacles_once_these_are_set(crank):
+    motion = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
+    motion.setMovingObstacles({"walker": 0.5}, 0.7)
+    assert motion.is_free(START, END)
+    motion.setMovingObstacles({"walker": 0.5}, 0.9)
+    assert not motion.is_free(START, END)
+    assert not motion.with_margin(0.0).is_free(START, END)
+    assert motion.check(START, END).pair == ("ball", "walker")
+    motion.setMovingObstacles({}, 9.0)
+    assert motion.is_free(START, END)
+    with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'"):
+        motion.setMovingObstacles({"runner": 1.0}, 1.0)
+    with pytest.raises(InputError, match="span must be two instants"):
+        motion.setMovingObstacles({"walker": 1.0}, -1.0)
+
+
+def test_planned_paths_keep_what_a_person_may_walk():
+    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    person = next(o.name for o in setup.scene if o.weight > 0)
+    setup.setMovingObstacles({person: 0.2}, 0.2)
+    for planner in ("SafeRRTConnect", "RRTConnect"):
+        path = setup.plan(planner, time=20.0, seed=1, simplify=0.2).path
+        names = [obstacle for _, obstacle in setup.checker.distance_names]
+        of_person = np.array([name == person for name in names])
+        for start, end in pairwise(path):
+            for t in np.linspace(0, 1, 20):
+                assert setup.checker.distances(start + t * (end - start))[of_person].min() > 0.04 - ERROR
