@@ -34,9 +34,16 @@ class TreePlanner(SlidingPlanner):
         """Check the edge between a node and a new one in the direction in which the path drives it."""
         return self._motion_is_free(near, far) if tree.from_start else self._motion_is_free(far, near)
 
-    def _add(self, tree: Tree, q: FloatArray, parent: int) -> int:
+    def _add(
+        self,
+        tree: Tree,
+        q: FloatArray,
+        parent: int,
+        cost: float = np.nan,
+        gradient: FloatArray | None = None,
+    ) -> int:
         self.counts.nodes += 1
-        return tree.add(q, parent)
+        return tree.add(q, parent, cost, gradient)
 
     def _join(self, tree: Tree, node: int, other: Tree, met: int) -> FloatArray:
         """RETURN_PATH: the two branches, from start to goal; the configuration where they meet counts once."""

@@ -36,6 +36,10 @@ class SafeRRT(TreePlanner):
         """Return by what share the adaptive threshold on danger rises."""
         return self._threshold_rise
 
+    @property
+    def _has_threshold(self) -> bool:
+        return self._threshold_rise > 0 and self._danger_weight > 0
+
     def _select(self, tree: Tree, q: FloatArray) -> int:
         """Return argmin of ρ(node, q) + α·CDF(node)."""
         ignore_danger = self._rng.random() < self._nearest_fraction
@@ -56,29 +60,32 @@ class SafeRRT(TreePlanner):
         slid = self._slid(straight, delta / length, reach, lambda: tree.gradient(old))
         for q_new in (straight,) if slid is None else (slid, straight):
             if self._edge_is_free(tree, q_old, q_new):
-                new = self._add(tree, q_new, old)
-                if self._is_tolerable(tree, new):
-                    return Extension.ADVANCED, new
-                tree.drop_last()
-                self.counts.nodes -= 1
-                break
+                cost, gradient = self._examined(q_new)
+                if not self._tolerates(cost, tree, old):
+                    break
+                return Extension.ADVANCED, self._add(tree, q_new, old, cost, gradient)
         return Extension.TRAPPED, old
 
-    def _is_tolerable(self, tree: Tree, new: int) -> bool:
-        """Return whether a new node is no more dangerous than the threshold, or than its parent.
+    def _examined(self, q: FloatArray) -> tuple[float, FloatArray | None]:
+        """Return the danger of a new node, and the gradient that the next step from it will want; NaN if not needed."""
+        if not self._has_threshold:
+            return np.nan, None
+        if self._slides:
+            return self._cost.value_and_gradient(q)
+        return float(self._cost.values(q[None])[0]), None
+
+    def _tolerates(self, cost: float, tree: Tree, old: int) -> bool:
+        """Return whether a danger is no larger than the threshold, or than that of node `old`.
 
         The paper's CDF_Threshold, made adaptive: it begins with the danger that start or goal force, and rises with
         the refusals, so that no passage stays closed.
         """
-        if not (self._threshold_rise and self._danger_weight):
+        if not self._has_threshold:
             return True
         if not self._threshold:
             roots = (ends.costs[ends.parents == ROOT] for ends in (self._start_tree, self._goal_tree))
             self._threshold = max(float(costs.min()) for costs in roots if len(costs))
-        if self._slides:
-            tree.gradient(new)  # gives the cost as well, and the next step from here wants it
-        costs = tree.costs
-        if costs[new] <= max(self._threshold, costs[tree.parents[new]]):
+        if cost <= max(self._threshold, tree.costs[old]):
             return True
         self._refusals += 1
         if self._refusals % _PATIENCE == 0:

@@ -63,20 +63,19 @@ class Tree:
             self._costs[node], self._gradients[node] = self._cost.value_and_gradient(self._rows[node])
         return self._gradients[node]
 
-    def add(self, q: FloatArray, parent: int = ROOT) -> int:
-        """Append the configuration `q: (n,)` and return its index."""
+    def add(
+        self, q: FloatArray, parent: int = ROOT, cost: float = np.nan, gradient: FloatArray | None = None
+    ) -> int:
+        """Append the configuration `q: (n,)`, with what is known of its cost, and return its index."""
         if self._size == len(self._rows):
             self._grow()
         self._rows[self._size] = q
         self._parents[self._size] = parent
+        self._costs[self._size] = cost
+        if gradient is not None:
+            self._gradients[self._size] = gradient
         self._size += 1
         return self._size - 1
-
-    def drop_last(self) -> None:
-        """Remove the node that was added last; nothing may have grown from it."""
-        self._size -= 1
-        self._costs[self._size] = np.nan
-        self._gradients.pop(self._size, None)
 
     def distances(self, q: FloatArray) -> FloatArray:
         """Return ρ (N,) from every node to `q: (n,)` [rad or m]."""

@@ -76,18 +76,20 @@ class TransitionPlanner(TreePlanner):
         reached, step = length <= self.getRange(), min(length, self.getRange())
         q_new = target if reached else self._bridge.wrapped(q_old + (step / length) * delta)
         passed = self._passed(tree, old, q_new, test)
-        if passed is None or not self._edge_is_free(tree, q_old, passed):
+        if passed is None or not self._edge_is_free(tree, q_old, passed[0]):
             return Extension.TRAPPED, old
-        outcome = Extension.REACHED if reached and passed is q_new else Extension.ADVANCED
-        return outcome, self._add(tree, passed, old)
+        outcome = Extension.REACHED if reached and passed[0] is q_new else Extension.ADVANCED
+        return outcome, self._add(tree, passed[0], old, passed[1])
 
-    def _passed(self, tree: Tree, old: int, q_new: FloatArray, test: TransitionTest) -> FloatArray | None:
-        """Return the configuration at which the step may end; None if it is too dear."""
+    def _passed(
+        self, tree: Tree, old: int, q_new: FloatArray, test: TransitionTest
+    ) -> tuple[FloatArray, float] | None:
+        """Return the configuration at which the step may end, and its cost; None if it is too dear."""
         if self._cost.is_zero:
-            return q_new
+            return q_new, 0.0
         length = float(np.linalg.norm(self._bridge.difference(tree.configurations[old], q_new)))
         before, after = float(tree.costs[old]), float(self._cost.values(q_new[None])[0])
-        return q_new if test.accepts(before, after, length) else None
+        return (q_new, after) if test.accepts(before, after, length) else None
 
     def _new_test(self) -> TransitionTest:
         ends = np.concatenate([self._start_tree.costs[:1], self._goal_tree.costs[:1]])
@@ -220,7 +222,9 @@ class GradienTRRT(BiTRRT):
     def __init__(self, si: Any, name: str = "GradienTRRT", *, range: float = 0.0) -> None:
         super().__init__(si, name, range=range)
 
-    def _passed(self, tree: Tree, old: int, q_new: FloatArray, test: TransitionTest) -> FloatArray | None:
+    def _passed(
+        self, tree: Tree, old: int, q_new: FloatArray, test: TransitionTest
+    ) -> tuple[FloatArray, float] | None:
         passed = super()._passed(tree, old, q_new, test)
         if passed is not None or not self._cost.has_gradients:
             return passed
