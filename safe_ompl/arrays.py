@@ -43,3 +43,10 @@ def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> 
     if not np.isfinite(array).all():
         raise InputError(f"{name} must be finite, got {array.tolist()}")
     return array
+
+
+def positive(value: float, name: str, kind: str = "number") -> float:
+    """Return `value` as a float, or raise InputError if it is not a finite number > 0, of the kind that `kind` says."""
+    if not (isinstance(value, (int, float, np.number)) and 0 < value < np.inf):
+        raise InputError(f"{name} must be a positive {kind}, got {value!r}")
+    return float(value)

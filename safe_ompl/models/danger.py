@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, IntArray, finite_array
+from safe_ompl.arrays import FloatArray, IntArray, finite_array, positive
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import field as maths
 from safe_ompl.maths.field import Segments, Weighting
@@ -95,8 +95,8 @@ class DangerField:
         self.robot = robot
         self.aggregate = aggregate
         self.weighting = weighting
-        self.k1 = _positive(k1, "k1")
-        self.sharpness = _positive(sharpness, "sharpness")
+        self.k1 = positive(k1, "k1")
+        self.sharpness = positive(sharpness, "sharpness")
         self.counts = Counts() if counts is None else counts
         self._points: FloatArray | PointSource = points if callable(points) else _danger_points(points)
         number = None if self.points is None else len(self.points)
@@ -392,9 +392,3 @@ def _constant_lengths(robot: Robot) -> FloatArray | None:
     start, end = robot.keypoints(np.zeros(robot.n))[robot.segments.T]
     lengths: FloatArray = np.linalg.norm(end - start, axis=-1)
     return lengths
-
-
-def _positive(value: float, name: str) -> float:
-    if not (isinstance(value, (int, float, np.number)) and 0 < value < math.inf):
-        raise InputError(f"{name} must be a positive number, got {value!r}")
-    return float(value)

@@ -7,12 +7,12 @@ interval with the highest bound is halved until both agree within a tolerance.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.errors import InputError
 from safe_ompl.models.danger import DangerField
 from safe_ompl.models.danger_search import PeakSearch
@@ -74,8 +74,8 @@ class CertifiedDanger:
                 "(a callable gives them); give the points themselves"
             )
         self.field = field
-        self.tolerance = _positive(tolerance, "tolerance")
-        self.floor = _positive(floor, "floor")
+        self.tolerance = positive(tolerance, "tolerance")
+        self.floor = positive(floor, "floor")
 
     def __repr__(self) -> str:
         return f"CertifiedDanger({self.field!r}, tolerance={self.tolerance:g}, floor={self.floor:g})"
@@ -118,7 +118,7 @@ class DangerLimit:
     """
 
     def __init__(self, field: DangerField, limit: float, floor: float = 1e-4) -> None:
-        self.limit = _positive(limit, "max danger")
+        self.limit = positive(limit, "max danger")
         self._bounds = CertifiedDanger(field, floor=floor)
 
     def __repr__(self) -> str:
@@ -160,9 +160,3 @@ class DangerLimit:
         if search.upper > self.limit:
             return MotionVerdict(Verdict.UNDECIDED, search.undecided_at, _WITNESS)
         return MotionVerdict(Verdict.FREE)
-
-
-def _positive(value: float, name: str) -> float:
-    if not (isinstance(value, (int, float, np.number)) and isfinite(value) and value > 0):
-        raise InputError(f"{name} must be a positive number, got {value!r}")
-    return float(value)

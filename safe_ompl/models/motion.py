@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.errors import InputError
 from safe_ompl.models.collision import CollisionChecker
 
@@ -110,9 +110,7 @@ class CertifiedMotion:
 
     @floor.setter
     def floor(self, value: float) -> None:
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(f"floor must be a positive length [m], got {value!r}")
-        self._floor = float(value)
+        self._floor = positive(value, "floor", "length [m]")
 
     def __repr__(self) -> str:
         return f"CertifiedMotion({self.checker!r}, floor={self.floor:g}, margin={self.margin:g})"

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import BoolArray, FloatArray, IntArray
-from safe_ompl.errors import InputError
+from safe_ompl.arrays import BoolArray, FloatArray, IntArray, positive
 from safe_ompl.models.collision import CollisionChecker, fresh_data
 from safe_ompl.models.robot import Robot
 
@@ -69,10 +68,8 @@ class Proximity:
     """
 
     def __init__(self, checker: CollisionChecker, within: float) -> None:
-        if not 0 < within < np.inf:
-            raise InputError(f"distance to obstacles must be a positive length [m], got {within!r}")
         self.checker = checker
-        self.within = float(within)
+        self.within = positive(within, "distance to obstacles", "length [m]")
         checker.cover(self.within)
         geometry = checker.geometry.copy()
         pairs = [

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from ompl import base as ob
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.models.danger import DangerField
 from safe_ompl.models.kinematics import Place, inverse_kinematics
@@ -80,10 +80,8 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         seed: int | None = None,
     ) -> None:
         super().__init__(si)
-        if not (isinstance(tolerance, (int, float, np.number)) and 0 < tolerance < np.inf):
-            raise InputError(f"tolerance must be a positive length [m], got {tolerance!r}")
         self.place = Place(robot, position, rotation)
-        self.tolerance = float(tolerance)
+        self.tolerance = positive(tolerance, "tolerance", "length [m]")
         self.setThreshold(self.tolerance)
         self._field = field
         self._bridge = StateBridge(si.getStateSpace())

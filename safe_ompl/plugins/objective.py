@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError
+from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.models.danger import DangerField
 from safe_ompl.plugins.states import ScratchState, StateBridge
 
@@ -44,10 +43,8 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
         super().__init__(si)
-        if not (isinstance(tolerance, (int, float, np.number)) and 0 < tolerance < np.inf):
-            raise InputError(f"tolerance must be a positive number, got {tolerance!r}")
         self.field = field
-        self.tolerance = float(tolerance)
+        self.tolerance = positive(tolerance, "tolerance")
         self._bridge = StateBridge(si.getStateSpace())
 
     def getDescription(self) -> str:
@@ -111,9 +108,7 @@ class PeakDangerObjective(DangerObjective):
 
     def __init__(self, si: Any, field: DangerField, step: float = 0.05) -> None:
         super().__init__(si, field)
-        if not (isinstance(step, (int, float, np.number)) and 0 < step < np.inf):
-            raise InputError(f"step must be a positive number [rad], got {step!r}")
-        self.step = float(step)
+        self.step = positive(step, "step", "number [rad]")
 
     def getDescription(self) -> str:
         """Return a line about the objective."""
