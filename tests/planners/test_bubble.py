@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ompl import base as ob
+from plane import PlaneProblem
 
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import bubbles
@@ -174,16 +174,9 @@ def test_solving_again_goes_on_with_the_trees(arm):
     assert len(planner._start_tree) == 0
 
 
-def test_it_needs_distances(ur5):
-    space = ob.RealVectorStateSpace(2)
-    bounds = ob.RealVectorBounds(2)
-    bounds.setLow(-1)
-    bounds.setHigh(1)
-    space.setBounds(bounds)
-    si = ob.SpaceInformation(space)
-    si.setStateValidityChecker(lambda state: True)
+def test_it_needs_distances():
     with pytest.raises(InputError, match="CollisionFreeValidity"):
-        BubblePlanner(si)
+        PlaneProblem(BubblePlanner)
 
 
 @pytest.mark.parametrize(

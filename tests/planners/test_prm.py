@@ -1,156 +1,42 @@
-"""SafePRM: the paper's search step by step, what is kept between queries, and the promises of its life cycle."""
+"""SafePRM: the paper's search step by step, and what is kept between queries."""
 
-from itertools import pairwise
 from time import perf_counter, sleep
 
 import numpy as np
 import pytest
 from ompl import base as ob
-from ompl import geometric as og
+from plane import (
+    EXACT,
+    GOAL,
+    START,
+    TIMEOUT,
+    HotSpot,
+    PlaneProblem,
+    SlopedHotSpot,
+    dense,
+    nowhere,
+    wall_with_a_gap,
+    walled_in,
+)
 
 from safe_ompl.errors import InputError
-from safe_ompl.models.danger import DangerField
 from safe_ompl.models.scene import Scene
 from safe_ompl.planners import prm
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.planners.roadmap import Graph, LinkMetric, Roadmap, SpaceMetric
-from safe_ompl.plugins.objective import DangerObjective, StateCost
+from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import StateBridge
 from safe_ompl.setup import SafeSetup
 
-EXACT, TIMEOUT = ob.PlannerStatus.EXACT_SOLUTION, ob.PlannerStatus.TIMEOUT
-START, GOAL = (-0.8, 0.0), (0.8, 0.0)
 
-
-# ------------------------------------------------------------------------------------------------ a point in a plane
-
-
-class Walls(ob.StateValidityChecker):
-    """Forbids what a function of (x, y) forbids; remembers what it was asked."""
-
-    def __init__(self, si, forbidden):
-        super().__init__(si)
-        self.forbidden = forbidden
-        self.asked = []
-
-    def isValid(self, state):
-        x, y = state[0:2]
-        self.asked.append((x, y))
-        return not self.forbidden(x, y)
-
-
-class HotSpot(ob.OptimizationObjective):
-    """A cost with a peak in the middle of the plane."""
-
-    def stateCost(self, state):
-        return ob.Cost(float(self.values(np.array([state[0:2]]))[0]))
-
-    def motionCost(self, start, end):
-        return ob.Cost(0.0)
-
-    def values(self, Q):
-        return np.exp(-4 * (Q**2).sum(axis=1))
-
-
-class SlopedHotSpot(HotSpot):
-    """The same, with gradients."""
-
-    def values_and_gradients(self, Q):
-        values = self.values(Q)
-        return values, -8 * Q * values[:, None]
-
-
-class ForbiddenCorner(HotSpot):
-    """Costs that are not finite on one side."""
-
-    def values(self, Q):
-        return np.where(Q[:, 1] > 0, np.inf, np.where(Q[:, 0] > 0, np.nan, 1.0 + Q[:, 0]))
-
-
-def nowhere(x, y):
-    return False
-
-
-def wall_with_a_gap(x, y):
-    return abs(x) < 0.1 and not 0.55 < y < 0.75
-
-
-def walled_in(x, y):
-    return 0.1 < max(abs(x - GOAL[0]), abs(y - GOAL[1])) < 0.15
-
-
-class Problem:
-    """A point in the plane with plain OMPL parts and one planner."""
-
-    def __init__(
-        self, forbidden=nowhere, objective=None, starts=(START,), goals=(GOAL,), seed=0, **parameters
-    ):
-        space = ob.RealVectorStateSpace(2)
-        space.setBounds(-1, 1)
-        self.si = ob.SpaceInformation(space)
-        self.walls = Walls(self.si, forbidden)
-        self.si.setStateValidityChecker(self.walls)
-        self.si.setStateValidityCheckingResolution(0.005)
-        self.si.setup()
-        self.problem = ob.ProblemDefinition(self.si)
-        self.ask(starts, goals)
-        if objective is not None:
-            self.problem.setOptimizationObjective(objective(self.si))
-        self.planner = SafePRM(self.si, **parameters)
-        self.planner.setSeed(seed)
-        self.planner.setProblemDefinition(self.problem)
-        self.planner.setup()
-        self.walls.asked.clear()
-
-    def ask(self, starts, goals):
-        self.problem.clearStartStates()
-        for start in starts:
-            self.problem.addStartState(self.state(start))
-        region = ob.GoalStates(self.si)
-        for goal in goals:
-            region.addState(self.state(goal))
-        self.problem.setGoal(region)
-
-    def ask_again(self, starts=(START,), goals=(GOAL,)):
-        self.problem.clearSolutionPaths()
-        self.ask(starts, goals)
-        self.planner.clearQuery()
-        self.walls.asked.clear()
-
-    def state(self, point):
-        state = self.si.getStateSpace().allocState()
-        state[0:2] = list(point)
-        return state
-
-    def solve(self, time=5.0):
-        return self.planner.solve(time).getStatus()
+class Problem(PlaneProblem):
+    def __init__(self, *task, **parameters):
+        super().__init__(SafePRM, *task, **parameters)
 
     @property
     def roadmap(self):
         return self.planner._roadmap
-
-    @property
-    def path(self):
-        path = self.problem.getSolutionPath()
-        return np.array([path.getState(k)[0:2] for k in range(path.getStateCount())])
-
-
-def dense(path):
-    return np.concatenate([a + np.linspace(0, 1, 400)[:, None] * (b - a) for a, b in pairwise(path)])
-
-
-@pytest.mark.parametrize("alpha", [0.0, 1.0])
-@pytest.mark.filterwarnings("ignore:invalid value encountered")
-@pytest.mark.parametrize("objective", [None, HotSpot, SlopedHotSpot, ForbiddenCorner])
-def test_a_wall_with_a_gap(objective, alpha):
-    task = Problem(wall_with_a_gap, objective, alpha=alpha)
-    assert task.solve() == EXACT
-    np.testing.assert_array_equal(task.path[[0, -1]], [START, GOAL])
-    # The motion validator of this problem samples every 0.014; nothing else can slip through.
-    inside = [point for point in dense(task.path) if wall_with_a_gap(*point)]
-    assert all(min(abs(abs(x) - 0.1), abs(y - 0.55), abs(y - 0.75)) < 0.02 for x, y in inside)
-    assert task.planner.counts.nodes > 2
 
 
 def test_samples_grow_until_they_suffice():
@@ -162,14 +48,6 @@ def test_samples_grow_until_they_suffice():
     assert len(task.roadmap) > 3 + 2
     assert task.path[:, 1].max() > 0.75
     assert task.path[:, 1].min() < -0.75
-
-
-def test_a_goal_that_cannot_be_reached_takes_its_time_and_no_more():
-    task = Problem(walled_in)
-    begin = perf_counter()
-    assert task.solve(0.3) == TIMEOUT
-    assert 0.3 <= perf_counter() - begin < 6.0
-    assert not task.problem.hasSolution()
 
 
 def test_slow_checks_heed_the_time_limit():
@@ -198,27 +76,6 @@ def test_memory_stays_bounded(monkeypatch):
     task.walls.forbidden = nowhere
     task.planner.clear()
     assert task.solve() == EXACT
-
-
-@pytest.mark.parametrize(
-    ("start", "goal", "status"),
-    [
-        ((0.0, 0.0), GOAL, ob.PlannerStatus.INVALID_START),
-        (START, (0.0, 0.0), ob.PlannerStatus.INVALID_GOAL),
-    ],
-)
-def test_ends_that_are_not_valid(start, goal, status):
-    assert Problem(wall_with_a_gap, starts=[start], goals=[goal]).solve() == status
-
-
-def test_several_starts_and_goals_of_which_some_will_do():
-    def walled(x, y):
-        return walled_in(x, y) or wall_with_a_gap(x, y)
-
-    task = Problem(walled, starts=[(0.0, 0.0), START, (-0.8, -0.5)], goals=[GOAL, (0.0, 0.1), (0.8, -0.3)])
-    assert task.solve() == EXACT
-    assert tuple(task.path[0]) in {START, (-0.8, -0.5)}
-    assert tuple(task.path[-1]) == (0.8, -0.3)
 
 
 def test_a_start_that_is_a_goal():
@@ -290,17 +147,6 @@ def test_the_search_is_the_papers_step_by_step(monkeypatch, objective, seed):
     assert all(checked[edge] == verdict for edge, verdict in task.roadmap.edges.items() if edge in checked)
 
 
-@pytest.mark.parametrize("objective", [HotSpot, SlopedHotSpot])
-def test_alpha_zero_is_the_classical_planner_step_by_step(objective):
-    indifferent, classical = Problem(wall_with_a_gap, objective, alpha=0.0), Problem(wall_with_a_gap)
-    assert indifferent.solve() == classical.solve() == EXACT
-    assert indifferent.walls.asked == classical.walls.asked
-    np.testing.assert_array_equal(indifferent.path, classical.path)
-    anxious = Problem(wall_with_a_gap, objective)
-    anxious.solve()
-    assert anxious.walls.asked != classical.walls.asked
-
-
 @pytest.mark.parametrize(("alpha", "way"), [(0.0, 0.2), (5.0, -0.5)])
 def test_the_safer_of_two_ways_is_taken_if_danger_counts(monkeypatch, alpha, way):
     task = Problem(lambda x, y: abs(x) < 0.3 and abs(y) < 0.1, HotSpot, alpha=alpha, slide=0.0)
@@ -322,25 +168,6 @@ def test_danger_is_kept_away_from():
         for parameters in ({"alpha": 0.0}, {"slide": 0.0}, {})
     )
     assert safe < straight < 0.8 * classical
-
-
-def test_the_scale_of_an_objective_does_not_matter():
-    class Scaled(SlopedHotSpot):
-        def values(self, Q):
-            return 1024 * super().values(Q)
-
-    usual, scaled = Problem(wall_with_a_gap, SlopedHotSpot), Problem(wall_with_a_gap, Scaled)
-    assert usual.solve() == scaled.solve() == EXACT
-    np.testing.assert_allclose(usual.path, scaled.path, atol=1e-9)
-
-
-@pytest.mark.parametrize("objective", [None, HotSpot, SlopedHotSpot])
-def test_the_same_seed_gives_the_same_path(objective):
-    first, second, other = (Problem(wall_with_a_gap, objective, seed=seed) for seed in (3, 3, 4))
-    assert first.solve() == second.solve() == other.solve() == EXACT
-    np.testing.assert_array_equal(first.path, second.path)
-    assert first.walls.asked == second.walls.asked
-    assert first.path.shape != other.path.shape or (first.path != other.path).any()
 
 
 # ------------------------------------------------------------------------------------------- what is kept, and what not
@@ -425,18 +252,10 @@ def test_another_objective_is_noticed():
 # ---------------------------------------------------------------------------------------------------------- parameters
 
 
-@pytest.mark.parametrize(
-    ("setter", "bad"),
-    [
-        ("setAlpha", [-1.0, np.nan, np.inf, "much", None]),
-        ("setNeighbors", [0, -1, 2.5, True, "many", None]),
-        ("setSamples", [0, -1, 2.5, True, "many", None]),
-        ("setSlide", [-0.1, 1.1, np.nan, "some", None]),
-    ],
-)
-def test_setters_refuse_what_makes_no_sense(setter, bad):
+@pytest.mark.parametrize("setter", ["setNeighbors", "setSamples"])
+def test_setters_refuse_what_makes_no_sense(setter):
     planner = SafePRM(Problem().si)
-    for value in bad:
+    for value in [0, -1, 2.5, True, "many", None]:
         with pytest.raises(InputError, match="must be"):
             getattr(planner, setter)(value)
 
@@ -499,69 +318,6 @@ def test_which_metric_is_used(ur5, clutter):
 
 
 # ---------------------------------------------------------------------------------------------------- in OMPL's company
-
-
-def test_a_circle_is_crossed_where_it_closes():
-    space = ob.CompoundStateSpace()
-    height = ob.RealVectorStateSpace(1)
-    height.setBounds(0, 1)
-    space.addSubspace(ob.SO2StateSpace(), 1.0)
-    space.addSubspace(height, 1.0)
-    setup = og.SimpleSetup(space)
-    setup.setStateValidityChecker(lambda state: bool(abs(state[0].value) > 1.0))
-
-    def state(angle, z):
-        made = space.allocState()
-        made[0].value, made[1][0] = angle, z
-        return made
-
-    setup.addStartState(state(2.5, 0.2))
-    goal = ob.GoalStates(setup.getSpaceInformation())
-    goal.addState(state(-2.5, 0.8))
-    setup.setGoal(goal)
-    planner = SafePRM(setup.getSpaceInformation(), samples=5)
-    planner.setSeed(0)
-    setup.setPlanner(planner)
-    assert setup.solve(5.0).getStatus() == EXACT
-    path = setup.getSolutionPath()
-    angles = np.array([path.getState(k)[0].value for k in range(path.getStateCount())])
-    assert (np.abs(angles) > 1.0).all()
-    assert (np.sign(angles[:-1]) != np.sign(angles[1:])).any()
-    assert path.check()
-
-
-def test_an_error_in_a_checker_reaches_the_caller():
-    task = Problem()
-
-    def broken(x, y):
-        if (x, y) not in (START, GOAL):
-            raise ZeroDivisionError("in the checker")
-        return False
-
-    task.walls.forbidden = broken
-    with pytest.raises(ZeroDivisionError, match="in the checker"):
-        task.solve()
-
-
-def test_paths_of_a_robot_are_free_and_safer(ur5, clutter, plain_check, rng):
-    plain = plain_check(ur5, clutter)
-    setup = SafeSetup(ur5, clutter, danger=None)
-    points = rng.uniform(-0.5, 0.5, (10, 3)) + np.array([0.6, 0.0, 0.6])
-    field = DangerField(ur5, points)
-    setup.setOptimizationObjective(DangerObjective(setup.getSpaceInformation(), field))
-    free = [q for q in rng.uniform(ur5.lower / 2, ur5.upper / 2, (60, 6)) if plain.nearest(q) > 0.01]
-    danger = {"SafePRM": [], "ClassicPRM": []}
-    for start, goal in zip(free[:6], free[6:12], strict=True):
-        setup.setConfigurations(start, goal)
-        for name, means in danger.items():
-            result = setup.plan(name, time=5.0, seed=1)
-            assert result
-            assert result.report.certified
-            np.testing.assert_allclose(result.path[[0, -1]], [start, goal])
-            means.append(np.mean([field.value(q) for q in dense(result.path)[::20]]))
-            for a, b in pairwise(result.path):
-                assert plain.first_contact(a, b, 0.02) is None
-    assert np.mean(danger["SafePRM"]) < 0.9 * np.mean(danger["ClassicPRM"])
 
 
 def test_a_robots_second_query_costs_next_to_nothing(ur5, clutter):

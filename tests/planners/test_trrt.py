@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from ompl import base as ob
+from plane import EXACT, PlaneCost, PlaneProblem, dense
 
 from safe_ompl.errors import InputError
 from safe_ompl.models.scenario import Scenario, find_scenario
@@ -11,14 +11,8 @@ from safe_ompl.planners.trrt import BiTRRT, GradienTRRT, TransitionTest
 from safe_ompl.setup import setup_scenario
 
 
-class Hill(ob.OptimizationObjective):
+class Hill(PlaneCost):
     """A hill in the middle of the plane, between start and goal."""
-
-    def stateCost(self, state):
-        return ob.Cost(float(self.values(np.array([state[0:2]]))[0]))
-
-    def motionCost(self, start, end):
-        return ob.Cost(0.0)
 
     def values(self, Q):
         return 0.1 + 10 * np.exp(-8 * (Q**2).sum(axis=1))
@@ -32,40 +26,22 @@ class Slope(Hill):
         return rises, -16 * Q * (rises - 0.1)[:, None]
 
 
-@pytest.fixture
-def plane():
-    """Return an empty plane, and the problem of crossing it past the hill."""
-    space = ob.RealVectorStateSpace(2)
-    bounds = ob.RealVectorBounds(2)
-    bounds.setLow(-1)
-    bounds.setHigh(1)
-    space.setBounds(bounds)
-    si = ob.SpaceInformation(space)
-    si.setStateValidityChecker(lambda state: True)
-    si.setup()
-    problem = ob.ProblemDefinition(si)
-    start, goal = space.allocState(), space.allocState()
-    start[0:2], goal[0:2] = [-0.9, 0.0], [0.9, 0.0]
-    problem.addStartState(start)
-    region = ob.GoalState(si)
-    region.setState(goal)
-    problem.setGoal(region)
-    return si, problem
+def crossing(name, objective=Slope, seed=0, **parameters):
+    """Return the problem of crossing an empty plane past the hill."""
+
+    def planner(si, **parameters):
+        return make_planner(name, si, parameters)
+
+    return PlaneProblem(
+        planner, objective=objective, starts=[(-0.9, 0.0)], goals=[(0.9, 0.0)], seed=seed, **parameters
+    )
 
 
-def highest(si, problem, name, objective, seed):
+def highest(name, objective, seed):
     """Plan, and return the highest cost on the way."""
-    problem.clearSolutionPaths()
-    problem.setOptimizationObjective(objective)
-    planner = make_planner(name, si, {"range": 0.15})
-    planner.setSeed(seed)
-    planner.setProblemDefinition(problem)
-    planner.setup()
-    assert planner.solve(10.0).asString() == "Exact solution"
-    path = problem.getSolutionPath()
-    path.interpolate(100)
-    rows = np.array([path.getState(k)[0:2] for k in range(path.getStateCount())])
-    return float(objective.values(rows).max())
+    task = crossing(name, objective, seed, range=0.15)
+    assert task.solve(10.0) == EXACT
+    return float(objective(task.si).values(dense(task.path)).max())
 
 
 def test_downhill_steps_are_always_accepted_and_steep_ones_hardly():
@@ -83,22 +59,22 @@ def test_it_warms_up_until_the_step_is_taken_and_cools_down_again():
 
 
 @pytest.mark.parametrize("name", ["TRRT", "BiTRRT", "GradienTRRT"])
-def test_paths_go_round_the_hill_that_an_rrt_climbs(plane, name):
-    dear = [highest(*plane, "ClassicRRTConnect", Slope(plane[0]), seed) for seed in range(5)]
-    cheap = [highest(*plane, name, Slope(plane[0]), seed) for seed in range(5)]
+def test_paths_go_round_the_hill_that_an_rrt_climbs(name):
+    dear, cheap = (
+        [highest(planner, Slope, seed) for seed in range(5)] for planner in ("ClassicRRTConnect", name)
+    )
     assert np.median(cheap) < 0.5 * np.median(dear)
 
 
-def test_without_gradients_gradientrrt_is_bitrrt(plane):
-    hill = Hill(plane[0])
-    values = [highest(*plane, name, hill, 3) for name in ("BiTRRT", "GradienTRRT")]
+def test_without_gradients_gradientrrt_is_bitrrt():
+    values = [highest(name, Hill, 3) for name in ("BiTRRT", "GradienTRRT")]
     assert values[0] == values[1]
 
 
 @pytest.mark.parametrize(("name", "option"), [("TRRT", "alpha"), ("BiTRRT", "slide")])
-def test_parameters_without_effect_are_refused(plane, name, option):
+def test_parameters_without_effect_are_refused(name, option):
     with pytest.raises(InputError, match=option):
-        make_planner(name, plane[0], {option: 1.0})
+        crossing(name, **{option: 1.0})
 
 
 def test_the_baselines_are_safer_than_a_classical_planner_on_an_arm():
