@@ -195,8 +195,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         return self._alpha / self._cost_scale if self._cost_scale else 0.0
 
     def _random_configuration(self) -> FloatArray:
-        lower, upper = self._bridge.lower, self._bridge.upper
-        return lower + (upper - lower) * self._rng.random(self._bridge.n)
+        return self._bridge.between_bounds(self._rng.random(self._bridge.n))
 
     def _is_valid(self, q: FloatArray) -> bool:
         if not self.getSpaceInformation().isValid(self._from.set(q)):
@@ -292,8 +291,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def _measure_scale(self) -> float:
         """Return the median of ‖∇c‖ over valid configurations: what α is measured in (`math.md` §2)."""
         rng = np.random.default_rng(_SCALE_SEED)
-        lower, upper = self._bridge.lower, self._bridge.upper
-        candidates = lower + (upper - lower) * rng.random((8 * _SCALE_SAMPLES, self._bridge.n))
+        candidates = self._bridge.between_bounds(rng.random((8 * _SCALE_SAMPLES, self._bridge.n)))
         valid = list(islice((q for q in candidates if self._is_valid(q)), _SCALE_SAMPLES))
         norms = self._cost.gradient_norms(np.array(valid or candidates))
         norms = norms[np.isfinite(norms)]

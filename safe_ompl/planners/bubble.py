@@ -265,8 +265,7 @@ class BubblePlanner(SlidingPlanner):
         yield other.latest
         if self._guided:
             self._places += 1
-            lower, upper = self._bridge.lower, self._bridge.upper
-            yield lower + (upper - lower) * halton_point(self._places, self._bridge.n)
+            yield self._bridge.between_bounds(halton_point(self._places, self._bridge.n))
 
     @property
     def _careless(self) -> bool:
@@ -297,10 +296,8 @@ class BubblePlanner(SlidingPlanner):
 
     def _spread(self) -> FloatArray:
         """Return configurations (N, n) from all over the space."""
-        lower, upper = self._bridge.lower, self._bridge.upper
-        shares = np.array([halton_point(k, self._bridge.n) for k in range(1, 1 + _SCALE_POINTS)])
-        spread: FloatArray = lower + (upper - lower) * shares
-        return spread
+        shares = [halton_point(k, self._bridge.n) for k in range(1, 1 + _SCALE_POINTS)]
+        return self._bridge.between_bounds(np.array(shares))
 
     def _arm_rates(self) -> FloatArray:
         """Return how far (n,) the joints move the arm, at most, on an average over configurations [m/rad]."""

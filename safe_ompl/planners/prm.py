@@ -213,8 +213,7 @@ class SafePRM(SlidingPlanner):
         return self._bridge.wrapped(fringe[nearest] + fractions * steps)
 
     def _uniform(self, count: int) -> FloatArray:
-        lower, upper = self._bridge.lower, self._bridge.upper
-        return lower + (upper - lower) * self._rng.random((count, self._bridge.n))
+        return self._bridge.between_bounds(self._rng.random((count, self._bridge.n)))
 
     # --------------------------------------------------------------------------------------------- verdicts
 

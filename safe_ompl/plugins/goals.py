@@ -164,7 +164,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         robot = self.place.robot
         new: list[FloatArray] = []
         for _ in range(seeds):
-            seed = robot.lower + (robot.upper - robot.lower) * self._rng.random(robot.n)
+            seed = self._rng.uniform(robot.lower, robot.upper)
             q = inverse_kinematics(self.place, seed, _PRECISION * self.tolerance)
             if q is not None and self._is_new(q, new) and self._is_valid(q):
                 new.append(q)

@@ -83,8 +83,9 @@ class StateBridge:
         self._weights = np.array([part.weight for part in parts])
         self._firsts = np.cumsum([0, *(len(part.lower) for part in parts[:-1])])
         self.n: int = len(self.lower)
+        self._sides: FloatArray = self.upper - self.lower
         # More than one turn of a joint makes a space no larger to plan in.
-        self.extent = float(np.linalg.norm(np.minimum(self.upper - self.lower, 2 * np.pi)))
+        self.extent = float(np.linalg.norm(np.minimum(self._sides, 2 * np.pi)))
         self._wraps = bool(self.circular.any())
         # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one
         # buffer costs a tenth of going through Python lists.
@@ -117,6 +118,10 @@ class StateBridge:
     def inside(self, q: FloatArray) -> FloatArray:
         """Return the configuration within bounds that is nearest to `q: (…, n)`; coordinates that wrap are wrapped."""
         return np.where(self.circular, self.wrapped(q), np.clip(q, self.lower, self.upper))
+
+    def between_bounds(self, shares: FloatArray) -> FloatArray:
+        """Return the configurations at `shares: (…, n)` in [0, 1] of the way from the lower to the upper bounds."""
+        return self.lower + self._sides * shares
 
     def difference(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the motion from `start` to `end` (matching shapes (…, n)), the short way round where it wraps."""

@@ -164,7 +164,16 @@ def test_distances_are_ompls_own():
     space.addSubspace(inner, 3.0)
     bridge = StateBridge(space)
     one, other = ScratchState(bridge), ScratchState(bridge)
-    rows = bridge.lower + (bridge.upper - bridge.lower) * np.random.default_rng(0).random((20, 5))
+    rows = bridge.between_bounds(np.random.default_rng(0).random((20, 5)))
     expected = [space.distance(one.set(q), other.set(rows[0])) for q in rows]
     np.testing.assert_allclose(bridge.distances(rows, rows[0]), expected, atol=1e-12)
     assert bridge.distances(rows[1], rows[0]) == pytest.approx(expected[1])
+
+
+def test_shares_of_the_way_between_bounds():
+    space = ob.CompoundStateSpace()
+    space.addSubspace(real_vector((-1, 1), (2, 6)), 1.0)
+    space.addSubspace(ob.SO2StateSpace(), 1.0)
+    bridge = StateBridge(space)
+    np.testing.assert_array_equal(bridge.between_bounds(np.zeros(3)), [-1, 2, -np.pi])
+    np.testing.assert_array_equal(bridge.between_bounds(np.array([[0.5, 0.25, 0.5]])), [[0, 3, 0]])
