@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import as_strided
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.maths.halton import halton_point
 from safe_ompl.models.convex import make_convex, sample_configurations, select_self_pairs
 from safe_ompl.models.displacement import Hull, JointChain, bounding_hull
 from safe_ompl.models.examples import find_example, robots_folder
@@ -23,6 +24,7 @@ from safe_ompl.models.urdf import UrdfFile, existing_file
 
 _log = logging.getLogger(__name__)
 
+_RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
 _LINK = " (link)"  # tells a link from a joint of the same name
 
 
@@ -409,6 +411,15 @@ class Robot:
         squared = np.einsum("gipc,gipc->gip", arms, arms) - along**2
         radii = np.sqrt(np.maximum(squared, 0).max(axis=2)) + pads[:, None]
         return np.where(self.prismatic, 1.0, radii) * support
+
+    @cached_property
+    def arm_rates(self) -> FloatArray:
+        """How far (n,) the joints move the arm at most, on an average over configurations [m/rad]."""
+        sides = self.upper - self.lower
+        spread = [self.lower + sides * halton_point(k, self.n) for k in _RATE_SAMPLES]
+        rates: FloatArray = np.mean([self.displacement_radii_at(q).max(axis=0) for q in spread], axis=0)
+        rates.setflags(write=False)
+        return rates
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:

@@ -98,7 +98,6 @@ class BubblePlanner(SlidingPlanner):
                 f"come from; got {type(validity).__name__}"
             )
         self._checker: CollisionChecker = validity.checker
-        self._rates = self._arm_rates()
         self._usual_cost = 0.0
         self.setAlpha(alpha)
         self.setBeta(beta)
@@ -288,7 +287,7 @@ class BubblePlanner(SlidingPlanner):
         usual, slope = self._usual_cost, self._cost_scale
         if not (usual > 0 and slope > 0):
             return costs * 0.0
-        metres = float(np.sqrt(np.mean(self._rates**2))) / slope
+        metres = float(np.sqrt(np.mean(self._checker.robot.arm_rates**2))) / slope
         scaled: FloatArray = metres * usual * np.log1p(costs / usual)
         return scaled
 
@@ -299,14 +298,6 @@ class BubblePlanner(SlidingPlanner):
         shares = [halton_point(k, self._bridge.n) for k in range(1, 1 + _SCALE_POINTS)]
         return self._bridge.between_bounds(np.array(shares))
 
-    def _arm_rates(self) -> FloatArray:
-        """Return how far (n,) the joints move the arm, at most, on an average over configurations [m/rad]."""
-        robot = self._checker.robot
-        rates: FloatArray = np.mean(
-            [robot.displacement_radii_at(q).max(axis=0) for q in self._spread()[::4]], axis=0
-        )
-        return rates
-
     def _measure_scale(self) -> float:
         self._usual_cost = float(np.median(self._cost.values(self._spread())))
         return super()._measure_scale()
@@ -314,7 +305,7 @@ class BubblePlanner(SlidingPlanner):
     # -------------------------------------------------------------------------------------------- the trees
 
     def _forget(self) -> None:
-        rates = self._rates if self._normalized else np.ones(self._bridge.n)
+        rates = self._checker.robot.arm_rates if self._normalized else np.ones(self._bridge.n)
         self._metric = Metric(self._bridge, rates, taxicab=not self._normalized)
         self._start_tree, self._goal_tree = (
             VolumeTree(self._bridge, self._metric, from_start=from_start, diverse=self._beta > 0)

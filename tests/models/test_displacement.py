@@ -218,6 +218,17 @@ def test_radii_at_a_configuration_are_tighter(panda):
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
+def test_arm_rates_are_the_usual_ones(robot_named, rng, name):
+    robot = robot_named(name)
+    drawn = rng.uniform(robot.lower, robot.upper, (400, robot.n))
+    usual = np.mean([robot.displacement_radii_at(q).max(axis=0) for q in drawn], axis=0)
+    np.testing.assert_allclose(robot.arm_rates, usual, rtol=0.15)
+    assert robot.arm_rates is robot.arm_rates, "measured once"
+    with pytest.raises(ValueError, match="read-only"):
+        robot.arm_rates[0] = 0.0
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
 @settings(max_examples=40)
 @given(seed=seeds, scale=st.floats(0.001, 0.4))
 def test_two_links_approach_each_other_no_faster_than_their_pair_allows(
