@@ -38,6 +38,20 @@ def data_folder():
     return DATA
 
 
+@pytest.fixture
+def edited(data_folder, tmp_path):
+    """Return a function that writes a changed copy of a URDF of the test data, and returns its path."""
+
+    def edit(name, old, new):
+        text = (data_folder / name).read_text()
+        assert old in text
+        path = tmp_path / name
+        path.write_text(text.replace(old, new))
+        return path
+
+    return edit
+
+
 @pytest.fixture(scope="session")
 def robot_named():
     """Return a function from a name to a shared robot: "twin_arm", "slider", or an example robot."""

@@ -133,6 +133,27 @@ class JointChain:
     lower: FloatArray
     upper: FloatArray
 
+    @classmethod
+    def from_model(
+        cls, model: pin.Model, prismatic: BoolArray, lower: FloatArray, upper: FloatArray
+    ) -> JointChain:
+        """Read the joints of `model`; the rest as above."""
+        axes = np.zeros((len(prismatic), 3))
+        neutral = pin.neutral(model)
+        for i, joint in enumerate(list(model.joints)[1:]):
+            joint_data = joint.createData()
+            joint.calc(joint_data, neutral)
+            subspace = np.asarray(joint_data.S, dtype=np.float64).ravel()
+            axes[i] = subspace[:3] if prismatic[i] else subspace[3:]
+        return cls(
+            [int(parent) for parent in model.parents][1:],
+            [pin.SE3(placement) for placement in model.jointPlacements][1:],
+            axes,
+            prismatic,
+            lower,
+            upper,
+        )
+
     def path_to_root(self, joint: int) -> list[int]:
         """Return the joints (0-based) that move Pinocchio's joint `joint`, the nearest first."""
         path = []

@@ -1,9 +1,8 @@
-"""The robot: kinematics on Pinocchio, its skeleton, and how far its bodies can move."""
+"""The robot: its configurations, its kinematics on Pinocchio, its skeleton, and how far its bodies can move."""
 
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.lib.stride_tricks import as_strided
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.errors import InputError, UnknownNameError
@@ -19,13 +17,21 @@ from safe_ompl.maths.halton import halton_point
 from safe_ompl.models.convex import make_convex, sample_configurations, select_self_pairs
 from safe_ompl.models.displacement import Hull, JointChain, bounding_hull
 from safe_ompl.models.examples import find_example, robots_folder
+from safe_ompl.models.joint_frames import JointFrames
+from safe_ompl.models.reduction import (
+    check_joints,
+    farthest_body,
+    joint_limits,
+    joints_to_hold,
+    override_limits,
+    reduce_model,
+)
 from safe_ompl.models.skeleton import Skeleton, frame_index
 from safe_ompl.models.urdf import UrdfFile, existing_file
 
 _log = logging.getLogger(__name__)
 
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
-_LINK = " (link)"  # tells a link from a joint of the same name
 
 
 class Robot:
@@ -67,7 +73,7 @@ class Robot:
         limits: Mapping[str, tuple[float, float]],
     ) -> None:
         full = urdf.build_model()
-        _override_limits(full, limits, str(urdf.path))
+        override_limits(full, limits, str(urdf.path))
         self.name = name or full.name or urdf.path.stem
         self._recipe: dict[str, Any] = {
             "urdf": str(urdf.path),
@@ -83,11 +89,11 @@ class Robot:
             raise UnknownNameError(
                 "tip frame", tip, (frame.name for frame in list(full.frames)[1:]), str(urdf.path)
             )
-        held = _joints_to_hold(full, urdf, tip, locked)
+        held = joints_to_hold(full, urdf, tip, locked)
         self._held = held
         geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION)
-        self.model, self.collision_model = _reduce(full, geometry, held)
-        self._check_joints(str(urdf.path))
+        self.model, self.collision_model = reduce_model(full, geometry, held)
+        check_joints(self.model, str(urdf.path))
         if hulls:
             make_convex(self.collision_model)
 
@@ -95,23 +101,25 @@ class Robot:
         self.n: int = len(self.joint_names)
         self.continuous: BoolArray = np.array([j.nq == 2 for j in list(self.model.joints)[1:]])
         self._wraps = bool(self.continuous.any())
+        first: IntArray = np.array([j.idx_q for j in list(self.model.joints)[1:]], dtype=np.intp)
+        self._straight, self._circular = first[~self.continuous], first[self.continuous]
         self.prismatic: BoolArray = np.array(["P" in j.shortname()[10:] for j in list(self.model.joints)[1:]])
-        self.lower, self.upper = self._limits(str(urdf.path))
+        self.lower, self.upper = joint_limits(self.model, str(urdf.path))
         select_self_pairs(
             self.model, self.collision_model, srdf, sample_configurations(self.model), self.name
         )
 
-        self.tip: str = tip or _farthest_body(self.model)
+        self.tip: str = tip or farthest_body(self.model)
         self.tip_frame: int = frame_index(self.model, self.tip)
         skeleton = Skeleton.from_model(self.model, list(full.names)[1:], self.tip)
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names
         self._key_joints, self._key_offsets = skeleton.joints, skeleton.offsets
         self._shifted = np.flatnonzero(np.abs(skeleton.offsets).max(axis=1) > 0)
-        self.chain = self._joint_chain()
+        self.chain = JointChain.from_model(self.model, self.prismatic, self.lower, self.upper)
         self._support = self._supporting_joints(skeleton.joints)
         self._moved_by: FloatArray = self._support.T.astype(np.float64)  # (n, K)
-        self._scratch = _Scratch(self.model)
+        self._scratch = JointFrames(self.model)
         for array in (self.lower, self.upper, self.segments, self.continuous, self.prismatic):
             array.setflags(write=False)
 
@@ -434,7 +442,7 @@ class Robot:
             return self.collision_model
         if not len(geometry.geometryObjects):
             return self.collision_model
-        return _reduce(full, geometry, self._held)[1]
+        return reduce_model(full, geometry, self._held)[1]
 
     # ---------------------------------------------------------------------------------------------- internals
 
@@ -488,74 +496,6 @@ class Robot:
             support[row, self.chain.path_to_root(int(joint))] = True
         return support
 
-    def _joint_chain(self) -> JointChain:
-        model = self.model
-        axes = np.zeros((self.n, 3))
-        neutral = pin.neutral(model)
-        for i, joint in enumerate(list(model.joints)[1:]):
-            joint_data = joint.createData()
-            joint.calc(joint_data, neutral)
-            subspace = np.asarray(joint_data.S, dtype=np.float64).ravel()
-            axes[i] = subspace[:3] if self.prismatic[i] else subspace[3:]
-        return JointChain(
-            [int(parent) for parent in model.parents][1:],
-            [pin.SE3(placement) for placement in model.jointPlacements][1:],
-            axes,
-            self.prismatic,
-            self.lower,
-            self.upper,
-        )
-
-    def _check_joints(self, source: str) -> None:
-        if self.model.njoints < 2:
-            raise InputError("no joint is free to move", source)
-        for name, joint in zip(list(self.model.names)[1:], list(self.model.joints)[1:], strict=True):
-            if joint.nv != 1 or joint.shortname().startswith(("JointModelH", "JointModelMimic")):
-                raise InputError(
-                    f"joint {name!r} is a {joint.shortname()}; only revolute, prismatic and continuous joints "
-                    "can be planned for: lock it",
-                    source,
-                )
-
-    def _limits(self, source: str) -> tuple[FloatArray, FloatArray]:
-        joints = list(self.model.joints)[1:]
-        self._straight: IntArray = np.array([j.idx_q for j in joints if j.nq == 1], dtype=np.intp)
-        self._circular: IntArray = np.array([j.idx_q for j in joints if j.nq == 2], dtype=np.intp)
-        lower, upper = np.full(self.n, -np.pi), np.full(self.n, np.pi)
-        lower[~self.continuous] = self.model.lowerPositionLimit[self._straight]
-        upper[~self.continuous] = self.model.upperPositionLimit[self._straight]
-        for name, low, high in zip(self.joint_names, lower, upper, strict=True):
-            if not (np.isfinite(low) and np.isfinite(high) and low < high):
-                raise InputError(
-                    f"joint {name!r} has the limits [{low}, {high}]: no range to plan in; lock it", source
-                )
-        return lower, upper
-
-
-class _Scratch(threading.local):
-    """Pinocchio's working memory, one for each thread, with views on the joint poses it holds."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self._model = model
-        self.data = model.createData()
-        # All poses lie in one block of memory: one strided view costs a thirtieth of reading them one by one.
-        first, second = (self.data.oMi[joint].rotation for joint in (0, 1))
-        stride = second.ctypes.data - first.ctypes.data
-        origin = self.data.oMi[0].translation
-        self._rotation = as_strided(first, (model.njoints, 3, 3), (stride, *first.strides))
-        self._translation = as_strided(origin, (model.njoints, 3), (stride, *origin.strides))
-        self.batch: tuple[FloatArray, FloatArray, FloatArray] | None = None  # configurations, and their poses
-
-    def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return views of the rotations (J, 3, 3) and origins (J, 3) of the joint frames at `q: (nq,)`."""
-        pin.forwardKinematics(self._model, self.data, q)
-        return self.poses
-
-    @property
-    def poses(self) -> tuple[FloatArray, FloatArray]:
-        """The views on the poses found last."""
-        return self._rotation, self._translation
-
 
 _NEXT, _AFTER_NEXT = np.array([1, 2, 0]), np.array([2, 0, 1])
 
@@ -567,117 +507,3 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _rebuild(recipe: dict[str, Any]) -> Robot:
     return Robot.from_urdf(**recipe)
-
-
-def _override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], source: str) -> None:
-    for name, (low, high) in limits.items():
-        if not full.existJointName(name):
-            raise UnknownNameError("joint with limits", name, list(full.names)[1:], source)
-        joint = full.joints[full.getJointId(name)]
-        if joint.nq != 1:
-            raise InputError(f"joint {name!r} is continuous: it has no limits", source)
-        full.lowerPositionLimit[joint.idx_q] = low
-        full.upperPositionLimit[joint.idx_q] = high
-
-
-def _joints_to_hold(
-    full: pin.Model, urdf: UrdfFile, tip: str | None, locked: Mapping[str, float]
-) -> dict[str, float]:
-    """Return the joints to lock with their values: those asked for, those that do not move the tip, and mimics."""
-    source = str(urdf.path)
-    names = list(full.names)[1:]
-    held: dict[str, float] = {}
-    for name, value in locked.items():
-        if name not in names:
-            raise UnknownNameError("joint to lock", name, names, source)
-        held[name] = _joint_value(full, name, value, source)
-    followers = {name: mimic for name, mimic in urdf.mimics().items() if name in names and name not in held}
-    if tip is not None:
-        moving = {full.names[j] for j in full.supports[full.frames[frame_index(full, tip)].parentJoint]}
-        for name in names:
-            if name not in moving and name not in held and name not in followers:
-                held[name] = _resting_value(full, name)
-    while followers:
-        ready = [name for name, mimic in followers.items() if mimic.primary in held]
-        if not ready:
-            name, mimic = next(iter(followers.items()))
-            raise InputError(
-                f"joint {name!r} mimics {mimic.primary!r}, which is free: lock {mimic.primary!r}", source
-            )
-        for name in ready:
-            mimic = followers.pop(name)
-            held[name] = mimic.multiplier * held[mimic.primary] + mimic.offset
-    implied = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in locked)
-    if implied:
-        _log.info("%s: locked, too, as not moving the tip or mimicking: %s", urdf.path.name, implied)
-    return held
-
-
-def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"locked joint {name!r}: {value!r} is not a number", source) from None
-    joint = full.joints[full.getJointId(name)]
-    if not np.isfinite(number):
-        raise InputError(f"locked joint {name!r}: {value!r} is not finite", source)
-    if joint.nv > 1 and number != 0:
-        raise InputError(f"locked joint {name!r}: a {joint.shortname()} can be locked at 0 only", source)
-    if joint.nq == 1:
-        low, high = (
-            float(limit[joint.idx_q]) for limit in (full.lowerPositionLimit, full.upperPositionLimit)
-        )
-        if not low - 1e-9 <= number <= high + 1e-9:
-            raise InputError(
-                f"locked joint {name!r}: {number:g} is outside its limits [{low:g}, {high:g}]", source
-            )
-    return number
-
-
-def _resting_value(full: pin.Model, name: str) -> float:
-    """Zero, or the limit nearest to it."""
-    joint = full.joints[full.getJointId(name)]
-    if joint.nq != 1:
-        return 0.0
-    low, high = (float(limit[joint.idx_q]) for limit in (full.lowerPositionLimit, full.upperPositionLimit))
-    return float(min(max(0.0, low), high))
-
-
-def _reduce(
-    full: pin.Model, geometry: pin.GeometryModel, held: Mapping[str, float]
-) -> tuple[pin.Model, pin.GeometryModel]:
-    """Return model and geometry with the joints in `held` fixed at their values."""
-    reference = pin.neutral(full)
-    for name, value in held.items():
-        joint = full.joints[full.getJointId(name)]
-        if joint.nv == 1:
-            reference[joint.idx_q : joint.idx_q + joint.nq] = (
-                value if joint.nq == 1 else (np.cos(value), np.sin(value))
-            )
-    ids = [full.getJointId(name) for name in held]
-    # Pinocchio 4.1 looks frames up by name alone, and refuses where a joint and a link share one.
-    distinct = full.copy()
-    for frame in distinct.frames:
-        frame.name += _LINK if frame.type == pin.FrameType.BODY else ""
-    model, reduced = pin.buildReducedModel(distinct, geometry, ids, reference)
-    # It also makes the frame of a locked joint its own parent.
-    above = {frame.name: distinct.frames[frame.parentFrame].name for frame in distinct.frames}
-    index = {frame.name: k for k, frame in enumerate(model.frames)}
-    for frame in model.frames:
-        frame.parentFrame = index[above[frame.name]]
-    for frame in model.frames:
-        frame.name = frame.name.removesuffix(_LINK)
-    return model, reduced
-
-
-def _farthest_body(model: pin.Model) -> str:
-    """Return the body frame with the most joints above it, among those the one farthest from the last joint."""
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
-
-    def rank(frame: pin.Frame) -> tuple[int, float]:
-        offset = float(np.linalg.norm(frame.placement.translation))
-        return len(model.supports[frame.parentJoint]), offset
-
-    bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
-    return str(max(bodies, key=rank).name)
