@@ -178,7 +178,8 @@ class CertifiedMotion:
             If a speed is negative or not finite, or the span is not one.
         """
         first, last = _checked_span(span)
-        self._cover(speeds, last)
+        self._check_speeds(speeds)
+        self._cover(max(speeds.values(), default=0.0) * last)
         rates = self._rates(speeds)
         found = self._check(
             start, end, _Required(self._still.at_start + first * rates, (last - first) * rates)
@@ -208,20 +209,20 @@ class CertifiedMotion:
             If a speed or the time is negative or not finite.
         """
         _, last = _checked_span((0.0, time))
-        self._cover(speeds, last)
+        self._check_speeds(speeds)
         self._moving = dict(speeds), last
         self._required = None
 
-    def _cover(self, speeds: Mapping[str, float], time: float) -> None:
-        """Have the checker look at all pairs that obstacles of such speeds may bring together."""
-        checker = self.checker
+    def _check_speeds(self, speeds: Mapping[str, float]) -> None:
         for name, speed in speeds.items():
-            if not (checker.scene[name] and isfinite(speed) and speed >= 0):
+            if not (self.checker.scene[name] and isfinite(speed) and speed >= 0):
                 raise InputError(f"speed of {name!r} must be a number >= 0 [m/s], got {speed!r}")
-        wanted = checker.getMinClearance()
-        still = max(self.margin, 0.0 if wanted is None else wanted.distance)
-        standing = max(self._moving[0].values(), default=0.0) * self._moving[1]
-        checker.cover(still + standing + max(speeds.values(), default=0.0) * time)
+
+    def _cover(self, further: float = 0.0) -> None:
+        """Have the checker look at all pairs that must keep a distance, and this much more [m]."""
+        wanted, (speeds, time) = self.checker.getMinClearance(), self._moving
+        least = max(self.margin, 0.0 if wanted is None else wanted.distance)
+        self.checker.cover(least + max(speeds.values(), default=0.0) * time + further)
 
     def _rates(self, speeds: Mapping[str, float]) -> FloatArray:
         """Return how fast (P,) obstacles may come nearer to the bodies of their pairs [m/s]."""
@@ -231,9 +232,9 @@ class CertifiedMotion:
     @property
     def _still(self) -> _Required:
         """What pairs must keep from obstacles where the scene has them."""
-        required = self.checker.required
-        if self._required is None or self._required[0] is not required:
-            speeds, time = self._moving
+        if self._required is None or self._required[0] is not self.checker.required:
+            self._cover()
+            required, (speeds, time) = self.checker.required, self._moving
             wanted = np.maximum(required, self.margin * self.checker.meets_obstacle) + time * self._rates(
                 speeds
             )

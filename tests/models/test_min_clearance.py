@@ -252,6 +252,21 @@ def test_all_motions_are_free_among_moving_obstacles_once_these_are_set(crank):
         motion.setMovingObstacles({"walker": 1.0}, -1.0)
 
 
+@pytest.mark.parametrize("clearance_first", [True, False])
+def test_clearance_and_moving_obstacles_add_up_in_any_order(crank, clearance_first):
+    checker = CollisionChecker(crank, balls(far=0.65))  # 50 mm beyond reach
+    motion = CertifiedMotion(checker)
+    if clearance_first:
+        motion.setMinClearance(0.03)
+    motion.setMovingObstacles({"far": 0.03}, 1.0)
+    assert motion.is_free(START, END) is not clearance_first
+    motion.setMinClearance(0.03)
+    assert not motion.is_free(START, END)
+    assert motion.check(START, END).pair == ("ball", "far")
+    motion.setMinClearance(0.01)
+    assert motion.is_free(START, END)
+
+
 def test_planned_paths_keep_what_a_person_may_walk():
     setup = setup_scenario(Scenario.load(find_scenario("planar3")))
     person = next(o.name for o in setup.scene if o.weight > 0)
