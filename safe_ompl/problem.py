@@ -128,14 +128,22 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         InputError
             If it is negative or not finite, or there is no danger field.
         CollisionError
-            If start or all goals are above it.
+            If start or all goals are above it. Then the limit stays what it was.
         """
         if self.field is None:
             raise InputError("max danger needs a danger field; this setup plans without danger")
-        self._danger_limit = DangerLimit(self.field, limit) if non_negative("max danger", limit) else None
-        self._validity.setDangerLimit(self._danger_limit)
-        self._validator.setDangerLimit(self._danger_limit)
-        self._check_given()
+        before = self._danger_limit
+        self._keep_to(DangerLimit(self.field, limit) if non_negative("max danger", limit) else None)
+        try:
+            self._check_given()
+        except BaseException:
+            self._keep_to(before)
+            raise
+
+    def _keep_to(self, limit: DangerLimit | None) -> None:
+        self._danger_limit = limit
+        self._validity.setDangerLimit(limit)
+        self._validator.setDangerLimit(limit)
 
     def setMinClearance(
         self,
@@ -153,12 +161,17 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         Raises
         ------
         CollisionError
-            If start or all goals are nearer.
+            If start or all goals are nearer. Then the distance stays what it was.
         InputError
             As there.
         """
+        before = self.checker.getMinClearance()
         self.checker.setMinClearance(distance, obstacles, exempt)
-        self._check_given()
+        try:
+            self._check_given()
+        except BaseException:
+            self.checker.require(before)
+            raise
 
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.

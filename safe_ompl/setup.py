@@ -16,7 +16,6 @@ from ompl import util as ou
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.models import document
-from safe_ompl.models.counts import Counts
 from safe_ompl.models.danger_bounds import DangerLimit
 from safe_ompl.models.motion import FLOOR
 from safe_ompl.models.robot import Robot
@@ -153,13 +152,21 @@ class SafeSetup(SafeProblem):
         time = _positive_time("time limit", time if optimise is None else optimise)
         duration = _simplification(simplify)
         planner, name = self.prepare(planner, seed, parameters)
-        simplified = duration is not None or optimise is not None
-        self._validator.setDangerLimit(self._limit_of(planner) if simplified else self._danger_limit)
-        if self.field is not None and simplified:
-            self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
+        if duration is None and optimise is None:
+            return self._planned(planner, name, seed, time, None)
+        self._validator.setDangerLimit(self._limit_of(planner))
+        try:
+            if self.field is not None:
+                self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
+            if optimise is not None:
+                return self._optimised(planner, name, seed, time)
+            return self._planned(planner, name, seed, time, duration)
+        finally:
+            self._validator.setDangerLimit(self._danger_limit)
+
+    def _planned(self, planner: Any, name: str, seed: int, time: float, duration: float | None) -> PlanResult:
+        """Plan once, and simplify for a duration [s] if one is given, 0 for as long as it takes."""
         begin, before = perf_counter(), self.counts.copy()
-        if optimise is not None:
-            return self._optimised(planner, name, seed, time, begin, before)
         status = self.solve(float(time))
         elapsed = perf_counter() - begin
         nodes = _nodes(planner)
@@ -209,10 +216,9 @@ class SafeSetup(SafeProblem):
             return self._danger_limit
         return DangerLimit(self.field, own)
 
-    def _optimised(
-        self, planner: Any, name: str, seed: int, time: float, begin: float, before: Counts
-    ) -> PlanResult:
+    def _optimised(self, planner: Any, name: str, seed: int, time: float) -> PlanResult:
         """Plan again and again; see `safe_ompl.optimise`."""
+        begin, before = perf_counter(), self.counts.copy()
         simplifier, nodes, status = self.simplifier, 0, "Timeout"
 
         def search(start: int, seconds: float) -> FloatArray | None:

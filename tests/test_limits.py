@@ -17,6 +17,7 @@ from safe_ompl.errors import CollisionError, InputError
 from safe_ompl.models.limits import PathLimits
 from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.registry import make_planner
+from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.setup import SafeSetup, setup_scenario
 
@@ -102,6 +103,31 @@ def test_a_start_above_the_limit_of_a_planner(setup: SafeSetup, caplog: pytest.L
     assert f"SafeRRTConnect: start has danger {danger:.4g}, above the limit 4" in caplog.text
 
 
+def test_the_limit_of_a_plan_ends_with_it(setup: SafeSetup) -> None:
+    path = setup.plan("ClassicRRTConnect", time=20.0, seed=0).path
+    limit = 0.95 * setup.field.values(densely(setup, path)).max()
+    for options in ({"simplify": True}, {"optimise": 0.3}):
+        setup.plan("SafeRRTConnect", time=20.0, seed=0, parameters={"max_danger": limit}, **options)
+        assert setup.report(path).certified
+    with pytest.raises(ZeroDivisionError):
+        setup.plan(Interrupted(setup, limit), time=20.0, simplify=True)
+    assert setup.report(path).certified
+    setup.setMaxDanger(limit)
+    setup.plan("SafeRRTConnect", time=20.0, seed=0, parameters={"max_danger": LIMIT}, simplify=True)
+    assert not setup.report(path).certified, "that of the setup stays"
+
+
+class Interrupted(SafeRRTConnect):
+    """A planner with a limit of its own, and an error."""
+
+    def __init__(self, setup: SafeSetup, limit: float) -> None:
+        super().__init__(setup.getSpaceInformation())
+        self.setMaxDanger(limit)
+
+    def _search(self, ptc: object) -> None:
+        raise ZeroDivisionError
+
+
 def test_a_limit_set_later_drops_the_trees(setup: SafeSetup) -> None:
     planner = make_planner("SafeRRTConnect", setup.getSpaceInformation())
     assert setup.plan(planner, time=20.0, seed=0)
@@ -120,14 +146,37 @@ def test_a_limit_needs_a_danger(scenario: Scenario) -> None:
         setup.plan("SafeRRTConnect", parameters={"max_danger": 9.0})
 
 
+def test_without_a_danger_objective_a_planner_says_so_every_time(scenario: Scenario) -> None:
+    setup = SafeSetup(scenario.build_robot(), scenario.scene, danger=None)
+    setup.setConfigurations([1.25, -0.35, 0.2], [-1.2, 0.3, -0.25])
+    planner = make_planner("SafeRRTConnect", setup.getSpaceInformation(), {"max_danger": 9.0})
+    setup.setPlanner(planner)
+    for _ in range(3):
+        with pytest.raises(InputError, match="max danger 9 needs a DangerObjective"):
+            setup.solve(20.0)
+
+
 def test_a_start_above_the_limit_of_the_setup(setup: SafeSetup) -> None:
     with pytest.raises(CollisionError, match=r"start: danger 4\.277 is above the limit 4"):
         setup.setMaxDanger(4.0)
+    assert setup.plan(time=20.0), "what was refused is not set"
     for bad in (-1.0, np.nan, "9"):
         with pytest.raises(InputError, match="max danger must be a finite number >= 0"):
             setup.setMaxDanger(bad)
-    setup.setMaxDanger(0.0)
     assert setup.plan(time=20.0)
+
+
+@pytest.mark.parametrize("refused", [4.0, -1.0])
+def test_a_limit_that_is_refused_leaves_the_one_before(setup: SafeSetup, refused: float) -> None:
+    dangerous = setup.plan("ClassicRRTConnect", time=20.0, seed=0).path
+    assert setup.field.values(densely(setup, dangerous)).max() > LIMIT
+    setup.setMaxDanger(LIMIT)
+    with pytest.raises((InputError, CollisionError)):
+        setup.setMaxDanger(refused)
+    assert not setup.report(dangerous).certified
+    with pytest.raises(CollisionError, match="above the limit 8"):
+        setup.setConfigurations([1.25, -0.35, 0.2], [0.3, 0.9, -1.8])
+    assert setup.plan(time=20.0).report.danger.max <= LIMIT
 
 
 def test_a_goal_above_the_limit_of_the_setup(setup: SafeSetup) -> None:
@@ -164,8 +213,31 @@ def test_without_it_paths_come_nearer(setup: SafeSetup) -> None:
 def test_a_start_that_is_too_near(setup: SafeSetup) -> None:
     with pytest.raises(CollisionError, match=r"start is too near: '.*' keeps less than 700 mm from 'person'"):
         setup.setMinClearance(0.7)
+    assert setup.checker.getMinClearance() is None
+    assert setup.plan(time=20.0), "what was refused is not set"
     setup.setMinClearance(0.7, exempt=[(f"link{k}", "person") for k in (1, 2, 3)])
     assert setup.plan(time=20.0)
+
+
+@pytest.mark.parametrize(
+    ("refused", "error"),
+    [
+        ((0.7,), CollisionError),
+        ((-1.0,), InputError),
+        ((0.1, ["nobody"]), InputError),
+        ((0.1, None, [("nose", "person")]), InputError),
+    ],
+)
+def test_a_clearance_that_is_refused_leaves_the_one_before(
+    setup: SafeSetup, refused: tuple[object, ...], error: type[Exception]
+) -> None:
+    setup.setMinClearance(CLEARANCE)
+    before, required = setup.checker.getMinClearance(), setup.checker.required
+    with pytest.raises(error):
+        setup.setMinClearance(*refused)
+    assert setup.checker.getMinClearance() == before
+    assert setup.checker.required.max() == required.max() == CLEARANCE
+    assert nearest_to_person(setup, setup.plan(time=20.0).path) > CLEARANCE - 1e-4
 
 
 # ----------------------------------------------------------------------------------- scenarios and command line

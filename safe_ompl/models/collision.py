@@ -160,7 +160,10 @@ class CollisionChecker:
         UnknownNameError
             If there is no such obstacle or link.
         """
-        wanted = MinClearance.of(distance, obstacles, exempt, self.scene, self._links)
+        self.require(MinClearance.of(distance, obstacles, exempt, self.scene, self._links))
+
+    def require(self, wanted: MinClearance | None) -> None:
+        """Require what `getMinClearance` has returned; None requires nothing."""
         self._min_clearance = wanted
         self.cover(0.0 if wanted is None else wanted.distance)
         self.required = self._required()

@@ -270,20 +270,22 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def _read_objective(self) -> None:
         """Read the problem's objective; what was built under another one is dropped, its costs are stale."""
-        self._objective = self.getProblemDefinition().getOptimizationObjective()
-        self._cost = StateCost(self._objective, self._bridge)
+        self._objective = _UNREAD  # also where an error ends this half-way
+        objective = self.getProblemDefinition().getOptimizationObjective()
+        self._cost = StateCost(objective, self._bridge)
         self._danger_limit = None  # the scale belongs to robot and scene, whatever the limit
         self._cost_scale = 0.0 if self._cost.is_zero else self._measure_scale()
         if self._cost.is_zero:
             _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
         if self._max_danger:
-            self._danger_limit = DangerLimit(self._danger_field(), self._max_danger)
+            self._danger_limit = DangerLimit(self._danger_field(objective), self._max_danger)
         self._forget()
         self.getPlannerInputStates().restart()
+        self._objective = objective
 
-    def _danger_field(self) -> DangerField:
+    def _danger_field(self, objective: Any) -> DangerField:
         """Return the field of the problem's danger objective; without it there is nothing to prove."""
-        field = getattr(self._objective, "field", None)
+        field = getattr(objective, "field", None)
         if not isinstance(field, DangerField):
             raise InputError(f"{self.getName()}: max danger {self._max_danger:g} needs a DangerObjective")
         return field
