@@ -342,6 +342,9 @@ def plan(
     time: float | None = None,
     seed: int = 0,
     parameters: Mapping[str, Any] | None = None,
+    *,
+    simplify: bool | float = False,
+    optimise: float | None = None,
 ) -> PlanResult:
     """Plan a scenario.
 
@@ -357,11 +360,18 @@ def plan(
         Seed.
     parameters : mapping, optional
         Planner parameters that override those of the scenario.
+    simplify, optimise
+        As in `SafeSetup.plan`.
 
     Returns
     -------
     PlanResult
         True if solved.
+
+    Raises
+    ------
+    InputError, PlanningError
+        As `SafeSetup.plan`; and if the scenario cannot be used.
     """
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(scenario)
@@ -372,6 +382,8 @@ def plan(
         time=scenario.time if time is None else time,
         seed=seed,
         parameters={**own, **(parameters or {})},
+        simplify=simplify,
+        optimise=optimise,
     )
 
 

@@ -323,6 +323,18 @@ def test_a_scenario_in_one_call(scenario, tmp_path):
     assert np.linalg.norm(np.diff(wide.path, axis=0), axis=1).max() > 0.2
 
 
+def test_a_scenario_simplified_and_optimised_in_one_call(scenario):
+    plain, simplified, optimised = (
+        plan(scenario, seed=4, **options) for options in ({}, {"simplify": True}, {"optimise": 0.3})
+    )
+    assert simplified.simplification_time > plain.simplification_time == 0
+    assert simplified.report.length < plain.report.length
+    assert optimised.improvements
+    assert not simplified.improvements
+    with pytest.raises(InputError, match="simplify must be a positive number"):
+        plan(scenario, simplify=-1.0)
+
+
 def test_a_scenario_whose_start_collides_names_file_and_pair(scenario, tmp_path):
     file = tmp_path / "bad.yaml"
     dataclasses.replace(scenario, start=tuple(IN_BALL.tolist())).save(file)
