@@ -6,6 +6,7 @@ import json
 import sqlite3
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,17 +14,20 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
 
 import paper
-from _paper import effort
+from _paper import effort, smoothing
 from _paper import sweep as sweeping
 from _paper.claims import CLAIMS, Claim
 from _paper.dependence import Point, plot_dependence
 from _paper.evidence import Evidence
 from _paper.runs import campaigns, study_scenario
+from _paper.smoothed import MEAN, Ratio, Smoothed, answer
+from _paper.smoothed_page import plot_smoothing, smoothing_table
+from _paper.smoothing import ShorteningCampaign, Smoothing
 from _paper.store import Store, read_result
 from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs
 from _paper.tables import effort_table, markdown_table, ratio_table
 
-from safe_ompl.campaign import Run, failure
+from safe_ompl.campaign import Campaign, Run, failure
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.models.counts import Counts
 from safe_ompl.models.scenario import Scenario, find_scenario
@@ -117,6 +121,94 @@ def test_pairs_are_those_that_exist() -> None:
     assert chosen_pairs(["ClassicPRM"]) == tuple(pair for pair in PAIRS if pair.label == "PRM")
 
 
+# ------------------------------------------------------------------------------------------------ smoothing
+
+
+def smoothed(classic: tuple[float, float], safe: tuple[float, float], shortened: float = 16.0) -> Smoothed:
+    """Return ten runs with these mean dangers, give or take 1 %, as planned and simplified."""
+
+    def runs(planner: str, danger: float) -> list[PlanResult]:
+        return [result(planner, k, danger * (1.0 + 0.01 * (-1) ** k), 0.01) for k in range(10)]
+
+    planned, simplified = (
+        [*runs(PAIR.classic, c), *runs(PAIR.safe, s)] for c, s in zip(classic, safe, strict=True)
+    )
+    results = {
+        Smoothing.PLANNED: [*planned, result(PAIR.safe, 10, 99.0, 1.0)],  # has not been smoothed
+        Smoothing.SHORTENED: runs(PAIR.classic, shortened),
+        Smoothing.SIMPLIFIED: simplified,
+    }
+    return Smoothed.of(STUDIES[0], PAIRS, results)
+
+
+def test_the_same_runs_are_compared_before_and_after() -> None:
+    study = smoothed(classic=(8.0, 5.0), safe=(4.0, 4.0))
+    assert study.pairs == (PAIR,)
+    assert study.mean(MEAN, PAIR.safe, Smoothing.PLANNED) == pytest.approx(4.0)
+    assert study.danger_ratio(PAIR, Smoothing.PLANNED).value == pytest.approx(0.5)
+    rows = smoothing_table(study).splitlines()
+    assert "| ClassicRRTConnect | 10/10 | 8.00 → 5.00 | 8.00 → 5.00 | 16.0 → 10.0 | 0.00 → 0.00 |" in rows[2]
+    assert "| – with OMPL's simplifier | 10/10 | 16.00 |" in rows[3]
+    assert (
+        "| **RRT-Connect, safe / classic** |  | 0.50 → 0.80 | 0.50 → 0.80 | 0.50 → 0.80 | – → – |" in rows[5]
+    )
+    assert len({row.count("|") for row in rows}) == 1
+
+
+@pytest.mark.parametrize(
+    ("classic", "safe", "words"),
+    [
+        ((8.0, 5.0), (4.0, 4.9), "Yes; the gap closes (4 % of it is left)"),
+        ((8.0, 5.0), (4.0, 4.5), "Yes; the gap nearly closes (20 % of it is left)"),
+        ((8.0, 8.0), (4.0, 4.0), "Yes; the gap stays as it was (100 % of it is left)"),
+        ((8.0, 8.0), (4.0, 1.0), "Yes; the gap widens (175 % of it is left)"),
+        ((8.0, 5.0), (4.0, 5.0), "No; the gap closes (0 % of it is left)"),
+        ((8.0, 5.0), (9.0, 6.0), "No: after"),  # there was none
+    ],
+)
+def test_the_answer_follows_from_the_numbers(
+    classic: tuple[float, float], safe: tuple[float, float], words: str
+) -> None:
+    assert answer([smoothed(classic, safe)]).startswith(f"**{words}")
+
+
+def test_the_answer_says_what_is_left() -> None:
+    words = answer([smoothed((8.0, 5.0), (4.0, 4.5)), smoothed((8.0, 4.0), (5.0, 5.0), shortened=12.0)])
+    assert (
+        "**In part; the gap narrows" not in words
+    )  # it has turned over in one of two: −50 % and 20 % are left
+    assert words.startswith("**In part; the gap closes (-23 % of it is left)")
+    assert "is 0.90–1.25 × that of their classical counterparts', as planned it is 0.50–0.62 ×.**" in words
+    assert "lower in 1 of 2 comparisons, higher in 1." in words
+    assert "OMPL's simplifier, as is usual, makes their mean danger 1.50–2.00 × what it was" in words
+    assert "danger-aware simplification 0.50–0.62 ×. That is 0.80–1.25 × what safe" in words
+    assert "every run solved" in words
+
+
+def test_ratios_know_what_chance_can_do() -> None:
+    rng = np.random.default_rng(0)
+    samples = rng.normal([3.0, 4.0], [0.6, 0.8], (400, 50, 2))
+    ratios = [Ratio.of(*sample.T) for sample in samples]
+    assert 0.92 < np.mean([ratio.low < 0.75 < ratio.high for ratio in ratios]) < 0.98
+    assert Ratio.of(np.array([1.0]), np.array([2.0])) == (0.5, 0.0, np.inf)
+    assert Ratio.of(np.array([1.0]), np.array([2.0]), exact=True) == (0.5, 0.5, 0.5)
+
+
+def test_nothing_is_said_where_nothing_was_solved() -> None:
+    results = {kind: [failure("Timeout", name, 0, ()) for name in PAIR.planners] for kind in Smoothing}
+    assert answer([Smoothed.of(STUDIES[0], PAIRS, results)]).startswith("Not measured")
+
+
+def test_the_picture_of_smoothing(tmp_path: Path) -> None:
+    studies = [smoothed((8.0, 5.0), (4.0, 4.5)), smoothed((8.0, 4.0), (5.0, 5.0))]
+    figure = plot_smoothing(studies, tmp_path / "smoothing.png")
+    assert [axes.get_title("left") for axes in figure.axes] == ["RRT-Connect", ""]
+    ends = [line.get_ydata()[-1] for line in figure.axes[0].lines]
+    assert ends == pytest.approx([8.0, 16.0, 5.0, 4.0, 4.5])
+    assert [text.get_text() for text in figure.axes[1].texts] == ["× 0.62", "× 1.25"]
+    assert (tmp_path / "smoothing.png").is_file()
+
+
 # -------------------------------------------------------------------------------------------------- results
 
 
@@ -162,6 +254,43 @@ def test_deterministic_planners_run_once(scenario: Scenario, tmp_path: Path) -> 
     ]
 
 
+def test_classical_paths_are_shortened_as_is_usual(scenario: Scenario, tmp_path: Path) -> None:
+    (todo,) = campaigns(scenario, (PAIR,), 2, Store(tmp_path, scenario), Smoothing.SHORTENED)
+    planned = list(Campaign(scenario, todo.planners, 2).results())
+    for before, after, again in zip(planned, todo.results(), todo.results(), strict=True):
+        assert (after.planner, after.seed) == (PAIR.classic, before.seed)
+        assert before.report is not None
+        assert after.report is not None
+        assert after.report.length < before.report.length
+        assert after.report.certified
+        assert after.simplification_time > 0.0
+        assert after.counts.margin_queries > before.counts.margin_queries
+        assert after.counts.nodes == before.counts.nodes
+        assert np.array_equal(again.path, after.path)
+
+
+class Straight:
+    """A simplifier that looks at nothing."""
+
+    def __init__(self, si: Any) -> None:
+        self.si = si
+
+    def simplifyMax(self, path: Any) -> None:
+        ends = [self.si.cloneState(path.getState(k)) for k in (0, path.getStateCount() - 1)]
+        path.clear()
+        for end in ends:
+            path.append(end)
+
+
+def test_shortened_paths_that_are_not_proven_do_not_count(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(smoothing.og, "PathSimplifier", Straight)
+    (found,) = ShorteningCampaign(scenario, [PAIR.classic], 1).results()
+    assert not found.solved
+    assert found.status.startswith("Error: not proven free: (0, ")
+
+
 def test_finer_samples_of_the_edges_are_more_checks(
     scenario: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -201,6 +330,22 @@ def test_two_runs_of_two_planners(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert more[:4] == lines
     assert len(more) == 6
     assert "report.md" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_run_of_two_planners_with_smoothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper, "STUDIES", STUDIES[1:])
+    paper.main(f"--runs 1 --planners SafeRRTConnect --processes 1 --simplify --out {tmp_path}".split())
+    report = (tmp_path / "report.md").read_text()
+    assert "**No; the gap" in report  # one run proves nothing
+    assert report.count("| ClassicRRTConnect | 1/1 | ") == 2
+    assert report.count("| – with OMPL's simplifier | 1/1 | ") == 1
+    assert (tmp_path / "smoothing.png").is_file()
+    names = [PAIR.classic, *PAIR.planners]
+    for kind, planners in ((Smoothing.SHORTENED, names[:1]), (Smoothing.SIMPLIFIED, names[1:])):
+        lines = (tmp_path / f"study_2{kind.suffix}" / "runs.jsonl").read_text().splitlines()
+        assert [json.loads(line)["planner"] for line in lines] == planners
+        assert all(json.loads(line)["simplification_time"] > 0.0 for line in lines)
 
 
 def test_planners_that_do_not_exist_are_named(tmp_path: Path) -> None:

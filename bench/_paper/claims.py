@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import isnan
 
-from _paper.evidence import Evidence
+from _paper.evidence import Evidence, quotient
 from _paper.studies import Pair
 
 _ALIKE = (
@@ -75,8 +76,8 @@ def _compared(
 
     def findings(evidence: Evidence) -> Iterator[Finding]:
         for pair in evidence.pairs:
-            if evidence.study.number in studies and not (random_only and pair.deterministic):
-                ratio = measure(evidence, pair)
+            concerned = evidence.study.number in studies and not (random_only and pair.deterministic)
+            if concerned and not isnan(ratio := measure(evidence, pair)):  # one run has no spread
                 yield Finding(
                     f"study {evidence.study.number}, {pair.label}", f"{words} {ratio:.2f}", ratio < limit
                 )
@@ -85,11 +86,11 @@ def _compared(
 
 
 def _band_ratio(evidence: Evidence, pair: Pair) -> float:
-    return evidence.band_width(pair.safe) / evidence.band_width(pair.classic)
+    return quotient(evidence.band_width(pair.safe), evidence.band_width(pair.classic))
 
 
 def _spread_ratio(evidence: Evidence, pair: Pair) -> float:
-    return evidence.time_spread(pair.safe) / evidence.time_spread(pair.classic)
+    return quotient(evidence.time_spread(pair.safe), evidence.time_spread(pair.classic))
 
 
 def _bubbles_safest(evidence: Evidence) -> Iterator[Finding]:

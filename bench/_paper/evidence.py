@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class Evidence:
     def effort_ratio(self, pair: Pair) -> Effort:
         """Return safe divided by classical for every column."""
         classic, safe = map(self.effort, pair.planners)
-        return Effort(*(s / c if c else float("nan") for s, c in zip(safe, classic, strict=True)))
+        return Effort(*map(quotient, safe, classic))
 
     def printed_ratio(self, pair: Pair) -> Effort:
         """Return the same of the paper's own numbers."""
@@ -96,3 +97,8 @@ class Evidence:
     def times(self, planner: str) -> FloatArray:
         """Return the times of a planner's solved runs [s]."""
         return self.summaries[planner].metrics["planning_time"]
+
+
+def quotient(safe: float, classic: float) -> float:
+    """Return safe divided by classical; NaN where there is nothing to divide by."""
+    return safe / classic if classic else nan

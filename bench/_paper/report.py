@@ -9,6 +9,8 @@ from _paper.claims import CLAIMS, Claim
 from _paper.effort import MEASURE, STEP, Hardness
 from _paper.evidence import Evidence
 from _paper.figures import STUDY_FIGURES
+from _paper.smoothed import Smoothed
+from _paper.smoothed_page import smoothing_section
 from _paper.tables import effort_table, markdown_table, printed_table, ratio_table
 from safe_ompl.models.scenario import Scenario
 
@@ -29,6 +31,7 @@ def write_report(
     evidence: Sequence[Evidence],
     scenarios: Sequence[Scenario],
     hardness: Sequence[Hardness],
+    smoothed: Sequence[Smoothed],
     ideas: Mapping[str, str],
 ) -> None:
     """Write the page in Markdown; pictures are named relative to it.
@@ -43,10 +46,13 @@ def write_report(
         Of each study.
     hardness : sequence of Hardness
         Of each study.
+    smoothed : sequence of Smoothed
+        Of each study, if paths were smoothed.
     ideas : mapping of str to str
         Further pictures and their captions.
     """
     parts = [_PREAMBLE, claims_section(evidence), targets_section(evidence)]
+    parts += [smoothing_section(smoothed)] if smoothed else []
     parts += [_study_section(*one) for one in zip(evidence, scenarios, hardness, strict=True)]
     if ideas:
         parts.append("## Ideas\n\n" + "\n\n".join(_picture(name, words) for name, words in ideas.items()))

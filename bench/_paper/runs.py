@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from _paper.smoothing import ShorteningCampaign, Smoothing
 from _paper.store import Store
 from _paper.studies import Pair, Study
 from safe_ompl.campaign import Campaign
@@ -19,14 +20,23 @@ def study_scenario(study: Study) -> Scenario:
     return replace(Scenario.load(find_scenario(study.scenario)), time=TIME)
 
 
-def campaigns(scenario: Scenario, pairs: Sequence[Pair], runs: int, store: Store) -> list[Campaign]:
+def campaigns(
+    scenario: Scenario,
+    pairs: Sequence[Pair],
+    runs: int,
+    store: Store,
+    smoothing: Smoothing = Smoothing.PLANNED,
+) -> list[Campaign]:
     """Return what is left to do: `runs` runs of each planner, but one of each deterministic one."""
     done = store.done()
+    kind = ShorteningCampaign if smoothing is Smoothing.SHORTENED else Campaign
     found = []
     for deterministic, number in ((True, 1), (False, runs)):
-        planners = [name for pair in pairs if pair.deterministic == deterministic for name in pair.planners]
+        alike = [pair for pair in pairs if pair.deterministic == deterministic]
+        planners = [name for pair in alike for name in smoothing.planners(pair)]
         if planners:
-            found.append(Campaign(scenario, planners, number, done=done))
+            simplify = smoothing is Smoothing.SIMPLIFIED
+            found.append(kind(scenario, planners, number, simplify=simplify, done=done))
     return [campaign for campaign in found if len(campaign)]
 
 
@@ -50,6 +60,11 @@ def do_runs(store: Store, todo: Sequence[Campaign], processes: int, advance: Cal
             advance()
 
 
-def open_store(folder: Path, study: Study) -> Store:
+def study_folder(folder: Path, study: Study, smoothing: Smoothing = Smoothing.PLANNED) -> Path:
+    """Return the folder of a study within the output folder."""
+    return folder / f"study_{study.number}{smoothing.suffix}"
+
+
+def open_store(folder: Path, study: Study, smoothing: Smoothing = Smoothing.PLANNED) -> Store:
     """Return the store of a study within the output folder."""
-    return Store(folder / f"study_{study.number}", study_scenario(study))
+    return Store(study_folder(folder, study, smoothing), study_scenario(study))
