@@ -204,6 +204,12 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         if self._goal_region is not None:
             self.setGoal(self._place if isinstance(planner, SafeJTRRT) else self._goal_region)
 
+    def _choose_place(self) -> None:
+        """Have a planner that plans to places only do so, though goal configurations were set later."""
+        plans_to_places = isinstance(self.getPlanner(), SafeJTRRT)
+        if plans_to_places and self._place is not None and self.getGoal() is self._goal_region:
+            self.setGoal(self._place)
+
     def _checked_goals(self, goals: Sequence[ArrayLike]) -> list[FloatArray]:
         if len(goals) == 1:
             return [self._checked_configuration(goals[0], "goal")]

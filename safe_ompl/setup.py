@@ -87,6 +87,7 @@ class SafeSetup(SafeProblem):
     def solve(self, time: Any = 1.0) -> Any:
         """Plan with the planner that is set, as OMPL's `solve`; may be interrupted.
 
+        The goal is what was set last; `SafeJTRRT` plans to the `setWorkspaceGoal` even if configurations came later.
         Ctrl-C and exceptions of the user's callbacks end it at once and arrive unchanged. Then there is no solution,
         and the planner is cleared: it may have stopped between two halves of a step.
 
@@ -107,6 +108,7 @@ class SafeSetup(SafeProblem):
         """
         stop = _termination(time)
         self._check_problem()
+        self._choose_place()
         try:
             return super().solve(stop)
         except BaseException:

@@ -273,6 +273,28 @@ def test_without_null_space_it_says_so_and_goes_on(setup, panda, scene, caplog):
         assert "null space" not in caplog.text
 
 
+@pytest.mark.parametrize("place_first", [True, False])
+def test_solve_plans_to_the_place_though_there_are_goal_configurations_too(setup, place_first):
+    place = setup.getGoal().place
+    setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
+    if not place_first:
+        setup.setWorkspaceGoal(POSITION)
+    setup.setPlanner(make_planner("SafeJTRRT", setup.getSpaceInformation()))
+    assert setup.solve(10.0).asString() == "Exact solution"
+    assert place.distance(setup.solution()[-1]) < setup.getGoal().tolerance
+    setup.simplifySolution(0.1, free_goal=True)
+    assert place.distance(setup.solution()[-1]) < setup.getGoal().tolerance
+
+
+def test_solve_plans_to_a_goal_of_ones_own(setup):
+    own = ob.GoalStates(setup.getSpaceInformation())
+    setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
+    own.addState(setup._state(START * [-1, 1, 1, 1, 1, 1]))
+    setup.setGoal(own)
+    setup.setPlanner(make_planner("SafeJTRRT", setup.getSpaceInformation()))
+    assert setup.solve(1.0).asString() == "Unrecognized goal type"
+
+
 def test_goal_configurations_are_refused(ur5, scene, caplog):
     setup = SafeSetup(ur5, scene)
     setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
