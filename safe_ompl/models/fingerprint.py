@@ -48,9 +48,10 @@ def _body(body: pin.GeometryObject) -> dict[str, Any]:
 
 
 def _size(shape: coal.CollisionGeometry) -> Any:
-    if isinstance(shape, (coal.ConvexBase, coal.BVHModelBase)):
-        vertices = shape.points() if isinstance(shape, coal.ConvexBase) else shape.vertices()
-        return sorted(_numbers(np.asarray(vertices).reshape(-1, 3)))
+    if isinstance(shape, coal.ConvexBase):
+        return sorted(_numbers(np.asarray(shape.points()).reshape(-1, 3)))
+    if isinstance(shape, coal.BVHModelBase):
+        return _mesh(shape)
     names = ("halfSide", "radius", "halfLength", "radii")
     known = {name: _numbers(getattr(shape, name)) for name in names if hasattr(shape, name)}
     shape.computeLocalAABB()
@@ -58,6 +59,16 @@ def _size(shape: coal.CollisionGeometry) -> Any:
         **known,
         "box": [_numbers(np.ravel(corner)) for corner in (shape.aabb_local.min_, shape.aabb_local.max_)],
     }
+
+
+def _mesh(mesh: coal.BVHModelBase) -> dict[str, Any]:
+    """Return corners and triangles in an order that the mesh's own does not change."""
+    rounded = np.array(_numbers(np.asarray(mesh.vertices()).reshape(-1, 3)))
+    corners, ranks = np.unique(rounded, axis=0, return_inverse=True)
+    indices = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
+    triangles = ranks.ravel()[np.array([[t[0], t[1], t[2]] for t in indices], dtype=np.intp)]
+    turned = [np.roll(triangle, -int(triangle.argmin())).tolist() for triangle in triangles]
+    return {"corners": corners.tolist(), "triangles": sorted(turned)}
 
 
 def _numbers(values: ArrayLike) -> Any:
