@@ -50,7 +50,7 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         self.scene = scene
         self.counts = Counts()
         self.checker = CollisionChecker(robot, scene, self.counts)
-        self.field = None if danger is None else _danger_field(robot, scene, danger, self.counts)
+        self.field = None if danger is None else danger_field(robot, scene, danger, self.counts)
         self._validity = CollisionFreeValidity(si, self.checker)
         self.setStateValidityChecker(self._validity)
         self._validator = CertifiedMotionValidator(si, self.checker, floor)
@@ -295,7 +295,10 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         problem.addSolutionPath(solution, False, 0.0, "" if planner is None else planner.getName())
 
 
-def _danger_field(robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts) -> DangerField:
+def danger_field(
+    robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts | None = None
+) -> DangerField:
+    """Return the danger of a robot in a scene; options as `danger` of `SafeSetup`, errors as there."""
     with document.within("danger"):
         document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "sharpness"))
     options = dict(options)

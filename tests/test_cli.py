@@ -281,6 +281,16 @@ def test_a_certificate_of_what_has_changed(run: Run, folder: Path) -> None:
     assert "the robot has changed: 'arm'" in err
 
 
+def test_a_certificate_of_another_danger(run: Run, folder: Path) -> None:
+    weak = "danger: {k1: 0.001}\n"
+    (folder / "weak.yaml").write_text(SCENARIO + weak)
+    assert run("plan", "weak.yaml", "--certificate", "proof.json")[0] == 0
+    assert run("verify", "proof.json")[0] == 0
+    status, out, err = run("verify", "proof.json", "test.yaml")
+    assert (status, out) == (1, "")
+    assert err == "safe-ompl: proof.json: danger: k1 is 0.001 in its claim, 1.0 is asked for\n"
+
+
 def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
     assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
     content = strict((folder / "proof.json").read_text())

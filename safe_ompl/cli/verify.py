@@ -16,9 +16,9 @@ from safe_ompl.models import document
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.robot_spec import RobotSpec
 from safe_ompl.models.scenario import Scenario
-from safe_ompl.models.scene import Scene
 from safe_ompl.paths.certificate import certificate
 from safe_ompl.paths.verify import Verified, check_form, verify
+from safe_ompl.problem import danger_field
 from safe_ompl.setup import PlanResult, SafeSetup
 
 REFUSED = 1
@@ -49,7 +49,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     beside = folder / named
     scenario = load_scenario(options.scenario or (str(beside) if beside.is_file() else named))
     robot = scenario.build_robot() if spec is None else spec.build()
-    return Verify(options.file, content, robot, scenario.scene)
+    return Verify(options.file, content, robot, scenario)
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,15 @@ class Verify:
     file: str
     content: Mapping[str, Any]
     robot: Robot
-    scene: Scene
+    scenario: Scenario
 
     def __call__(self) -> int:
         """Check, and say in one line what holds or what does not."""
+        scene, danger = self.scenario.scene, self.scenario.danger
+        claimed = self.content["danger"] is not None and any(obstacle.weight > 0 for obstacle in scene)
+        field = danger_field(self.robot, scene, danger) if claimed else None
         try:
-            found = verify(self.content, self.robot, self.scene)
+            found = verify(self.content, self.robot, scene, field=field, spacing=danger.get("spacing"))
         except CertificateError as error:
             error_console().print(f"safe-ompl: {self.file}: {error}")
             return REFUSED

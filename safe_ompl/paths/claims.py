@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.errors import CertificateError, InputError, UnknownNameError
 from safe_ompl.models import document
+from safe_ompl.models.danger import DangerField
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
 
@@ -26,6 +27,14 @@ def check_claims(content: Mapping[str, Any], robot: Robot, scene: Scene) -> None
     if content["danger"] is not None:
         with document.within("danger"):
             _check_danger(document.mapping("claim", content["danger"]))
+
+
+def check_kind(claim: Mapping[str, Any], field: DangerField, spacing: float) -> None:
+    """Raise CertificateError unless a claim of danger is of a field's kind: another k₁ or mean makes any bound small."""
+    asked = {"spacing": spacing, **{key: getattr(field, key) for key in ("k1", "sharpness", *_CHOICES)}}
+    for key, value in asked.items():
+        if claim[key] != value:
+            raise CertificateError(f"danger: {key} is {claim[key]!r} in its claim, {value!r} is asked for")
 
 
 def _check_clearance(claim: Mapping[str, Any], robot: Robot, scene: Scene) -> None:

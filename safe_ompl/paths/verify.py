@@ -21,11 +21,12 @@ import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import CertificateError, InputError
+from safe_ompl.models.danger import DangerField
 from safe_ompl.models.fingerprint import robot_hash
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
 from safe_ompl.paths.certificate import FORMAT, OBSTACLE, VERSION, digest
-from safe_ompl.paths.claims import check_claims
+from safe_ompl.paths.claims import check_claims, check_kind
 from safe_ompl.paths.plain_danger import PlainDanger
 
 _GJK = 1e-5  # [m] coal's distances are at most this far off
@@ -52,8 +53,27 @@ class Verified:
     distances: int
 
 
-def verify(content: Mapping[str, Any], robot: Robot, scene: Scene) -> Verified:
+def verify(
+    content: Mapping[str, Any],
+    robot: Robot,
+    scene: Scene,
+    *,
+    field: DangerField | None = None,
+    spacing: float | None = None,
+) -> Verified:
     """Check a certificate against a robot and a scene.
+
+    Parameters
+    ----------
+    content : mapping
+        The certificate.
+    robot, scene
+        What it must be about.
+    field : DangerField, optional
+        If it claims a bound of the danger, this must be of the same kind: aggregate, weighting, k1 and sharpness. Only
+        these are read. Without a field the claim is checked in the kind that it names itself.
+    spacing : float, optional
+        With a field: the distance between danger points that a claim must have [m]; default: the scene's own.
 
     Raises
     ------
@@ -64,7 +84,10 @@ def verify(content: Mapping[str, Any], robot: Robot, scene: Scene) -> Verified:
     """
     check_form(content)
     try:
-        return _verified(content, robot, scene)
+        found = _verified(content, robot, scene)
+        if field is not None and content["danger"] is not None:
+            check_kind(content["danger"], field, scene.spacing if spacing is None else spacing)
+        return found
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise

@@ -371,3 +371,33 @@ def test_a_claim_of_danger(robot_named, clutter, name, aggregate, weighting):
     assert above["danger"] == content["danger"]
     content["danger"]["bound"] = 0.99 * dense.max()
     refused(signed(content), robot, scene, r"edge \d: danger .* is claimed")
+
+
+@pytest.mark.parametrize(
+    ("options", "spacing"),
+    [
+        ({"k1": 1e-3}, 0.1),
+        ({"aggregate": "mean"}, 0.1),
+        ({"weighting": "length"}, 0.1),
+        ({"sharpness": 50.0}, 0.1),
+        ({}, 0.2),
+    ],
+)
+def test_a_danger_of_another_kind_is_no_claim_of_this_one(ur5, clutter, path, options, spacing):
+    scene, usual = dangerous(clutter), {"aggregate": "softmax", "k1": 2.0}
+    points, weights, _ = scene.danger_points(spacing)
+    content = certificate(
+        path, ur5, scene, field=DangerField(ur5, points, weights, **{**usual, **options}), spacing=spacing
+    )
+    assert verify(content, ur5, scene).edges == 3, "it says itself of what kind it is"
+    asked = DangerField(ur5, *scene.danger_points(0.1)[:2], **usual)
+    key = next(iter(options), "spacing")
+    with pytest.raises(CertificateError, match=rf"danger: {key} is .* in its claim, .* is asked for"):
+        verify(content, ur5, scene, field=asked, spacing=0.1)
+    own = DangerField(ur5, points, weights, **{**usual, **options})
+    assert verify(content, ur5, scene, field=own, spacing=spacing).edges == 3
+
+
+def test_without_a_claim_of_danger_there_is_nothing_to_compare(written, ur5, clutter):
+    field = DangerField(ur5, [[1.0, 0.0, 0.0]])
+    assert verify(written, ur5, clutter, field=field).edges == 3
