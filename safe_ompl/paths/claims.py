@@ -30,7 +30,7 @@ def check_claims(content: Mapping[str, Any], robot: Robot, scene: Scene) -> None
 
 
 def check_kind(claim: Mapping[str, Any], field: DangerField, spacing: float) -> None:
-    """Raise CertificateError unless a claim of danger is of a field's kind: another k₁ or mean makes any bound small."""
+    """Raise CertificateError unless a claim of danger is of a field's kind: another k₁ makes any bound small."""
     asked = {"spacing": spacing, **{key: getattr(field, key) for key in ("k1", "sharpness", *_CHOICES)}}
     for key, value in asked.items():
         if claim[key] != value:
