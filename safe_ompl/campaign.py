@@ -119,7 +119,7 @@ class Campaign:
     def result(self, run: Run, setup: SafeSetup) -> PlanResult:
         """Do one run. A path that the validator refuses is reported as not solved."""
         try:
-            return setup.plan(
+            result = setup.plan(
                 run.planner,
                 time=self.scenario.time if self.time is None else self.time,
                 seed=run.seed,
@@ -129,6 +129,9 @@ class Campaign:
         except PlanningError as error:
             _log.warning("%s, seed %d: %s", run.planner, run.seed, error)
             return failure(f"Error: {error}", run.planner, run.seed, setup.robot.joint_names)
+        if result.interrupted:  # Ctrl-C is for all the runs
+            raise KeyboardInterrupt
+        return result
 
     def _parallel_results(self, processes: int, joint_names: tuple[str, ...]) -> Iterator[PlanResult]:
         """Deal the rounds out to processes: round k goes to process k modulo their number."""

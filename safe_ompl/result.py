@@ -35,6 +35,8 @@ class PlanResult:
         Work done while planning and simplifying, validation and report not included.
     improvements : tuple of Improvement
         Of an optimisation: each path that was better than those before.
+    interrupted : bool
+        Whether Ctrl-C ended simplification or optimisation: the path is the best so far.
     """
 
     status: str
@@ -47,6 +49,7 @@ class PlanResult:
     simplification_time: float = 0.0
     counts: Counts = field(default_factory=Counts)
     improvements: tuple[Improvement, ...] = ()
+    interrupted: bool = False
 
     @property
     def solved(self) -> bool:
@@ -73,4 +76,6 @@ class PlanResult:
         }
         if self.improvements:
             told["improvements"] = [improvement.as_dict() for improvement in self.improvements]
+        if self.interrupted:
+            told["interrupted"] = True
         return told

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -15,6 +16,7 @@ from ompl import util as ou
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, PlanningError
+from safe_ompl.interrupts import Interrupts
 from safe_ompl.models import document
 from safe_ompl.models.danger_bounds import DangerLimit
 from safe_ompl.models.motion import FLOOR
@@ -150,6 +152,9 @@ class SafeSetup(SafeProblem):
             Time not positive, unknown planner or parameter; to optimise without danger.
         PlanningError
             If a planner returns a path that the validator refuses.
+        KeyboardInterrupt
+            On Ctrl-C before there is a path. Later it ends simplification and optimisation, and the best path so far
+            is returned; `PlanResult.interrupted` says so.
         """
         time = _positive_time("time limit", time if optimise is None else optimise)
         duration = _simplification(simplify)
@@ -160,11 +165,16 @@ class SafeSetup(SafeProblem):
         try:
             if self.field is not None:
                 self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
-            if optimise is not None:
-                return self._optimised(planner, name, seed, time)
-            return self._planned(planner, name, seed, time, duration)
+            with Interrupts() as interrupts:
+                if optimise is not None:
+                    result = self._optimised(planner, name, seed, time, lambda: interrupts.happened)
+                else:
+                    result = self._planned(planner, name, seed, time, duration)
         finally:
             self._validator.setDangerLimit(self._danger_limit)
+        if interrupts.happened and not result:
+            raise KeyboardInterrupt
+        return replace(result, interrupted=interrupts.happened)
 
     def _planned(self, planner: Any, name: str, seed: int, time: float, duration: float | None) -> PlanResult:
         """Plan once, and simplify for a duration [s] if one is given, 0 for as long as it takes."""
@@ -218,7 +228,7 @@ class SafeSetup(SafeProblem):
             return self._danger_limit
         return DangerLimit(self.field, own)
 
-    def _optimised(self, planner: Any, name: str, seed: int, time: float) -> PlanResult:
+    def _optimised(self, planner: Any, name: str, seed: int, time: float, stop: Stop) -> PlanResult:
         """Plan again and again; see `safe_ompl.optimise`."""
         begin, before = perf_counter(), self.counts.copy()
         simplifier, nodes, status = self.simplifier, 0, "Timeout"
@@ -236,7 +246,7 @@ class SafeSetup(SafeProblem):
             status = found.asString()
             return self.solution()
 
-        found = optimise_paths(search, simplifier, time - (perf_counter() - begin))
+        found = optimise_paths(search, simplifier, time - (perf_counter() - begin), stop)
         elapsed = perf_counter() - begin
         counts = self.counts - before
         counts.nodes = nodes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import logging
 from collections.abc import Callable, Iterator
@@ -440,6 +441,13 @@ def test_mbm_goes_on_after_bad_problems(run: Run, problems: Path) -> None:
         assert list(line) == ["family", "index", *RECORD, "widened_limits"]
         assert line["status"].startswith("Invalid input: ")
         assert all(word in line["status"] for word in words)
+
+
+def test_mbm_ends_on_ctrl_c(run: Run, problems: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    halfway = dataclasses.replace(failure("Timeout", "SafeRRTConnect", 0, ("a",)), interrupted=True)
+    monkeypatch.setattr(SafeSetup, "plan", lambda *arguments, **options: halfway)
+    status, out, err = run("mbm", problems, *ARM, "--simplify")
+    assert (status, out, err) == (130, "", "safe-ompl: interrupted\n")
 
 
 def test_mbm_takes_files_that_name_no_joints(run: Run, folder: Path) -> None:

@@ -6,6 +6,7 @@ import itertools
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,8 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from safe_ompl.campaign import Campaign
+from safe_ompl.cli import main
+from safe_ompl.interrupts import Interrupts
 from safe_ompl.models.scenario import Scenario, find_scenario
+from safe_ompl.paths.simplifier import Simplifier
 from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
+from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective
@@ -173,3 +179,82 @@ def test_an_exception_of_a_callback_arrives_unchanged(planner: str) -> None:
         assert not setup.haveExactSolutionPath() or setup.report(setup.solution()).certified
     assert len(raised) >= 2
     assert {(message, solved) for _, message, solved in raised} == {("of all", False)}
+
+
+# --------------------------------------------------------------------- while a path that is found is made better
+
+
+@pytest.fixture
+def ctrl_c_while_simplifying(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Press Ctrl-C, once, in the middle of a simplification; return when [s]."""
+    simplify, pressed = Simplifier.simplify, []
+
+    def interrupted(self: Simplifier, path: Any, stop: Callable[[], bool], *rest: Any, **options: Any) -> Any:
+        def asked() -> bool:
+            if not pressed:
+                pressed.append(time.monotonic())
+                signal.raise_signal(signal.SIGINT)
+            return stop()
+
+        return simplify(self, path, asked, *rest, **options)
+
+    monkeypatch.setattr(Simplifier, "simplify", interrupted)
+    return pressed
+
+
+@pytest.mark.parametrize("options", [{"simplify": True}, {"optimise": 60.0}])
+def test_ctrl_c_leaves_the_best_path_so_far(
+    ctrl_c_while_simplifying: list[float], options: dict[str, Any]
+) -> None:
+    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    before = signal.getsignal(signal.SIGINT)
+    result = setup.plan(time=20.0, seed=0, **options)
+    assert time.monotonic() - ctrl_c_while_simplifying[0] < 20.0
+    assert result.report.certified
+    assert result.interrupted
+    assert result.as_dict()["interrupted"] is True
+    assert signal.getsignal(signal.SIGINT) is before
+    assert not setup.plan(time=20.0, seed=0, simplify=0.1).interrupted
+
+
+def test_ctrl_c_before_there_is_a_path_leaves_nothing() -> None:
+    class Endless(SafeRRTConnect):
+        def _search(self, ptc: Any) -> None:
+            signal.raise_signal(signal.SIGINT)
+            while not ptc():
+                pass
+
+    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    for options in ({}, {"simplify": True}, {"optimise": 60.0}):
+        with pytest.raises(KeyboardInterrupt):
+            setup.plan(Endless(setup.getSpaceInformation()), time=60.0, **options)
+
+
+def test_ctrl_c_ends_all_the_runs_of_a_campaign(ctrl_c_while_simplifying: list[float]) -> None:
+    campaign = Campaign(Scenario.load(find_scenario("planar3")), ("SafeRRTConnect",), 5, simplify=True)
+    with pytest.raises(KeyboardInterrupt):
+        list(campaign.results())
+
+
+@pytest.mark.parametrize("option", [["--simplify"], ["--optimise", "60"]])
+def test_the_command_line_says_that_it_was_interrupted(
+    ctrl_c_while_simplifying: list[float], capfd: pytest.CaptureFixture[str], option: list[str]
+) -> None:
+    assert main(["plan", "planar3", *option]) == 0
+    out, err = capfd.readouterr()
+    assert "every motion proven free" in out
+    assert err == "safe-ompl: interrupted: the best path so far stands\n"
+
+
+def test_in_a_thread_ctrl_c_is_not_looked_for() -> None:
+    def work() -> None:
+        with Interrupts() as interrupts:
+            handlers.append(signal.getsignal(signal.SIGINT))
+        assert not interrupts.happened
+
+    handlers: list[Any] = []
+    before = signal.getsignal(signal.SIGINT)
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert handlers == [before]

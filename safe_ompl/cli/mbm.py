@@ -117,13 +117,16 @@ class Mbm:
         setup = SafeSetup(robot, problem.scene)
         setup.setConfigurations(problem.start_configuration(robot), problem.goal_configurations(robot))
         options = self.options
-        return setup.plan(
+        result = setup.plan(
             options.planner,
             time=options.time or _TIME,
             seed=options.seed,
             parameters=self.parameters,
             simplify=options.simplify,
         )
+        if result.interrupted:  # Ctrl-C is for all the problems
+            raise KeyboardInterrupt
+        return result
 
     def _widened(self, problem: MbmProblem, limits: dict[str, tuple[float, float]]) -> Robot:
         if not limits:

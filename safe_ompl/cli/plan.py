@@ -91,6 +91,8 @@ class Plan:
             simplify=options.simplify,
             optimise=options.optimise,
         )
+        if result.interrupted:
+            error_console().print("safe-ompl: interrupted: the best path so far stands")
         if options.json:
             with opened(options.json) as stream:
                 print(json_line(record(self.scenario.name, self.setup.robot, result)), file=stream)
