@@ -1,7 +1,8 @@
 """Curves, bands and boxes: what the danger along paths and the times of planners look like; and small C-spaces.
 
-All functions take numbers or models and write one picture file; the ending of its name decides the format (PNG,
-SVG or PDF).
+All functions take numbers or models, write one picture and return it as a `matplotlib.figure.Figure`. `file` is where
+it goes: the ending of its name decides the format (PNG, SVG or PDF), and missing folders are made. `title` is the line
+above it. Without Matplotlib they raise a SafeOmplError.
 """
 
 from safe_ompl.plots.cspace import plot_bubbles, plot_cspace_path

@@ -43,21 +43,13 @@ def plot_bubbles(
         Of a robot of two joints.
     configurations : sequence of (2,) arrays
         Where, free of collision [rad].
-    file : path-like
-        Where the picture goes; missing folders are made.
-    title : str
-        Above the panels.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    file, title
+        As of all pictures, see `safe_ompl.plots`.
 
     Raises
     ------
     InputError
         If the robot has not two joints, there is no configuration, or one is not free.
-    SafeOmplError
-        If Matplotlib is not installed.
     """
     poses = _free_configurations(checker, configurations, 2)
     robot = checker.robot
@@ -98,21 +90,13 @@ def plot_cspace_path(
         Of a robot of three joints.
     paths : mapping of str to (N, 3) array
         Planner name → way points [rad].
-    file : path-like
-        Where the picture goes; missing folders are made.
-    title : str
-        Above the axes.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    file, title
+        As of all pictures, see `safe_ompl.plots`.
 
     Raises
     ------
     InputError
         If the robot has not three joints, there is no path, or one has the wrong shape.
-    SafeOmplError
-        If Matplotlib is not installed.
     """
     _need_joints(checker, 3)
     robot = checker.robot

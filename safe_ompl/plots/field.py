@@ -37,23 +37,15 @@ def plot_field(
         The arm; its field is that of eq. (5) with unit weighting.
     configurations : sequence of (n,) arrays
         One panel for each [rad].
-    file : path-like
-        Where the picture goes; missing folders are made.
     height : float
         Of the plane [m].
-    title : str
-        Above the panels.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    file, title
+        As of all pictures, see `safe_ompl.plots`.
 
     Raises
     ------
     InputError
         If there is no configuration, or one has the wrong shape or is not finite.
-    SafeOmplError
-        If Matplotlib is not installed.
     """
     poses = [finite_array(q, (robot.n,), "configuration") for q in configurations]
     if not poses:

@@ -35,8 +35,6 @@ def plot_plan(
     ----------
     danger : (S,) array
         Danger at equal steps of the path.
-    file : path-like
-        Where the picture goes; missing folders are made.
     clearance : (S',) array, optional
         Clearance at equal steps of the path [m].
     near : float
@@ -47,17 +45,13 @@ def plot_plan(
         Who planned it; decides the colour.
     title : str, optional
         Above the axes; the name of the planner by default.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    file
+        As of all pictures, see `safe_ompl.plots`.
 
     Raises
     ------
     InputError
         If an array is empty, has the wrong shape, or holds a value that is not finite.
-    SafeOmplError
-        If Matplotlib is not installed.
     """
     values = curve(danger, "danger")
     gaps = None if clearance is None else 1e3 * curve(clearance, "clearance")

@@ -30,21 +30,13 @@ def plot_profiles(
     profiles : mapping of str to (R, S) array
         Planner name → danger at S equal steps of the path, one row for each of R runs; no rows if none was
         solved.
-    file : path-like
-        Where the picture goes; missing folders are made.
-    title : str
-        Above the axes.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    file, title
+        As of all pictures, see `safe_ompl.plots`.
 
     Raises
     ------
     InputError
         If there is no planner, an array has the wrong shape, or a value is not finite.
-    SafeOmplError
-        If Matplotlib is not installed.
     """
     data = tables(profiles)
     crowded = len(data) > _MOST_IN_AXES
@@ -69,7 +61,7 @@ def plot_bands(
 ) -> Any:
     """Draw mean, median and 15–85 % band of the profiles, one panel per planner (after Figs. 8 and 12).
 
-    Parameters, returns and errors are those of `plot_profiles`.
+    Parameters and errors are those of `plot_profiles`.
     """
     data = tables(profiles)
     columns = grid_columns(len(data))
@@ -103,21 +95,15 @@ def plot_times(
     ----------
     times : mapping of str to (R,) array
         Planner name → time of each run [s], or another measure that is not negative.
-    file : path-like
-        Where the picture goes; missing folders are made.
-    title, label : str
-        Above the axes, and on the axis.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    label : str
+        On the axis.
+    file, title
+        As of all pictures, see `safe_ompl.plots`.
 
     Raises
     ------
     InputError
         If there is no planner, an array has the wrong shape, or a value is negative or not finite.
-    SafeOmplError
-        If Matplotlib is not installed.
     """
     data = rows(times, "times")
     values = np.concatenate(list(data.values()))
@@ -152,18 +138,12 @@ def plot_clearance_danger(
     dangers : mapping of str to (R,) array
         Planner name → mean danger of each run.
     file, title
-        As in `plot_profiles`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+        As of all pictures, see `safe_ompl.plots`.
 
     Raises
     ------
     InputError
         If names or numbers of runs differ, there is no planner, or a value is not finite.
-    SafeOmplError
-        If Matplotlib is not installed.
     """
     across, up = rows(clearances, "clearances"), rows(dangers, "dangers")
     check_partners(across, up)
