@@ -182,7 +182,8 @@ def test_the_answer_says_what_is_left() -> None:
     assert "lower in 1 of 2 comparisons, higher in 1." in words
     assert "OMPL's simplifier, as is usual, makes their mean danger 1.50–2.00 × what it was" in words
     assert "danger-aware simplification 0.50–0.62 ×. That is 0.80–1.25 × what safe" in words
-    assert "every run solved" in words
+    assert "peak 0.90–1.25 (0.50–0.62), integral 0.90–1.25 (0.50–0.62), min clearance 1.00 (1.00)" in words
+    assert "Avoidable danger, simplified: 0.00 against 0.00; every run solved." in words
 
 
 def test_ratios_know_what_chance_can_do() -> None:

@@ -29,11 +29,17 @@ _LEFT = (  # share of the gap between safe and classical that smoothing leaves, 
 
 
 class Quantity(NamedTuple):
-    """Something that is measured of every run: what it is called, and how many decimals are of interest."""
+    """Something that is measured of every run: its name, how many decimals are of interest, and its unit."""
 
-    heading: str
+    name: str
     of: Callable[[PlanResult, PathReport], float]
     digits: int
+    unit: str = ""
+
+    @property
+    def heading(self) -> str:
+        """What stands above its column."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
 def _danger(report: PathReport) -> DangerReport:
@@ -42,21 +48,13 @@ def _danger(report: PathReport) -> DangerReport:
 
 
 MEAN = Quantity("mean danger", lambda result, report: _danger(report).mean, 2)
+PEAK = Quantity("peak", lambda result, report: _danger(report).max, 2)
+INTEGRAL = Quantity("integral", lambda result, report: _danger(report).integral, 1)
 AVOIDABLE = Quantity("avoidable", lambda result, report: _danger(report).avoidable, 2)
-CLEARANCE = Quantity("min clearance [mm]", lambda result, report: 1e3 * report.clearance.min, 1)
-LENGTH = Quantity("length [rad]", lambda result, report: report.length, 2)
-TIME = Quantity(
-    "time [ms]", lambda result, report: 1e3 * (result.planning_time + result.simplification_time), 0
-)
-QUANTITIES = (
-    MEAN,
-    Quantity("peak", lambda result, report: _danger(report).max, 2),
-    Quantity("integral", lambda result, report: _danger(report).integral, 1),
-    AVOIDABLE,
-    CLEARANCE,
-    LENGTH,
-    TIME,
-)
+CLEARANCE = Quantity("min clearance", lambda result, report: 1e3 * report.clearance.min, 1, "mm")
+LENGTH = Quantity("length", lambda result, report: report.length, 2, "rad")
+TIME = Quantity("time", lambda result, _: 1e3 * (result.planning_time + result.simplification_time), 0, "ms")
+QUANTITIES = (MEAN, PEAK, INTEGRAL, AVOIDABLE, CLEARANCE, LENGTH, TIME)
 
 
 class Ratio(NamedTuple):
@@ -180,14 +178,14 @@ def _gap(before: Sequence[Ratio], after: Sequence[Ratio]) -> str:
 
 
 def _remains(cases: _Cases) -> str:
+    changes = ", ".join(_change(quantity, cases) for quantity in (PEAK, INTEGRAL, CLEARANCE, LENGTH, TIME))
     classic, safe = (
         _span(study.mean(AVOIDABLE, planner(pair), Smoothing.SIMPLIFIED) for study, pair in cases)
         for planner in (_CLASSIC, _SAFE)
     )
     return (
-        f"Safe against classical, both simplified: avoidable danger {safe} against {classic}; least clearance "
-        f"{_change(CLEARANCE, cases)}; length {_change(LENGTH, cases)}; time in all {_change(TIME, cases)}; "
-        f"{_success(cases)}."
+        f"Safe / classical, simplified (as planned): {changes}. Avoidable danger, simplified: {safe} against "
+        f"{classic}; {_success(cases)}."
     )
 
 
@@ -196,7 +194,7 @@ def _change(quantity: Quantity, cases: _Cases) -> str:
         _span(study.ratio(quantity, pair, kind) for study, pair in cases)
         for kind in (Smoothing.PLANNED, Smoothing.SIMPLIFIED)
     )
-    return f"{simplified} × (as planned {planned} ×)"
+    return f"{quantity.name} {simplified} ({planned})"
 
 
 def _success(cases: _Cases) -> str:

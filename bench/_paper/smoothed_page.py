@@ -28,7 +28,7 @@ _FOOT = 0.06  # share of the height at which ratios are written
 _APART = 0.09  # half the distance between the marks of a safe and a classical planner
 _EXPLANATION = """The same runs as above, or the first of them: as planned → simplified, until nothing more is to gain
 (`simplify=True` of `SafeSetup.plan`). In the lines "OMPL's simplifier" the paths of the classical planner were smoothed
-as is usual. Numbers are means over the solved runs; time is that of planning and smoothing."""
+as is usual. Numbers are means over the solved runs; time is that of planning and smoothing together."""
 
 
 def smoothing_section(studies: Sequence[Smoothed]) -> str:
@@ -127,5 +127,5 @@ def _legend() -> list[Any]:
         Line2D([], [], color="0.25", marker="o", label="safe"),
         Line2D([], [], color="0.65", marker="s", label="classical"),
         Patch(color=GREY, alpha=0.35, linewidth=0, label="15–85 % of the runs"),
-        Line2D([], [], linestyle="", label="× safe / classical"),
+        Line2D([], [], color="black", linestyle="", marker=r"$\times$", label="safe / classical"),
     ]
