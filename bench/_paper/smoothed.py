@@ -158,7 +158,10 @@ def _verdict(cases: _Cases) -> str:
         for kind in (Smoothing.PLANNED, Smoothing.SIMPLIFIED)
     )
     wins, losses = sum(ratio.high < 1.0 for ratio in after), sum(ratio.low > 1.0 for ratio in after)
-    word = "Yes" if wins == len(after) else "In part" if wins else "No"
+    if not wins:
+        word = "No" if losses else "No difference beyond chance"
+    else:
+        word = "Yes" if wins == len(after) else "In part"
     return (
         f"**{word}{_gap(before, after)}: after danger-aware simplification the mean danger of safe planners' paths is "
         f"{_span(a.value for a in after)} × that of their classical counterparts', as planned it is "
