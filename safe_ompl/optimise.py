@@ -10,7 +10,8 @@ from time import perf_counter
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.paths.simplifier import Simplifier, Stop
+from safe_ompl.paths.simplification import Stop
+from safe_ompl.paths.simplifier import Simplifier
 from safe_ompl.paths.simplify import timed
 
 _PATIENCE = 4  # starts in a row that find nothing better before the best path is refined
@@ -121,7 +122,7 @@ def _improve(
     while not over():
         if found.paths and stale >= _PATIENCE and refinement < _REFINEMENTS:
             refinement, stale = refinement + 1, 0
-            simplifier.refined(refinement).simplify(found.paths[-1], over, better, proven=True)
+            simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
             continue
         path = search(start, seconds - (perf_counter() - begin))
         start, stale = start + 1, stale + 1
@@ -131,4 +132,4 @@ def _improve(
             found.first_path = perf_counter() - begin
             found.times.append(found.first_path)
             found.paths.append(path)
-        simplifier.simplify(path, over, better, proven=True)
+        simplifier.begin(path, over, better, proven=True).improve()

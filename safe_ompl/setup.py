@@ -25,7 +25,8 @@ from safe_ompl.models.scenario import Scenario
 from safe_ompl.models.scene import Scene
 from safe_ompl.optimise import optimise as optimise_paths
 from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplifier import Simplifier, Stop
+from safe_ompl.paths.simplification import Stop
+from safe_ompl.paths.simplifier import Simplifier
 from safe_ompl.paths.simplify import timed
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner

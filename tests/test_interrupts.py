@@ -187,7 +187,7 @@ def test_an_exception_of_a_callback_arrives_unchanged(planner: str) -> None:
 @pytest.fixture
 def ctrl_c_while_simplifying(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Press Ctrl-C, once, in the middle of a simplification; return when [s]."""
-    simplify, pressed = Simplifier.simplify, []
+    begin, pressed = Simplifier.begin, []
 
     def interrupted(self: Simplifier, path: Any, stop: Callable[[], bool], *rest: Any, **options: Any) -> Any:
         def asked() -> bool:
@@ -196,9 +196,9 @@ def ctrl_c_while_simplifying(monkeypatch: pytest.MonkeyPatch) -> list[float]:
                 signal.raise_signal(signal.SIGINT)
             return stop()
 
-        return simplify(self, path, asked, *rest, **options)
+        return begin(self, path, asked, *rest, **options)
 
-    monkeypatch.setattr(Simplifier, "simplify", interrupted)
+    monkeypatch.setattr(Simplifier, "begin", interrupted)
     return pressed
 
 

@@ -156,11 +156,41 @@ class DangerField:
         Q = self._batch(Q)
         keypoints, points = self._keypoints(Q), self._points_at(Q)
         levels = self._levels(keypoints, points)
-        points, rates = self._contributions(levels, points)
-        pulls = maths.keypoint_gradient(
-            keypoints, self._segments, points, rates, weighting=self.weighting, k1=self.k1
+        return self._aggregated(levels), self._pulled_back(Q, keypoints, *self._contributions(levels, points))
+
+    def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the terms of the danger that are above a level at `Q: (B, n)`.
+
+        Where the danger is the maximum over danger points, its terms are w_m CDF(p_m); else it is its own only term.
+
+        Returns
+        -------
+        rows : ndarray of int, shape (C,)
+            Configuration of each of them.
+        values : ndarray, shape (C,)
+        gradients : ndarray, shape (C, n)
+            [danger/rad or danger/m]
+
+        Raises
+        ------
+        InputError
+            If `Q` has the wrong shape or is not finite.
+        """
+        Q = self._batch(Q)
+        if self.aggregate != "max":
+            values, gradients = self.values_and_gradients(Q)
+            above = np.flatnonzero(values > level)
+            return above, values[above], gradients[above]
+        keypoints, points = self._keypoints(Q), self._points_at(Q)
+        levels = self._levels(keypoints, points)
+        rows, terms = np.nonzero(levels > level)
+        chosen = points[terms] if points.ndim == 2 else points[rows, terms]
+        weights = np.ones(len(rows)) if self._weights is None else self._weights[terms]
+        return (
+            rows,
+            levels[rows, terms],
+            self._pulled_back(Q[rows], keypoints[rows], chosen[:, None], weights[:, None]),
         )
-        return self._aggregated(levels), self.robot.pull_back(Q, pulls)
 
     def most_dangerous_point(self, q: ArrayLike) -> int:
         """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`."""
@@ -330,6 +360,14 @@ class DangerField:
         if self._weights is not None:
             levels *= self._weights
         return levels
+
+    def _pulled_back(
+        self, Q: FloatArray, keypoints: FloatArray, points: FloatArray, rates: FloatArray
+    ) -> FloatArray:
+        """Return Σ_m rate_m ∂CDF(p_m)/∂q, (B, n), of points (m, 3) or (B, m, 3) with rates (B, m)."""
+        weighting, k1 = self.weighting, self.k1
+        pulls = maths.keypoint_gradient(keypoints, self._segments, points, rates, weighting=weighting, k1=k1)
+        return self.robot.pull_back(Q, pulls)
 
     def _aggregated(self, levels: FloatArray) -> FloatArray:
         """Return the danger (B,) of levels (B, M)."""

@@ -27,9 +27,13 @@ class Freedom:
         self._lower = np.where(robot.continuous, -np.inf, robot.lower)
         self._upper = np.where(robot.continuous, np.inf, robot.upper)
 
+    def within(self, Q: FloatArray) -> FloatArray:
+        """Return the configurations within limits that are nearest to `Q: (…, n)`."""
+        return np.minimum(np.maximum(Q, self._lower), self._upper)
+
     def nearest(self, path: FloatArray) -> FloatArray:
         """Return the path within limits that is nearest to `path: (N, n)`."""
-        return np.minimum(np.maximum(path, self._lower), self._upper)
+        return self.within(path)
 
     def tangent(self, path: FloatArray, change: FloatArray) -> FloatArray:
         """Return a change of the path (N, n) that leaves its end where it is."""
@@ -60,7 +64,7 @@ class FreeGoal(Freedom):
 
     def nearest(self, path: FloatArray) -> FloatArray:
         """Return the path within limits, its end brought to the place; an end that cannot be stays as it is."""
-        allowed = super().nearest(path)
+        allowed = self.within(path)
         end = inverse_kinematics(self.place, allowed[-1], self._precision)
         if end is not None:
             allowed[-1] = end

@@ -7,11 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray
+from safe_ompl.errors import InputError
 from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.motion import CertifiedMotion
 from safe_ompl.paths.report import Curve
 
 _STEP = 0.03  # [rad]
+_SAME = 1e-4  # [m] clearances that differ by less are the same
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
 
@@ -31,6 +33,22 @@ class PathProof:
         self._free = motion
         self._clear = motion.with_margin(max(margin, motion.margin))
         self._proven: set[bytes] = set()
+
+    @classmethod
+    def like(cls, path: FloatArray, motion: CertifiedMotion, *, proven: bool) -> PathProof:
+        """Return a proof of paths that come no nearer to obstacles than a given one (N, n), but for 0.1 mm.
+
+        Raises
+        ------
+        InputError
+            If the given path is not proven free itself.
+        """
+        margin = least_clearance(path, motion.checker) - _SAME
+        proof = cls(motion, max(0.0, margin) if np.isfinite(margin) else 0.0)
+        if not proof.admit(path, proven):
+            edge = proof.refused(path)[0]
+            raise InputError(f"path: the edge from way point {edge} on is not proven free")
+        return proof
 
     def accepts(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the edge between two configurations (n,) is proven."""

@@ -15,8 +15,10 @@ _SPACING = 0.6  # [rad] between the samples of an edge's cost
 _FEWEST, _MOST = 2, 6  # samples of an edge
 
 
-def shortcut(path: FloatArray, cost: PathCost, proof: PathProof, stop: Callable[[], bool]) -> FloatArray:
-    """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order.
+def shortcut(
+    path: FloatArray, cost: PathCost, proof: PathProof, stop: Callable[[], bool]
+) -> FloatArray | None:
+    """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order, if there is one.
 
     Estimates the cost of all N(N − 1)/2 edges in one batch, and proves only those of the chain that is cheapest so
     far, until all of a chain is proven (as lazy roadmaps do: Bohlin & Kavraki, ICRA 2000).
@@ -24,24 +26,25 @@ def shortcut(path: FloatArray, cost: PathCost, proof: PathProof, stop: Callable[
     Parameters
     ----------
     path : ndarray, shape (N, n)
-        Its own edges count as proven, so there is a chain.
+        From the first way point to the last one.
     cost : PathCost
         What edges cost.
     proof : PathProof
-        Proves the others.
+        Proves them; where the path's own edges are accepted already, there is a chain.
     stop : callable
-        When it says so, the path is returned as it is.
+        When it says so, there is none.
     """
     costs = _edge_costs(path, cost)
     while not stop():
         chain = _cheapest_chain(costs)
-        skipping = [(i, j) for i, j in pairwise(chain) if j > i + 1]
-        refused = [(i, j) for i, j in skipping if not proof.accepts(path[i], path[j])]
+        if not all(np.isfinite(costs[edge]) for edge in pairwise(chain)):
+            return None
+        refused = [(i, j) for i, j in pairwise(chain) if not proof.accepts(path[i], path[j])]
         if not refused:
             return path[chain]
         for edge in refused:
             costs[edge] = np.inf
-    return path
+    return None
 
 
 def _edge_costs(path: FloatArray, cost: PathCost) -> FloatArray:

@@ -12,15 +12,8 @@ from safe_ompl.models.danger import DangerField
 from safe_ompl.models.motion import CertifiedMotion
 from safe_ompl.paths.cost import WEIGHT, number
 from safe_ompl.paths.freedom import GoalSet
-from safe_ompl.paths.simplifier import (
-    CLEARANCE,
-    EXPONENT,
-    LENGTH_FACTOR,
-    SPACING,
-    Better,
-    Simplifier,
-    Stop,
-)
+from safe_ompl.paths.simplification import Better, Stop
+from safe_ompl.paths.simplifier import CLEARANCE, EXPONENT, LENGTH_FACTOR, SPACING, Simplifier
 
 TIME = 0.2  # [s]
 

@@ -150,6 +150,35 @@ def test_gradient_against_differences(aggregate, weighting, slides):
         np.testing.assert_allclose(danger.gradient(q), differences(danger.value, q), rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.parametrize("weights", [None, WEIGHTS])
+def test_the_terms_above_a_level_are_the_fields_of_single_points(weights):
+    danger = DangerField(ARM, POINTS, weights)
+    level = float(np.median(danger.values(Q)))
+    rows, values, gradients = danger.terms_above(Q, level)
+    single = [DangerField(ARM, POINTS[[m]], None if weights is None else weights[[m]]) for m in range(9)]
+    expected = [
+        (row, one.value(q), one.gradient(q))
+        for row, q in enumerate(Q)
+        for one in single
+        if one.value(q) > level
+    ]
+    assert len(expected) > 1
+    np.testing.assert_array_equal(rows, [row for row, _, _ in expected])
+    np.testing.assert_allclose(values, [value for _, value, _ in expected], rtol=1e-12)
+    np.testing.assert_allclose(gradients, [slope for _, _, slope in expected], rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "softmax"])
+def test_a_danger_that_is_no_maximum_is_its_own_term(aggregate):
+    danger = DangerField(ARM, POINTS, aggregate=aggregate)
+    values, gradients = danger.values_and_gradients(Q)
+    level = float(np.median(values))
+    rows, above, slopes = danger.terms_above(Q, level)
+    np.testing.assert_array_equal(rows, np.flatnonzero(values > level))
+    np.testing.assert_array_equal(above, values[rows])
+    np.testing.assert_array_equal(slopes, gradients[rows])
+
+
 def test_vector_field_and_workspace_gradient():
     danger, q = DangerField(ARM, POINTS, weighting="length"), Q[0]
     values, slopes, vectors = (

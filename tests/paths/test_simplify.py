@@ -197,13 +197,27 @@ def test_shortcuts_are_the_cheapest_proven_chain(setup, raw):
 
 
 def test_the_chain_goes_round_what_is_refused(setup):
-    class Refusing:
-        def accepts(self, start, end):
-            return False
-
     path = np.linspace(START, GOAL, 5)
+    step = np.linalg.norm(path[1] - path[0])
+
+    class Refusing:
+        """Refuses edges between way points that are not neighbours."""
+
+        def accepts(self, start, end):
+            return np.linalg.norm(end - start) < 1.5 * step
+
     found = shortcut(path, PathCost(setup.robot, []), Refusing(), lambda: False)
     np.testing.assert_array_equal(found, path)
+
+
+def test_where_no_chain_is_proven_or_time_is_up_there_is_no_shortcut(setup):
+    class Refusing:
+        def accepts(self, start, end):
+            return not np.array_equal(end, GOAL)
+
+    path, cost = np.linspace(START, GOAL, 5), PathCost(setup.robot, [])
+    assert shortcut(path, cost, Refusing(), lambda: False) is None
+    assert shortcut(path, cost, PathProof(setup.simplifier.motion), lambda: True) is None
 
 
 class Picky(PathProof):

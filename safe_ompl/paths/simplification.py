@@ -1,0 +1,272 @@
+"""What makes one path shorter and safer: departures, shortcuts, then descent along the gradient of its cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.models.motion import CertifiedMotion
+from safe_ompl.paths.cost import DangerDensity, PathCost
+from safe_ompl.paths.departure import way_out
+from safe_ompl.paths.descent import LARGEST, Descent
+from safe_ompl.paths.division import divided, refined, with_way_points
+from safe_ompl.paths.freedom import Freedom, FreeGoal, GoalSet
+from safe_ompl.paths.nearness import NearnessDensity
+from safe_ompl.paths.peaks import peaks_beside_ends
+from safe_ompl.paths.proof import PathProof
+from safe_ompl.paths.report import Curve
+from safe_ompl.paths.shortcut import shortcut
+
+_ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
+_SCAN = 0.15  # [rad] between the configurations at which all danger points are looked at
+_APART = 0.01  # [rad] of path between way points, at least
+_RESOLUTIONS = 2  # how often peaks are looked for
+_SHARE = 0.85  # of the greatest danger: points that reach it somewhere are looked at in the descent
+_FAR = 0.5  # [rad] when way points have moved so far, other points may matter
+_ROUNDS = (3, 5, 8)  # steps between two proofs: more, as long as the proofs succeed
+_CAUTION = 0.5  # a round that fails is tried again with this share of the step
+_SMALLEST = 0.01  # [rad] steps are not worth taking
+
+
+Stop = Callable[[], bool]
+Better = Callable[[FloatArray, float], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """By what paths of one robot in one scene are simplified; see `Simplifier`."""
+
+    motion: CertifiedMotion
+    danger: DangerDensity
+    nearness: NearnessDensity | None
+    spacing: float
+    precision: float
+    length_factor: float
+
+
+class Simplification:
+    """One path on its way down.
+
+    Parameters
+    ----------
+    settings : Settings
+        What counts.
+    path : ndarray, shape (N, n)
+        Unrolled.
+    stop : callable
+        Asked between steps; when it returns True, that is the end.
+    on_better : callable, optional
+        Told every better path, and its J.
+    goal : GoalSet, optional
+        Where the last way point may move.
+    proven : bool
+        Whether the path is proven already.
+
+    Attributes
+    ----------
+    best : ndarray, shape (N', n)
+        Always proven, and not above the given path's J.
+
+    Raises
+    ------
+    InputError
+        If the path is not proven free.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        path: FloatArray,
+        stop: Stop,
+        on_better: Better | None,
+        goal: GoalSet | None,
+        *,
+        proven: bool,
+    ) -> None:
+        self.best = path
+        self._path = path  # between the departures: proven, too
+        self._departures = path[:1], path[-1:]
+        self._pending = False  # nothing with these departures is as cheap as the given path
+        self._settings = settings
+        self._robot = settings.danger.field.robot
+        self._stop = stop
+        self._on_better = on_better
+        self._goal_is_free = goal is not None
+        self._place = Freedom(self._robot) if goal is None else FreeGoal(goal)
+        self._longest = settings.length_factor * _length(path)
+        self._proof = PathProof.like(path, settings.motion, proven=proven)
+        self._nearness = settings.nearness
+        if self._nearness is not None:
+            ends = [settings.motion.checker.clearance(q).distance for q in path[[0, -1]]]
+            self._nearness.allow(_ALLOWANCE * min(ends))
+        self._look_at_danger()
+        self._ceiling = self._danger_cost.of(path)
+        self._level = np.inf
+
+    # -------------------------------------------------------------------------------------- what becomes of it
+
+    def improve(self) -> None:
+        """Make the path cheaper until the cost falls no more."""
+        given = self.best
+        if self._depart():
+            self._descend()
+            if self.best is not given:
+                return
+        self._path, self._departures, self._pending = given, (given[:1], given[-1:]), False
+        self._look_at_danger()
+        self._shorten()
+        self._descend()
+
+    def _depart(self) -> bool:
+        """Leave ends that are near obstacles by the way out, and take shortcuts between; return whether that goes."""
+        start = self._way_out(self.best[0])
+        goal = self.best[-1:] if self._goal_is_free else self._way_out(self.best[-1])
+        if len(start) == len(goal) == 1:
+            return False
+        path = divided(self.best, self._settings.spacing)
+        if not self._proof.admit(path):
+            return False
+        path = np.concatenate([start[-1:], path[1:-1], goal[-1:]])
+        between = shortcut(path, self._danger_cost, self._proof, self._stop)
+        if between is None or self._proof.refused(start) or self._proof.refused(goal[::-1]):
+            return False
+        self._departures, self._pending = (start, goal[::-1]), True
+        return _length(self._whole(between)) <= self._longest and self._go_on_from(between)
+
+    def _way_out(self, end: FloatArray) -> FloatArray:
+        if self._nearness is None:
+            return end[None]
+        return way_out(end, self._nearness, self._settings.danger.field, self._place)
+
+    def _shorten(self) -> None:
+        """Take shortcuts."""
+        shorter = shortcut(self._path, self._danger_cost, self._proof, self._stop)
+        if shorter is not None and _length(shorter) <= self._longest:
+            self._go_on_from(shorter)
+
+    def _descend(self) -> None:
+        """Descend until the cost falls no more."""
+        if not _length(self._path):
+            return  # the start is the goal, and nothing is shorter
+        self._divide()
+        known, resolutions = self.best, 0
+        while True:
+            far = self._descend_nearby()
+            # Other danger points may matter now. They can only add to the cost.
+            self._look_at_danger()
+            if not self._pending and self._danger_cost.of(self._whole(self._path)) > self._ceiling:
+                self.best = known
+                return
+            known = self.best
+            if not far:
+                if self._stop() or resolutions == _RESOLUTIONS or not self._resolve_peaks():
+                    return
+                resolutions += 1
+
+    def _descend_nearby(self) -> bool:
+        """Descend until the cost falls no more, or way points have moved far; return whether they have."""
+        first = self._path
+        self._level = self._level_of(first)
+        descent = Descent(self._cost, self._path, self._place)
+        largest, round_ = LARGEST, 0
+        while largest >= _SMALLEST and not self._stop():
+            for _ in range(_ROUNDS[round_]):
+                if self._stop() or not descent.step(largest):
+                    break
+            path, back = self._proof.held_back(descent.path, self._path)
+            gain = self._take(path)
+            if not gain:
+                largest, round_ = _CAUTION * largest, 0
+                self._anchor(self._path)
+                descent.restart(self._path)
+            elif back.any():
+                largest, round_ = 0.5 * largest, 0
+                descent.restart(self._path, back)
+            else:
+                if gain < self._settings.precision * self._level and largest == LARGEST:
+                    break
+                largest, round_ = min(LARGEST, 2.0 * largest), min(round_ + 1, len(_ROUNDS) - 1)
+                descent.resume(self._path)
+            if float(np.abs(self._path - first).max()) > _FAR:
+                return True
+        return False
+
+    def _take(self, path: FloatArray) -> float:
+        """Go on from a proven path if it is cheaper and not too long; return by how much it is cheaper."""
+        whole = self._whole(path)
+        if np.array_equal(path, self._path) or _length(whole) > self._longest:
+            return 0.0
+        gain = self._level - self._level_of(path)
+        if gain <= 0 or not self._go_on_from(path):
+            return 0.0
+        self._level -= gain
+        return gain
+
+    def _go_on_from(self, path: FloatArray) -> bool:
+        """Take a proven path for the one between the departures, unless what is published would become too dear."""
+        whole = self._whole(path)
+        cost = self._danger_cost.of(whole)
+        cheap = cost <= self._ceiling
+        if cheap or self._pending:
+            self._path = path
+        if cheap:
+            self._pending, self.best = False, whole
+            if self._on_better is not None:
+                self._on_better(whole, cost)
+        return cheap or self._pending
+
+    def _whole(self, path: FloatArray) -> FloatArray:
+        """Return `path` with the departures on both sides."""
+        start, goal = self._departures
+        return np.concatenate([start[:-1], path, goal[1:]])
+
+    def _divide(self) -> None:
+        """Put way points where the descent needs them; the path stays what it is."""
+        path = divided(self._path, self._settings.spacing)
+        if self._nearness is not None:
+            path = refined(path, self._nearness.near)
+        if self._proof.admit(path):
+            self._path = path
+
+    def _resolve_peaks(self) -> bool:
+        """Put way points where danger peaks beside the ends, between those that there are; return whether it does.
+
+        There danger changes quickly, and a peak that no node of the cost sees is one that the descent does not lower.
+        """
+        field = self._settings.danger.field
+        forced = float(field.values(self.best[[0, -1]]).max())
+        places, peaks = peaks_beside_ends(Curve(self._robot, self._path), field, forced)
+        path = with_way_points(self._path, places, _APART)
+        if len(path) == len(self._path) or not self._proof.admit(path):
+            return False
+        self._path = path
+        self._look_at_danger(peaks)
+        return True
+
+    # ------------------------------------------------------------------------------------------- what it costs
+
+    def _look_at_danger(self, besides: FloatArray | None = None) -> None:
+        """Take the danger points that matter near the best path, and at some configurations besides."""
+        samples = divided(self._path, _SCAN)
+        if besides is not None:
+            samples = np.concatenate([samples, besides])
+        everywhere = self._settings.danger
+        danger = everywhere.restricted(everywhere.field.active(samples, _SHARE))
+        self._danger_cost = PathCost(self._robot, [danger])
+        self._cost = PathCost(self._robot, [danger, *([] if self._nearness is None else [self._nearness])])
+
+    def _level_of(self, path: FloatArray) -> float:
+        """Return what a path costs, nearness included; the witnesses of nearness are those of this path then."""
+        self._anchor(path)
+        return self._cost.value_and_gradient(path)[0]
+
+    def _anchor(self, path: FloatArray) -> None:
+        if self._nearness is not None:
+            self._nearness.anchor(self._cost.nodes(path))
+
+
+def _length(path: FloatArray) -> float:
+    return float(np.linalg.norm(path[1:] - path[:-1], axis=1).sum())
