@@ -13,7 +13,6 @@ from safe_ompl.models.motion import CertifiedMotion
 from safe_ompl.paths.report import Curve
 
 _STEP = 0.03  # [rad]
-_SAME = 1e-4  # [m] clearances that differ by less are the same
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
 
@@ -35,15 +34,14 @@ class PathProof:
         self._proven: set[bytes] = set()
 
     @classmethod
-    def like(cls, path: FloatArray, motion: CertifiedMotion, *, proven: bool) -> PathProof:
-        """Return a proof of paths that come no nearer to obstacles than a given one (N, n), but for 0.1 mm.
+    def of(cls, path: FloatArray, motion: CertifiedMotion, margin: float, *, proven: bool) -> PathProof:
+        """Return a proof that accepts the edges of a path (N, n), though these may keep less than the margin [m].
 
         Raises
         ------
         InputError
-            If the given path is not proven free itself.
+            If an edge of the path is not even proven free, and that is not known already (`proven`).
         """
-        margin = least_clearance(path, motion.checker) - _SAME
         proof = cls(motion, max(0.0, margin) if np.isfinite(margin) else 0.0)
         if not proof.admit(path, proven):
             edge = proof.refused(path)[0]

@@ -16,10 +16,11 @@ from safe_ompl.paths.division import divided, refined, with_way_points
 from safe_ompl.paths.freedom import Freedom, FreeGoal, GoalSet
 from safe_ompl.paths.nearness import NearnessDensity
 from safe_ompl.paths.peaks import peaks_beside_ends
-from safe_ompl.paths.proof import PathProof
+from safe_ompl.paths.proof import PathProof, least_clearance
 from safe_ompl.paths.report import Curve
 from safe_ompl.paths.shortcut import shortcut
 
+_SAME = 1e-4  # [m] clearances that differ by less are the same
 _ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
 _SCAN = 0.15  # [rad] between the configurations at which all danger points are looked at
 _APART = 0.01  # [rad] of path between way points, at least
@@ -97,8 +98,9 @@ class Simplification:
         self._goal_is_free = goal is not None
         self._place = Freedom(self._robot) if goal is None else FreeGoal(goal)
         self._longest = settings.length_factor * _length(path)
-        self._proof = PathProof.like(path, settings.motion, proven=proven)
         self._nearness = settings.nearness
+        keep = least_clearance(path, settings.motion.checker) if self._nearness else 0.0
+        self._proof = PathProof.of(path, settings.motion, keep - _SAME, proven=proven)
         if self._nearness is not None:
             ends = [settings.motion.checker.clearance(q).distance for q in path[[0, -1]]]
             self._nearness.allow(_ALLOWANCE * min(ends))
@@ -260,8 +262,11 @@ class Simplification:
 
     def _level_of(self, path: FloatArray) -> float:
         """Return what a path costs, nearness included; the witnesses of nearness are those of this path then."""
+        if self._nearness is None:
+            return self._danger_cost.of(path)
         self._anchor(path)
-        return self._cost.value_and_gradient(path)[0]
+        nearness = PathCost(self._robot, [self._nearness]).value_and_gradient(path)[0] - _length(path)
+        return self._danger_cost.of(path) + nearness
 
     def _anchor(self, path: FloatArray) -> None:
         if self._nearness is not None:

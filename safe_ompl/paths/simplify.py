@@ -59,7 +59,7 @@ def simplify_danger(
     weight, exponent : float
         λ in units of 1/reference(CDF)ᵖ, and p; see `Simplifier`.
     clearance : float
-        [m] Nearness to obstacles counts below this; 0: never.
+        [m] Nearness to obstacles counts below this; 0: never, paths may come as near as they are proven free.
     length_factor : float
         The path never becomes longer than this times the given one; ≥ 1.
     spacing : float
@@ -69,7 +69,7 @@ def simplify_danger(
     -------
     ndarray, shape (N', n)
         The ends are those of the given path (with `goal`, the start); J is not above its J; the least clearance not
-        below its own by more than 0.1 mm.
+        below its own by more than 0.1 mm, unless `clearance` is 0.
 
     Raises
     ------
