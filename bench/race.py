@@ -1,6 +1,7 @@
 """The race: the cost J of the best path against time, on 20 queries among obstacles.
 
     python bench/race.py [--planners A,B] [--queries 0:20] [--time 40] [--longer 120] [--plot FILE] [--json FILE]
+                         [--with FILE]
 
 J = ∫ (1 + λ·CDF) ds, λ = 5/median danger over valid configurations: the cost that every rival is given. The queries
 are fixed: robot, scene, and the first pair of random configurations with 20 mm of clearance whose straight motion is
@@ -13,7 +14,9 @@ blocked. Racing are
 
 Robot, scene and median danger are there before the clock starts. Paths are noted with the time at which they were
 found; what they cost is computed afterwards. "best known" is the best J that anything found for the query (--longer
-gives ours more time for that); the table at the end shows medians over queries of J divided by it.
+gives ours more time for that); the tables at the end show medians over queries of J divided by it, and for each query
+when ours was below what OMPL's optimising planners had in the end. All of it takes hours: --with adds runs of other
+planners from a file of --json.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from __future__ import annotations
 import argparse
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
@@ -44,6 +47,7 @@ OPTIMISING = ("BITstar", "RRTstar", "InformedRRTstar", "SORRTstar")
 INSTANTS = (0.05, 0.1, 0.3, 1.0, 10.0, 40.0)
 OBSTACLES, CLEARANCE = 6, 0.02
 _WORST = 3.0  # ratio of the costs up to which the figure goes
+_GRID = 200  # instants at which ours is compared with the restarting rival
 _LOOK = 0.02  # [s] an optimising planner runs between two looks at its best path
 QUERIES = tuple((robot, seed) for seed in range(7) for robot in ("ur5", "panda", "xarm7"))[:20]
 
@@ -112,6 +116,7 @@ def named_robot(name: str) -> Robot:
 # ------------------------------------------------------------------------------------------------ the runners
 
 Found = list[tuple[float, float]]  # when, and J
+Runs = dict[str, dict[str, Found]]  # of planners, of queries
 
 
 def run(name: str, query: Query, seconds: float, seed: int) -> Found:
@@ -191,6 +196,7 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write what was found when")
+    parser.add_argument("--with", type=Path, metavar="FILE", dest="others", help="runs of other planners")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it (.png)")
     options = parser.parse_args()
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
@@ -199,40 +205,83 @@ def main() -> None:
     planners = options.planners.split(",")
     part = slice(*(int(text) if text else None for text in options.queries.split(":")))
     queries = [Query(*query) for query in QUERIES[part]]
-    found: dict[str, dict[str, Found]] = {planner: {} for planner in planners}
+    found: Runs = {planner: {} for planner in planners}
     best: dict[str, float] = {}
+    if options.others:
+        known = json.loads(options.others.read_text())
+        found |= {planner: of for planner, of in known["found"].items() if planner not in planners}
     instants = [instant for instant in INSTANTS if instant <= options.time]
     print(f"{'query':10s}{'planner':>18s}" + "".join(f"{f'{t:g} s':>9s}" for t in instants))
     for query in queries:
-        for planner in planners:
-            found[planner][str(query)] = run(planner, query, options.time, options.seed)
-            row = [cost_at(found[planner][str(query)], instant) for instant in instants]
-            print(f"{query!s:10s}{planner:>18s}" + "".join(f"{cost:9.2f}" for cost in row), flush=True)
-        known = [of[str(query)][-1][1] for of in found.values() if of[str(query)]]
+        name = str(query)
+        for planner, of in found.items():
+            if planner in planners:
+                of[name] = run(planner, query, options.time, options.seed)
+            row = "".join(f"{cost_at(of.get(name, []), instant):9.2f}" for instant in instants)
+            print(f"{name:10s}{planner:>18s}{row}", flush=True)
+        costs = [of[name][-1][1] for of in found.values() if of.get(name)]
+        if options.others and name in known["best"]:
+            costs.append(known["best"][name])
         if options.longer:
-            known += [run(OURS, query, options.longer, options.seed + 1)[-1][1]]
-        best[str(query)] = min(known)
-        print(f"{query!s:10s}{'best known':>18s}{best[str(query)]:9.2f}", flush=True)
-    print("\nmedian over queries of J / best J known; inf: no path on half of them")
-    for planner in planners:
-        ratios = [[cost_at(found[planner][q], t) / best[q] for t in instants] for q in best]
-        print(
-            f"{planner:>28s}" + "".join(f"{np.median(column):9.3f}" for column in zip(*ratios, strict=True))
-        )
+            costs.append(run(OURS, query, options.longer, options.seed + 1)[-1][1])
+        best[name] = min(costs)
+        print(f"{name:10s}{'best known':>18s}{best[name]:9.2f}", flush=True)
+    show_ratios(found, best, instants)
+    if OURS in found:
+        show_lead(found, best, options.time)
     if options.json:
         options.json.write_text(json.dumps({"found": found, "best": best}))
     if options.plot:
         draw(found, best, options.time, options.plot)
 
 
-def draw(found: dict[str, dict[str, Found]], best: dict[str, float], seconds: float, file: Path) -> None:
+def show_ratios(found: Runs, best: dict[str, float], instants: Sequence[float]) -> None:
+    """Print the medians over the queries of J over the best J known."""
+    print("\nmedian over queries of J / best J known; inf: no path on half of them")
+    for planner, of in found.items():
+        ratios = [[cost_at(of.get(q, []), t) / best[q] for t in instants] for q in best]
+        print(
+            f"{planner:>28s}" + "".join(f"{np.median(column):9.3f}" for column in zip(*ratios, strict=True))
+        )
+
+
+def show_lead(found: Runs, best: dict[str, float], seconds: float) -> None:
+    """Print for each query when ours was below the best J of OMPL's optimising planners, and where the rest ended."""
+    rivals = [planner for planner in found if planner in OPTIMISING]
+    others = [planner for planner in found if planner not in (*OPTIMISING, OURS)]
+    print("\nwhen ours is below the last J of OMPL's optimising planners, and of the others")
+    for query in best:
+        line = f"{query:10s}"
+        for label, group in (("optimising", rivals), ("others", others)):
+            last = min((cost_at(found[p].get(query, []), np.inf) for p in group), default=np.inf)
+            when = next((when for when, cost in found[OURS][query] if cost <= last), np.inf)
+            line += f"  {label} {last:8.2f}, ours after {1e3 * when:7.0f} ms"
+        print(line)
+    if RESTART in found:
+        grid = np.geomspace(INSTANTS[0], seconds, _GRID)
+        curves = {
+            p: np.array([[cost_at(found[p].get(q, []), t) for t in grid] for q in best])
+            for p in (OURS, RESTART)
+        }
+        ahead = curves[RESTART] < curves[OURS]
+        medians = np.array(
+            [np.median(curves[p] / np.array(list(best.values()))[:, None], axis=0) for p in curves]
+        )
+        print(
+            f"{RESTART} below ours from {INSTANTS[0]:g} s on: {ahead.mean():.1%} of times and queries,",
+            end=" ",
+        )
+        print(f"{(medians[1] < medians[0]).mean():.1%} of times in the median")
+
+
+def draw(found: Runs, best: dict[str, float], seconds: float, file: Path) -> None:
     """Draw the median over the queries of J over the best J known, against time."""
     from matplotlib import pyplot as plt
 
     times = np.geomspace(0.01, seconds, 200)
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
     for planner, of in found.items():
-        ratios = np.array([[cost_at(of[q], t) / best[q] for t in times] for q in best])
+        ratios = np.array([[cost_at(of.get(q, []), t) / best[q] for t in times] for q in best])
         median = np.median(ratios, axis=0)
         known = np.isfinite(median)
         axes.plot(times[known], median[known], label=planner, linewidth=2.4 if planner == OURS else 1.4)
