@@ -8,18 +8,14 @@ pair and without broad phase, and what touches is counted.
 
 from __future__ import annotations
 
-import argparse
-import logging
 import sys
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
-from ompl import util as ou
+from _problems import problem_parser, problems
 
-from safe_ompl import PlanResult, SafeSetup
-from safe_ompl.cli.mbm import exceeded_limits
-from safe_ompl.models.mbm import MbmFile, MbmProblem
+from safe_ompl import PlanResult
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
 
@@ -29,45 +25,20 @@ SAMPLING = 0.002  # [rad]
 
 def main() -> None:
     """Run the bench."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("file")
-    parser.add_argument("--problems", default=":", metavar="A:B", help="slice of each family")
-    parser.add_argument(
-        "--time", type=float, default=5.0, metavar="S", help="time limit of a run (default: 5)"
-    )
-    parser.add_argument("--seed", type=int, default=0)
+    parser = problem_parser(__doc__)
     parser.add_argument("--contacts", action="store_true", help="sample every path with plain coal calls")
     options = parser.parse_args()
-    ou.setLogLevel(ou.LogLevel.LOG_ERROR)
-    logging.disable(logging.WARNING)
-
-    file = MbmFile.load(options.file)
-    part = slice(*(int(text) if text else None for text in options.problems.split(":")))
-    robot = Robot.from_example(file.robot)
     results: dict[str, list[PlanResult]] = {planner: [] for planner in PLANNERS}
     touching = dict.fromkeys(PLANNERS, 0)
-    for family in file.families:
-        for problem in list(file.problems(family))[part]:
-            fitting, setup = set_up(robot, problem)
-            for planner in PLANNERS:
-                result = setup.plan(planner, time=options.time, seed=options.seed)
-                results[planner].append(result)
-                if not result:
-                    print(f"unsolved: {planner} {family} {problem.index}", file=sys.stderr)
-                elif options.contacts:
-                    touching[planner] += touches(fitting, problem.scene, result.path)
+    for family, problem, setup in problems(options):
+        for planner in PLANNERS:
+            result = setup.plan(planner, time=options.time, seed=options.seed)
+            results[planner].append(result)
+            if not result:
+                print(f"unsolved: {planner} {family} {problem.index}", file=sys.stderr)
+            elif options.contacts:
+                touching[planner] += touches(setup.robot, problem.scene, result.path)
     show(results, touching if options.contacts else None)
-
-
-def set_up(robot: Robot, problem: MbmProblem) -> tuple[Robot, SafeSetup]:
-    """Return the robot, its limits widened to hold the problem's ends, and the problem's setup."""
-    limits = exceeded_limits(robot, problem)
-    fitting = robot.with_limits(limits) if limits else robot
-    setup = SafeSetup(fitting, problem.scene)
-    setup.setConfigurations(problem.start_configuration(fitting), problem.goal_configurations(fitting))
-    return fitting, setup
 
 
 def touches(robot: Robot, scene: Scene, path: np.ndarray) -> bool:

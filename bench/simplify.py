@@ -10,8 +10,6 @@ whether the cost J of one is above that of the path that the planner had found.
 
 from __future__ import annotations
 
-import argparse
-import logging
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,13 +17,11 @@ from itertools import pairwise
 from time import process_time
 
 import numpy as np
-from mbm import set_up
+from _problems import problem_parser, problems
 from ompl import geometric as og
-from ompl import util as ou
 
-from safe_ompl import PathReport, Robot, SafeSetup
+from safe_ompl import PathReport, SafeSetup
 from safe_ompl.arrays import FloatArray
-from safe_ompl.models.mbm import MbmFile
 from safe_ompl.paths.simplify import timed
 
 OURS, THEIRS = "SafeRRTConnect", "RRTConnect"
@@ -82,44 +78,26 @@ def _planned(setup: SafeSetup, planner: str, time: float, seed: int) -> FloatArr
 
 def main() -> None:
     """Run the bench."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("file")
-    parser.add_argument("--problems", default=":", metavar="A:B", help="slice of each family")
-    parser.add_argument("--time", type=float, default=5.0, metavar="S", help="for planning (default: 5)")
+    parser = problem_parser(__doc__)
     parser.add_argument("--simplify", type=float, metavar="S", help="for ours (default: until it ends)")
-    parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    ou.setLogLevel(ou.LogLevel.LOG_ERROR)
-    logging.disable(logging.WARNING)
-
-    file = MbmFile.load(options.file)
-    part = slice(*(int(text) if text else None for text in options.problems.split(":")))
-    robot = Robot.from_example(file.robot)
     pairs: list[tuple[Outcome, Outcome]] = []
     families: list[str] = []
     steps = unproven = rising = 0
     caps: list[float] = []
-    for family in file.families:
-        for problem in list(file.problems(family))[part]:
-            _, setup = set_up(robot, problem)
-            own = ours(setup, options.simplify, options.time, options.seed)
-            other = theirs(setup, options.time, options.seed)
-            if own is None or other is None:
-                print(
-                    f"unsolved: {family} {problem.index}", own is not None, other is not None, file=sys.stderr
-                )
-                continue
-            pairs.append((own, other))
-            families.append(family)
-            caps.append(min(setup.checker.clearance(q).distance for q in own.raw[[0, -1]]))
-            motion = setup.simplifier.motion
-            steps += len(own.steps) - 1
-            rising += own.costs[-1] > own.costs[0]
-            unproven += sum(
-                not all(motion.is_free(a, b) for a, b in pairwise(step)) for step in own.steps[1:]
-            )
+    for family, problem, setup in problems(options):
+        own = ours(setup, options.simplify, options.time, options.seed)
+        other = theirs(setup, options.time, options.seed)
+        if own is None or other is None:
+            print(f"unsolved: {family} {problem.index}", own is not None, other is not None, file=sys.stderr)
+            continue
+        pairs.append((own, other))
+        families.append(family)
+        caps.append(min(setup.checker.clearance(q).distance for q in own.raw[[0, -1]]))
+        motion = setup.simplifier.motion
+        steps += len(own.steps) - 1
+        rising += own.costs[-1] > own.costs[0]
+        unproven += sum(not all(motion.is_free(a, b) for a, b in pairwise(step)) for step in own.steps[1:])
     for family in dict.fromkeys(families):
         print(f"\n{family}")
         show([pair for pair, of in zip(pairs, families, strict=True) if of == family])

@@ -1,0 +1,43 @@
+"""The problems of a MotionBenchMaker file, as the benches ask for them."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Iterator
+
+from ompl import util as ou
+
+from safe_ompl import Robot, SafeSetup
+from safe_ompl.cli.mbm import exceeded_limits
+from safe_ompl.models.mbm import MbmFile, MbmProblem
+
+
+def problem_parser(description: str | None) -> argparse.ArgumentParser:
+    """Return a parser of what to plan, for how long, and with which seed."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("file")
+    parser.add_argument("--problems", default=":", metavar="A:B", help="slice of each family")
+    parser.add_argument("--time", type=float, default=5.0, metavar="S", help="for planning (default: 5)")
+    parser.add_argument("--seed", type=int, default=0)
+    return parser
+
+
+def problems(options: argparse.Namespace) -> Iterator[tuple[str, MbmProblem, SafeSetup]]:
+    """Yield the chosen problems with their families and setups; limits are widened to hold the problems' ends."""
+    ou.setLogLevel(ou.LogLevel.LOG_ERROR)
+    logging.disable(logging.WARNING)
+    file = MbmFile.load(options.file)
+    part = slice(*(int(text) if text else None for text in options.problems.split(":")))
+    robot = Robot.from_example(file.robot)
+    for family in file.families:
+        for problem in list(file.problems(family))[part]:
+            limits = exceeded_limits(robot, problem)
+            fitting = robot.with_limits(limits) if limits else robot
+            setup = SafeSetup(fitting, problem.scene)
+            setup.setConfigurations(
+                problem.start_configuration(fitting), problem.goal_configurations(fitting)
+            )
+            yield family, problem, setup
