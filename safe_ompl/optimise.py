@@ -57,7 +57,7 @@ class Optimisation:
     times : list of float
         When each path was found [s].
     paths : list of ndarray, shape (N, n)
-        The last one is the best.
+        Each better than those before, as far as was known then.
     first_path : float or None
         When there was a path at all [s].
     """
@@ -66,18 +66,20 @@ class Optimisation:
     paths: list[FloatArray]
     first_path: float | None = None
 
-    def improvements(self, simplifier: Simplifier) -> tuple[Improvement, ...]:
-        """Return what the paths cost, in order; a path that is not better than those before is left out.
+    def settled(self, simplifier: Simplifier) -> tuple[FloatArray | None, tuple[Improvement, ...]]:
+        """Return the best path, if there is one, and what it and those that were best before it cost, in order.
 
-        While paths descend, their cost is known for the danger points near them alone; here it is that of all points.
+        While paths descend, their cost is known for the danger points near them alone; here it is that of all points,
+        and a path that is not better than those before is left out.
         """
-        found: list[Improvement] = []
+        best, found = None, list[Improvement]()
         for time, path in zip(self.times, self.paths, strict=True):
             cost = simplifier.cost.of(path)
             if not found or cost < found[-1].cost:
                 length, mean, peak = simplifier.danger_along(path)
+                best = path
                 found.append(Improvement(time, cost, length, mean, peak))
-        return tuple(found)
+        return best, tuple(found)
 
 
 def optimise(

@@ -251,7 +251,7 @@ class SafeSetup(SafeProblem):
         elapsed = perf_counter() - begin
         counts = self.counts - before
         counts.nodes = nodes
-        path = found.paths[-1] if found.paths else None
+        path, improvements = found.settled(simplifier)
         if path is not None:
             self._set_solution(path)
         first = elapsed if found.first_path is None else found.first_path
@@ -265,7 +265,7 @@ class SafeSetup(SafeProblem):
             first,
             elapsed - first,
             counts,
-            found.improvements(simplifier),
+            improvements,
         )
 
     def _checked_report(self, path: FloatArray | None, name: str) -> PathReport | None:

@@ -12,7 +12,7 @@ from safe_ompl.cli import main
 from safe_ompl.errors import InputError
 from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.models.scene import Scene
-from safe_ompl.optimise import optimise
+from safe_ompl.optimise import Optimisation, optimise
 from safe_ompl.plots import plot_plan
 from safe_ompl.setup import SafeSetup, setup_scenario
 
@@ -164,7 +164,15 @@ def test_a_planner_that_finds_nothing(setup):
     found = optimise(lambda start, seconds: None, setup.simplifier, 0.05)
     assert found.paths == []
     assert found.first_path is None
-    assert found.improvements(setup.simplifier) == ()
+    assert found.settled(setup.simplifier) == (None, ())
+
+
+def test_the_path_that_is_best_for_all_danger_points_is_returned(setup):
+    paths = [setup.plan("RRTConnect", seed=seed).path for seed in range(2)]
+    cheap, dear = sorted(paths, key=setup.simplifier.cost.of)
+    best, improvements = Optimisation([0.1, 0.2], [cheap, dear]).settled(setup.simplifier)
+    assert best is cheap
+    assert [step.time for step in improvements] == [0.1]
 
 
 def test_when_nothing_better_is_found_the_best_path_is_refined(setup):
