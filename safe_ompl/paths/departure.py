@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +16,7 @@ _LONGEST = 1.0  # [rad]
 _LEFT = 0.3  # a departure is over when this share of the cost of its end is left
 _EXCESS = 600.0  # weight of danger: at 1.4 times that of the end it costs what a contact costs
 _ONSET = 0.8  # share of the end's danger from which a point counts
+_STUCK = 0.1  # share of a step: where the best one is shorter, nothing leads on
 _BISECTIONS = 30
 
 
@@ -25,7 +27,9 @@ class Limits(Protocol):
         """Return the configurations within limits that are nearest to `Q: (B, n)`."""
 
 
-def way_out(end: FloatArray, nearness: NearnessDensity, field: DangerField, limits: Limits) -> FloatArray:
+def way_out(
+    end: FloatArray, nearness: NearnessDensity, field: DangerField, limits: Limits, stop: Callable[[], bool]
+) -> FloatArray:
     """Return the way (K, n) from an end of a path to where obstacles and danger have become less; K = 1: there is none.
 
     The steepest descent of what is near, Σ over pairs of link and obstacle, and of what is dangerous, the field of
@@ -44,6 +48,8 @@ def way_out(end: FloatArray, nearness: NearnessDensity, field: DangerField, limi
         The danger.
     limits : Limits
         The joint limits.
+    stop : callable
+        When it says so, there is none.
 
     Returns
     -------
@@ -52,12 +58,14 @@ def way_out(end: FloatArray, nearness: NearnessDensity, field: DangerField, limi
     """
     reference = field.value(end)
     q, way, enough = end, [end], None
-    while len(way) * STEP <= _LONGEST:
+    while len(way) * STEP <= _LONGEST and not stop():
         cost, gradient, bends = _model(q, nearness, field, reference)
         enough = _LEFT * cost if enough is None else enough
         if cost <= enough:
             return np.array(way)
         q = limits.within(q + _step(gradient, bends.T @ bends))
+        if np.linalg.norm(q - way[-1]) < _STUCK * STEP:
+            break
         way.append(q)
     return end[None]
 
@@ -85,6 +93,8 @@ def _step(gradient: FloatArray, curvature: FloatArray) -> FloatArray:
     """Return the step s (n,) of length `STEP` at most that minimises g·s + ½ sᵀHs, by bisection on its multiplier."""
     bends, directions = np.linalg.eigh(curvature)
     slopes = directions.T @ gradient
+    if not slopes.any():
+        return slopes
     bends = np.maximum(bends, 0.0)
     low, high = 0.0, float(np.linalg.norm(slopes)) / STEP
     for _ in range(_BISECTIONS):

@@ -35,6 +35,10 @@ class Freedom:
         """Return the path within limits that is nearest to `path: (N, n)`."""
         return self.within(path)
 
+    def holds(self, path: FloatArray) -> bool:
+        """Return whether the end of `path: (N, n)` is where it may be; one that is fixed always is."""
+        return True
+
     def tangent(self, path: FloatArray, change: FloatArray) -> FloatArray:
         """Return a change of the path (N, n) that leaves its end where it is."""
         change[-1] = 0.0
@@ -60,6 +64,7 @@ class FreeGoal(Freedom):
     def __init__(self, goal: GoalSet) -> None:
         super().__init__(goal.place.robot)
         self.place = goal.place
+        self._tolerance = goal.tolerance
         self._precision = 0.1 * goal.tolerance
 
     def nearest(self, path: FloatArray) -> FloatArray:
@@ -69,6 +74,10 @@ class FreeGoal(Freedom):
         if end is not None:
             allowed[-1] = end
         return allowed
+
+    def holds(self, path: FloatArray) -> bool:
+        """Return whether the end of `path: (N, n)` is near enough to the place."""
+        return self.place.distance(path[-1]) <= self._tolerance
 
     def tangent(self, path: FloatArray, change: FloatArray) -> FloatArray:
         """Return a change of the path (N, n) whose last row is in the null space of the tip's Jacobian."""

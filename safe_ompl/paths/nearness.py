@@ -52,6 +52,10 @@ class NearnessDensity:
     def __repr__(self) -> str:
         return f"NearnessDensity({self._proximity.checker!r}, {self.distance:g}, {self.weight:g})"
 
+    def afresh(self) -> NearnessDensity:
+        """Return the same that remembers nothing: no d₀, no witnesses, nor what coal keeps from query to query."""
+        return NearnessDensity(self._proximity.checker, self.distance, self.weight)
+
     def allow(self, distance: float) -> None:
         """Set d₀ to a distance [m], no larger than D."""
         self.allowed = max(0.0, min(self.distance, distance))

@@ -110,6 +110,7 @@ def least_clearance(path: FloatArray, checker: CollisionChecker) -> float:
     least = min(checker.clearance(q).distance for q in samples[[0, -1]])
     if not 0 < least < np.inf:
         return max(0.0, least)
+    checker.cover(least)
     checker.set_margins(np.where(checker.meets_obstacle, least, 0.0))
     for q in samples:
         if checker.within_margins(q) and (distance := checker.clearance(q).distance) < least:

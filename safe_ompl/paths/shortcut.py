@@ -13,6 +13,8 @@ from safe_ompl.paths.proof import PathProof
 
 _SPACING = 0.6  # [rad] between the samples of an edge's cost
 _FEWEST, _MOST = 2, 6  # samples of an edge
+_CANDIDATES = 40  # way points of a path that edges may skip to, evenly chosen where it has more
+_BATCH = 200  # edges whose costs are estimated at once
 
 
 def shortcut(
@@ -20,8 +22,8 @@ def shortcut(
 ) -> FloatArray | None:
     """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order, if there is one.
 
-    Estimates the cost of all N(N − 1)/2 edges in one batch, and proves only those of the chain that is cheapest so
-    far, until all of a chain is proven (as lazy roadmaps do: Bohlin & Kavraki, ICRA 2000).
+    Estimates the cost of the edges between up to 40 way points and of the path's own, and proves only those of the
+    chain that is cheapest so far, until all of a chain is proven (as lazy roadmaps do: Bohlin & Kavraki, ICRA 2000).
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def shortcut(
     stop : callable
         When it says so, there is none.
     """
-    costs = _edge_costs(path, cost)
+    costs = _edge_costs(path, cost, stop)
     while not stop():
         chain = _cheapest_chain(costs)
         if not all(np.isfinite(costs[edge]) for edge in pairwise(chain)):
@@ -47,13 +49,21 @@ def shortcut(
     return None
 
 
-def _edge_costs(path: FloatArray, cost: PathCost) -> FloatArray:
-    """Return the cost (N, N) of the edges from each way point to each later one, infinite elsewhere."""
-    first, second = np.triu_indices(len(path), 1)
+def _edge_costs(path: FloatArray, cost: PathCost, stop: Callable[[], bool]) -> FloatArray:
+    """Return the cost (N, N) of the edges from way points to later ones; infinite where it is not looked at."""
+    count = len(path)
+    costs = np.full((count, count), np.inf)
+    candidates = np.rint(np.linspace(0, count - 1, min(count, _CANDIDATES))).astype(int)
+    wanted = np.eye(count, k=1, dtype=bool)
+    wanted[np.ix_(candidates, candidates)] = True
+    first, second = np.nonzero(np.triu(wanted, 1))
     lengths = np.linalg.norm(cost.robot.difference(path[first], path[second]), axis=1)
     samples = np.clip(np.ceil(lengths / _SPACING).astype(int), _FEWEST, _MOST)
-    costs = np.full((len(path), len(path)), np.inf)
-    costs[first, second] = cost.of_edges(path[first], path[second], samples)
+    for k in range(0, len(first), _BATCH):
+        if stop():
+            break
+        i, j = first[k : k + _BATCH], second[k : k + _BATCH]
+        costs[i, j] = cost.of_edges(path[i], path[j], samples[k : k + _BATCH])
     return costs
 
 

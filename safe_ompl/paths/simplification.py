@@ -9,6 +9,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.models.motion import CertifiedMotion
+from safe_ompl.models.robot import Robot
 from safe_ompl.paths.cost import DangerDensity, PathCost
 from safe_ompl.paths.departure import way_out
 from safe_ompl.paths.descent import LARGEST, Descent
@@ -98,13 +99,13 @@ class Simplification:
         self._goal_is_free = goal is not None
         self._place = Freedom(self._robot) if goal is None else FreeGoal(goal)
         self._longest = settings.length_factor * _length(path)
-        self._nearness = settings.nearness
+        self._nearness = None if settings.nearness is None else settings.nearness.afresh()
         keep = least_clearance(path, settings.motion.checker) if self._nearness else 0.0
         self._proof = PathProof.of(path, settings.motion, keep - _SAME, proven=proven)
         if self._nearness is not None:
             ends = [settings.motion.checker.clearance(q).distance for q in path[[0, -1]]]
             self._nearness.allow(_ALLOWANCE * min(ends))
-        self._look_at_danger()
+        self._look_at_danger(path)
         self._ceiling = self._danger_cost.of(path)
         self._level = np.inf
 
@@ -118,7 +119,7 @@ class Simplification:
             if self.best is not given:
                 return
         self._path, self._departures, self._pending = given, (given[:1], given[-1:]), False
-        self._look_at_danger()
+        self._look_at_danger(given)
         self._shorten()
         self._descend()
 
@@ -126,39 +127,51 @@ class Simplification:
         """Leave ends that are near obstacles by the way out, and take shortcuts between; return whether that goes."""
         start = self._way_out(self.best[0])
         goal = self.best[-1:] if self._goal_is_free else self._way_out(self.best[-1])
-        if len(start) == len(goal) == 1:
-            return False
+        apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
+        if len(start) == len(goal) == 1 or apart <= _length(start) + _length(goal):
+            return False  # nothing to leave, or nowhere to go from there
         path = divided(self.best, self._settings.spacing)
-        if not self._proof.admit(path):
+        if self._proof.refused(start) or self._proof.refused(goal[::-1]) or not self._proof.admit(path):
             return False
-        path = np.concatenate([start[-1:], path[1:-1], goal[-1:]])
-        between = shortcut(path, self._danger_cost, self._proof, self._stop)
-        if between is None or self._proof.refused(start) or self._proof.refused(goal[::-1]):
+        between = self._shortcut(np.concatenate([start[-1:], path[1:-1], goal[-1:]]))
+        if between is None:
             return False
+        goal = goal + (between[-1] - goal[-1])  # continuous joints may have been unwound
         self._departures, self._pending = (start, goal[::-1]), True
-        return _length(self._whole(between)) <= self._longest and self._go_on_from(between)
+        whole = self._whole(between)
+        if _length(whole) > self._longest:
+            return False
+        self._look_at_danger(whole)
+        return self._go_on_from(between)
 
     def _way_out(self, end: FloatArray) -> FloatArray:
         if self._nearness is None:
             return end[None]
-        return way_out(end, self._nearness, self._settings.danger.field, self._place)
+        return way_out(end, self._nearness, self._settings.danger.field, self._place, self._stop)
 
     def _shorten(self) -> None:
         """Take shortcuts."""
-        shorter = shortcut(self._path, self._danger_cost, self._proof, self._stop)
-        if shorter is not None and _length(shorter) <= self._longest:
-            self._go_on_from(shorter)
+        shorter = self._shortcut(self._path)
+        if shorter is None or _length(shorter) > self._longest:
+            return
+        self._look_at_danger(shorter)  # where the given path has not been, other danger points may matter
+        if not self._go_on_from(shorter):
+            self._look_at_danger(self._path)
+
+    def _shortcut(self, path: FloatArray) -> FloatArray | None:
+        found = shortcut(path, self._danger_cost, self._proof, self._stop)
+        return None if found is None else unrolled(self._robot, found)
 
     def _descend(self) -> None:
         """Descend until the cost falls no more."""
-        if not _length(self._path):
-            return  # the start is the goal, and nothing is shorter
+        if self._stop() or not _length(self._path):
+            return  # where the start is the goal, nothing is shorter
         self._divide()
         known, resolutions = self.best, 0
         while True:
             far = self._descend_nearby()
             # Other danger points may matter now. They can only add to the cost.
-            self._look_at_danger()
+            self._look_at_danger(self._whole(self._path))
             if not self._pending and self._danger_cost.of(self._whole(self._path)) > self._ceiling:
                 self.best = known
                 return
@@ -180,6 +193,8 @@ class Simplification:
                     break
             path, back = self._proof.held_back(descent.path, self._path)
             gain = self._take(path)
+            if self._stop():
+                break
             if not gain:
                 largest, round_ = _CAUTION * largest, 0
                 self._anchor(self._path)
@@ -199,7 +214,7 @@ class Simplification:
     def _take(self, path: FloatArray) -> float:
         """Go on from a proven path if it is cheaper and not too long; return by how much it is cheaper."""
         whole = self._whole(path)
-        if np.array_equal(path, self._path) or _length(whole) > self._longest:
+        if np.array_equal(path, self._path) or _length(whole) > self._longest or not self._place.holds(path):
             return 0.0
         gain = self._level - self._level_of(path)
         if gain <= 0 or not self._go_on_from(path):
@@ -245,14 +260,14 @@ class Simplification:
         if len(path) == len(self._path) or not self._proof.admit(path):
             return False
         self._path = path
-        self._look_at_danger(peaks)
+        self._look_at_danger(self._whole(path), peaks)
         return True
 
     # ------------------------------------------------------------------------------------------- what it costs
 
-    def _look_at_danger(self, besides: FloatArray | None = None) -> None:
-        """Take the danger points that matter near the best path, and at some configurations besides."""
-        samples = divided(self._path, _SCAN)
+    def _look_at_danger(self, path: FloatArray, besides: FloatArray | None = None) -> None:
+        """Take the danger points that matter near a whole path, and at some configurations besides."""
+        samples = divided(path, _SCAN)
         if besides is not None:
             samples = np.concatenate([samples, besides])
         everywhere = self._settings.danger
@@ -271,6 +286,15 @@ class Simplification:
     def _anchor(self, path: FloatArray) -> None:
         if self._nearness is not None:
             self._nearness.anchor(self._cost.nodes(path))
+
+
+def unrolled(robot: Robot, path: FloatArray) -> FloatArray:
+    """Return the path (N, n) with continuous joints that do not jump where they wrap; the others stay as they are."""
+    steps = path[1:] - path[:-1]
+    turns = np.rint((robot.difference(path[:-1], path[1:]) - steps) / (2.0 * np.pi))
+    found: FloatArray = path.copy()
+    found[1:] += 2.0 * np.pi * np.cumsum(turns, axis=0)
+    return found
 
 
 def _length(path: FloatArray) -> float:

@@ -13,12 +13,11 @@ from safe_ompl.errors import InputError
 from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.danger import DangerField
 from safe_ompl.models.motion import CertifiedMotion
-from safe_ompl.models.robot import Robot
 from safe_ompl.paths.cost import STEP, WEIGHT, DangerDensity, PathCost, number, reference_danger
 from safe_ompl.paths.freedom import GoalSet
 from safe_ompl.paths.nearness import NearnessDensity
 from safe_ompl.paths.report import Curve
-from safe_ompl.paths.simplification import Better, Settings, Simplification, Stop
+from safe_ompl.paths.simplification import Better, Settings, Simplification, Stop, unrolled
 
 CLEARANCE = 0.05  # [m]
 EXPONENT = 2.0
@@ -108,7 +107,7 @@ class Simplifier:
         settings = Settings(
             self.motion, self.danger, self.nearness, self.spacing, self.precision, self.length_factor
         )
-        return Simplification(settings, _unrolled(self.robot, checked), stop, on_better, goal, proven=proven)
+        return Simplification(settings, unrolled(self.robot, checked), stop, on_better, goal, proven=proven)
 
     def simplify(
         self,
@@ -124,10 +123,3 @@ class Simplifier:
         with suppress(KeyboardInterrupt):
             run.improve()
         return run.best
-
-
-def _unrolled(robot: Robot, path: FloatArray) -> FloatArray:
-    """Return the path with continuous joints that do not jump where they wrap."""
-    steps = robot.difference(path[:-1], path[1:])
-    unrolled: FloatArray = np.concatenate([path[:1], path[0] + np.cumsum(steps, axis=0)])
-    return unrolled if robot.continuous.any() else path

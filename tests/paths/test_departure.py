@@ -1,20 +1,25 @@
 """Departures from ends that are near obstacles: the way out, and what it does for simplified paths."""
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from ompl import util as ou
 
+from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.models.danger import DangerField
 from safe_ompl.models.obstacle import Obstacle
 from safe_ompl.models.pose import Pose
+from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
-from safe_ompl.models.shapes import Cylinder
+from safe_ompl.models.shapes import Box, Cylinder
 from safe_ompl.paths.departure import STEP, _step, way_out
 from safe_ompl.paths.freedom import Freedom
 from safe_ompl.paths.nearness import NearnessDensity
 from safe_ompl.setup import SafeSetup
 
+PLANAR2 = Path(__file__).parents[2] / "scenarios" / "robots" / "planar2.urdf"
 GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])
 START = GRASP * [-1, 1, 1, 1, 1, 1, 1] - [0, 0.3, 0, 0, 0, 0, 0]
 
@@ -48,7 +53,7 @@ def nearness(setup):
 
 
 def test_the_way_out_of_a_grasp(setup, panda, nearness):
-    way = way_out(GRASP, nearness, setup.field, Freedom(panda))
+    way = way_out(GRASP, nearness, setup.field, Freedom(panda), lambda: False)
     np.testing.assert_array_equal(way[0], GRASP)
     assert len(way) > 1
     assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= STEP * (1 + 1e-6)
@@ -59,7 +64,9 @@ def test_the_way_out_of_a_grasp(setup, panda, nearness):
 
 
 def test_far_from_obstacles_there_is_nothing_to_leave(setup, panda, nearness):
-    np.testing.assert_array_equal(way_out(START, nearness, setup.field, Freedom(panda)), [START])
+    np.testing.assert_array_equal(
+        way_out(START, nearness, setup.field, Freedom(panda), lambda: False), [START]
+    )
 
 
 def test_where_no_way_leads_out_there_is_none(setup, nearness):
@@ -67,14 +74,14 @@ def test_where_no_way_leads_out_there_is_none(setup, nearness):
         def within(self, Q):
             return np.broadcast_to(GRASP, np.shape(Q))
 
-    np.testing.assert_array_equal(way_out(GRASP, nearness, setup.field, Stuck()), [GRASP])
+    np.testing.assert_array_equal(way_out(GRASP, nearness, setup.field, Stuck(), lambda: False), [GRASP])
 
 
 def test_on_a_danger_point_only_obstacles_count(panda, nearness):
     hand = panda.keypoints(GRASP)[panda.segments[-1]].mean(axis=0)
     field = DangerField(panda, hand[None])
     assert field.value(GRASP) > 1e6
-    assert len(way_out(GRASP, nearness, field, Freedom(panda))) > 1
+    assert len(way_out(GRASP, nearness, field, Freedom(panda), lambda: False)) > 1
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -101,3 +108,30 @@ def test_a_step_is_the_best_of_its_length(rng, rank):
     others *= np.linalg.norm(step) / np.linalg.norm(others, axis=1, keepdims=True)
     assert np.linalg.norm(step) == pytest.approx(STEP, rel=1e-5)
     assert model(step) <= model(others).min()
+
+
+def test_where_no_joint_changes_what_is_near_there_is_no_way_out():
+    """A stretched planar arm below a plate, which stays as near as it is, points at what is in danger."""
+    robot = Robot.from_urdf(PLANAR2, tip="tip")
+    plate = Obstacle("plate", Box((2.0, 2.0, 0.02)), Pose((0.0, 0.0, 0.06)))
+    checker = CollisionChecker(robot, Scene((plate,)))
+    nearness = NearnessDensity(checker, 0.1)
+    stretched, field = np.zeros(2), DangerField(robot, [[1.3, 0.0, 0.0]])
+    assert nearness.near(stretched[None])
+    assert not field.gradient(stretched).any()
+    np.testing.assert_array_equal(
+        way_out(stretched, nearness, field, Freedom(robot), lambda: False), [stretched]
+    )
+
+
+def test_told_to_stop_there_is_none(setup, panda, nearness):
+    np.testing.assert_array_equal(
+        way_out(GRASP, nearness, setup.field, Freedom(panda), lambda: True), [GRASP]
+    )
+
+
+def test_a_path_back_to_where_it_began_does_not_depart(setup):
+    raw = setup.plan("RRTConnect", time=10.0, seed=0).path
+    round_trip = np.concatenate([raw[::-1], raw[1:]])
+    found = setup.simplifier.simplify(round_trip, lambda: False)
+    np.testing.assert_array_equal(np.unique(found, axis=0), [GRASP])
