@@ -70,7 +70,7 @@ class Simplification:
     Attributes
     ----------
     best : ndarray, shape (N', n)
-        Always proven, and not above the given path's J.
+        Always proven, and not above the given path's J; while it improves, for the danger points that matter near it.
 
     Raises
     ------
@@ -216,8 +216,8 @@ class Simplification:
         whole = self._whole(path)
         if np.array_equal(path, self._path) or _length(whole) > self._longest or not self._place.holds(path):
             return 0.0
-        gain = self._level - self._level_of(path)
-        if gain <= 0 or not self._go_on_from(path):
+        gain = self._level - self._level_of(path)  # NaN where both are infinite, from a danger point
+        if not (gain > 0 and self._go_on_from(path)):
             return 0.0
         self._level -= gain
         return gain

@@ -30,7 +30,8 @@ _CONVERGED = 2e-3  # a round that lowers the cost by less than this share is the
 class Simplifier:
     """Lowers J = ∫ (1 + λ·CDF(q)ᵖ) ds of paths of one robot in one scene, and a cost of nearness with it.
 
-    First departures: ends that are near obstacles are left by the steepest way out. Then shortcuts: the cheapest chain
+    First departures: ends that are near obstacles are left by the steepest way out, unless `clearance` is 0; a goal
+    that is free is not. Then shortcuts: the cheapest chain
     of straight motions between the path's way points. Then descent along the exact gradient of the cost, all way points
     between the departures at once; after a few steps what has become of the path must be proven,
     way points beside an edge that is not go back to where they were, and only what is proven and cheaper counts.

@@ -36,7 +36,8 @@ def simplify_danger(
 ) -> FloatArray:
     """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.
 
-    Whenever it ends, by itself, by time, by `stop` or by Ctrl-C, the best proven path so far is what it returns.
+    Whenever it ends, by itself, by time, by `stop` or by Ctrl-C, the best proven path so far is what it returns. Only
+    the proof of the given path comes first, whatever the time.
 
     Parameters
     ----------
@@ -53,7 +54,8 @@ def simplify_danger(
     stop : callable, optional
         Asked between steps; when it returns True, that is the end.
     on_better : callable, optional
-        Told every better path (N', n) as soon as it is proven, and its J.
+        Told every better path (N', n) as soon as it is proven, and its J for the danger points that matter near it.
+        When others turn out to matter, such a path may be taken back.
     goal : GoalSet, optional
         A set on which the last way point may move, such as a `WorkspaceGoal`; without it the ends are fixed.
     weight, exponent : float
@@ -63,13 +65,13 @@ def simplify_danger(
     length_factor : float
         The path never becomes longer than this times the given one; ≥ 1.
     spacing : float
-        [rad] Way points are no farther apart.
+        [rad] Way points are no farther apart when the descent begins; then they move.
 
     Returns
     -------
     ndarray, shape (N', n)
-        The ends are those of the given path (with `goal`, the start); J is not above its J; the least clearance not
-        below its own by more than 0.1 mm, unless `clearance` is 0.
+        The ends are those of the given path (with `goal`, the start), but for full turns of continuous joints; J is
+        not above its J; the least clearance not below its own by more than 0.1 mm, unless `clearance` is 0.
 
     Raises
     ------

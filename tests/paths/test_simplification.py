@@ -63,6 +63,19 @@ def test_where_a_shortcut_meets_other_danger_points_it_is_no_dearer_than_the_giv
     assert simplifier.cost.of(found) <= simplifier.cost.of(path) * (1 + 1e-9)
 
 
+def test_from_a_danger_point_all_paths_cost_infinity_and_it_soon_ends(planar2):
+    rng = np.random.default_rng(8)
+    path = rng.uniform(-2.5, 2.5, (3, 2))
+    others = np.column_stack([rng.uniform(-1, 1, (12, 2)), np.zeros(12)])
+    field = DangerField(planar2, [planar2.keypoints(path[0])[-1], *others])
+    simplifier = Simplifier(CollisionChecker(planar2, Scene()), field)
+    assert simplifier.cost.of(path) == np.inf
+    questions = iter(range(150))
+    found = simplifier.simplify(path, lambda: next(questions, None) is None)
+    assert next(questions, None) is not None, "it did not end by itself"
+    np.testing.assert_array_equal(found[[0, -1]], path[[0, -1]])
+
+
 @pytest.mark.parametrize("seed", [8, 12])
 def test_the_least_clearance_is_that_of_pairs_that_never_touch_too(ur5, seed):
     rng = np.random.default_rng(seed)
