@@ -10,11 +10,12 @@ import numpy as np
 from safe_ompl.arrays import FloatArray
 from safe_ompl.models.motion import CertifiedMotion
 from safe_ompl.models.robot import Robot
-from safe_ompl.paths.cost import DangerDensity, PathCost
+from safe_ompl.paths.cost import DangerDensity
 from safe_ompl.paths.departure import way_out
 from safe_ompl.paths.descent import LARGEST, Descent
 from safe_ompl.paths.division import divided, refined, with_way_points
 from safe_ompl.paths.freedom import Freedom, FreeGoal, GoalSet
+from safe_ompl.paths.nearby import NearbyCost
 from safe_ompl.paths.nearness import NearnessDensity
 from safe_ompl.paths.peaks import peaks_beside_ends
 from safe_ompl.paths.proof import PathProof, least_clearance
@@ -23,11 +24,10 @@ from safe_ompl.paths.shortcut import shortcut
 
 _SAME = 1e-4  # [m] clearances that differ by less are the same
 _ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
-_SCAN = 0.15  # [rad] between the configurations at which all danger points are looked at
 _APART = 0.01  # [rad] of path between way points, at least
 _RESOLUTIONS = 2  # how often peaks are looked for
-_SHARE = 0.85  # of the greatest danger: points that reach it somewhere are looked at in the descent
-_FAR = 0.5  # [rad] when way points have moved so far, other points may matter
+_FAR = 0.5  # [rad] when way points have moved so far, other danger points may matter
+_LOOKS = 40  # how often these are looked for at most: as a rule two to five times
 _ROUNDS = (3, 5, 8)  # steps between two proofs: more, as long as the proofs succeed
 _CAUTION = 0.5  # a round that fails is tried again with this share of the step
 _SMALLEST = 0.01  # [rad] steps are not worth taking
@@ -105,8 +105,8 @@ class Simplification:
         if self._nearness is not None:
             ends = [settings.motion.checker.clearance(q).distance for q in path[[0, -1]]]
             self._nearness.allow(_ALLOWANCE * min(ends))
-        self._look_at_danger(path)
-        self._ceiling = self._danger_cost.of(path)
+        self._cost = NearbyCost(settings.danger, self._nearness, path)
+        self._ceiling = self._cost.of(path)
         self._level = np.inf
 
     # -------------------------------------------------------------------------------------- what becomes of it
@@ -119,7 +119,7 @@ class Simplification:
             if self.best is not given:
                 return
         self._path, self._departures, self._pending = given, (given[:1], given[-1:]), False
-        self._look_at_danger(given)
+        self._cost.look_at(given)
         self._shorten()
         self._descend()
 
@@ -141,7 +141,7 @@ class Simplification:
         whole = self._whole(between)
         if _length(whole) > self._longest:
             return False
-        self._look_at_danger(whole)
+        self._cost.look_at(whole)
         return self._go_on_from(between)
 
     def _way_out(self, end: FloatArray) -> FloatArray:
@@ -154,12 +154,12 @@ class Simplification:
         shorter = self._shortcut(self._path)
         if shorter is None or _length(shorter) > self._longest:
             return
-        self._look_at_danger(shorter)  # where the given path has not been, other danger points may matter
+        self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
         if not self._go_on_from(shorter):
-            self._look_at_danger(self._path)
+            self._cost.look_at(self._path)
 
     def _shortcut(self, path: FloatArray) -> FloatArray | None:
-        found = shortcut(path, self._danger_cost, self._proof, self._stop)
+        found = shortcut(path, self._cost.danger, self._proof, self._stop)
         return None if found is None else unrolled(self._robot, found)
 
     def _descend(self) -> None:
@@ -168,11 +168,11 @@ class Simplification:
             return  # where the start is the goal, nothing is shorter
         self._divide()
         known, resolutions = self.best, 0
-        while True:
+        for _ in range(_LOOKS):
             far = self._descend_nearby()
             # Other danger points may matter now. They can only add to the cost.
-            self._look_at_danger(self._whole(self._path))
-            if not self._pending and self._danger_cost.of(self._whole(self._path)) > self._ceiling:
+            self._cost.look_at(self._whole(self._path))
+            if not self._pending and self._cost.of(self._whole(self._path)) > self._ceiling:
                 self.best = known
                 return
             known = self.best
@@ -184,8 +184,8 @@ class Simplification:
     def _descend_nearby(self) -> bool:
         """Descend until the cost falls no more, or way points have moved far; return whether they have."""
         first = self._path
-        self._level = self._level_of(first)
-        descent = Descent(self._cost, self._path, self._place)
+        self._level = self._cost.level(first)
+        descent = Descent(self._cost.total, self._path, self._place)
         largest, round_ = LARGEST, 0
         while largest >= _SMALLEST and not self._stop():
             for _ in range(_ROUNDS[round_]):
@@ -197,7 +197,7 @@ class Simplification:
                 break
             if not gain:
                 largest, round_ = _CAUTION * largest, 0
-                self._anchor(self._path)
+                self._cost.anchor(self._path)
                 descent.restart(self._path)
             elif back.any():
                 largest, round_ = 0.5 * largest, 0
@@ -216,7 +216,7 @@ class Simplification:
         whole = self._whole(path)
         if np.array_equal(path, self._path) or _length(whole) > self._longest or not self._place.holds(path):
             return 0.0
-        gain = self._level - self._level_of(path)  # NaN where both are infinite, from a danger point
+        gain = self._level - self._cost.level(path)  # NaN where both are infinite, from a danger point
         if not (gain > 0 and self._go_on_from(path)):
             return 0.0
         self._level -= gain
@@ -225,7 +225,7 @@ class Simplification:
     def _go_on_from(self, path: FloatArray) -> bool:
         """Take a proven path for the one between the departures, unless what is published would become too dear."""
         whole = self._whole(path)
-        cost = self._danger_cost.of(whole)
+        cost = self._cost.of(whole)
         cheap = cost <= self._ceiling
         if cheap or self._pending:
             self._path = path
@@ -260,32 +260,8 @@ class Simplification:
         if len(path) == len(self._path) or not self._proof.admit(path):
             return False
         self._path = path
-        self._look_at_danger(self._whole(path), peaks)
+        self._cost.look_at(self._whole(path), peaks)
         return True
-
-    # ------------------------------------------------------------------------------------------- what it costs
-
-    def _look_at_danger(self, path: FloatArray, besides: FloatArray | None = None) -> None:
-        """Take the danger points that matter near a whole path, and at some configurations besides."""
-        samples = divided(path, _SCAN)
-        if besides is not None:
-            samples = np.concatenate([samples, besides])
-        everywhere = self._settings.danger
-        danger = everywhere.restricted(everywhere.field.active(samples, _SHARE))
-        self._danger_cost = PathCost(self._robot, [danger])
-        self._cost = PathCost(self._robot, [danger, *([] if self._nearness is None else [self._nearness])])
-
-    def _level_of(self, path: FloatArray) -> float:
-        """Return what a path costs, nearness included; the witnesses of nearness are those of this path then."""
-        if self._nearness is None:
-            return self._danger_cost.of(path)
-        self._anchor(path)
-        nearness = PathCost(self._robot, [self._nearness]).value_and_gradient(path)[0] - _length(path)
-        return self._danger_cost.of(path) + nearness
-
-    def _anchor(self, path: FloatArray) -> None:
-        if self._nearness is not None:
-            self._nearness.anchor(self._cost.nodes(path))
 
 
 def unrolled(robot: Robot, path: FloatArray) -> FloatArray:
