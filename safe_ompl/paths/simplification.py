@@ -99,8 +99,8 @@ class Simplification:
         self._goal_is_free = goal is not None
         self._place = Freedom(self._robot) if goal is None else FreeGoal(goal)
         self._longest = settings.length_factor * _length(path)
+        keep = 0.0 if settings.nearness is None else least_clearance(path, settings.motion.checker)
         self._nearness = None if settings.nearness is None else settings.nearness.afresh()
-        keep = least_clearance(path, settings.motion.checker) if self._nearness else 0.0
         self._proof = PathProof.of(path, settings.motion, keep - _SAME, proven=proven)
         if self._nearness is not None:
             ends = [settings.motion.checker.clearance(q).distance for q in path[[0, -1]]]

@@ -14,7 +14,7 @@ from safe_ompl.models.obstacle import Obstacle
 from safe_ompl.models.pose import Pose
 from safe_ompl.models.robot import Robot
 from safe_ompl.models.scene import Scene
-from safe_ompl.models.shapes import Box, Sphere
+from safe_ompl.models.shapes import Box, Capsule, Sphere
 from safe_ompl.paths.proof import PathProof, least_clearance
 from safe_ompl.paths.shortcut import shortcut
 from safe_ompl.paths.simplification import unrolled
@@ -203,3 +203,20 @@ def test_a_path_that_is_held_back_does_not_leave_the_goal_set(ur5, monkeypatch):
     found = simplifier.simplify(path, never, lambda p, cost: ends.append(goal.place.distance(p[-1])), goal)
     assert np.abs(found[-1] - GOAL).max() > 0.01
     assert max(ends) <= goal.tolerance
+
+
+# --------------------------------------------------------------------------------------------------- the same again
+
+
+def test_the_first_path_on_a_checker_becomes_what_it_becomes_later(planar2):
+    """Clearances far beyond what may touch make the checker look at more pairs; all is to be made after that."""
+    capsule = Obstacle("capsule", Capsule(0.0755, 0.279), Pose((-0.354, -0.57, 0.0)), weight=1.0)
+    checker = CollisionChecker(planar2, Scene((capsule,), spacing=0.1))
+    points, weights, _ = checker.scene.danger_points()
+    simplifier = Simplifier(checker, DangerField(planar2, points, weights), weight=0.0)
+    path = [
+        [-3.06, -2.6], [-2.27, -2.46], [-2.09, -1.68], [-1.31, -1.85],
+        [-0.89, -1.29], [-1.56, -0.86], [-1.24, -0.13], [-0.91, 0.6],
+    ]  # fmt: skip
+    first, again = (simplifier.simplify(path, never) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
