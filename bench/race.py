@@ -16,7 +16,7 @@ Robot, scene and median danger are there before the clock starts. Paths are note
 found; what they cost is computed afterwards. "best known" is the best J that anything found for the query (--longer
 gives ours more time for that); the tables at the end show medians over queries of J divided by it, and for each query
 when ours was below what OMPL's optimising planners had in the end. All of it takes hours: --with adds runs of other
-planners from a file of --json.
+planners from files of --json, and --planners "" runs none.
 """
 
 from __future__ import annotations
@@ -196,20 +196,26 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write what was found when")
-    parser.add_argument("--with", type=Path, metavar="FILE", dest="others", help="runs of other planners")
+    parser.add_argument(
+        "--with",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        dest="others",
+        help="runs of other planners",
+    )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it (.png)")
     options = parser.parse_args()
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     logging.disable(logging.WARNING)
 
-    planners = options.planners.split(",")
+    planners = [planner for planner in options.planners.split(",") if planner]
     part = slice(*(int(text) if text else None for text in options.queries.split(":")))
     queries = [Query(*query) for query in QUERIES[part]]
-    found: Runs = {planner: {} for planner in planners}
+    found, known = earlier_runs(options.others)
+    found = {planner: {} for planner in planners} | {p: of for p, of in found.items() if p not in planners}
     best: dict[str, float] = {}
-    if options.others:
-        known = json.loads(options.others.read_text())
-        found |= {planner: of for planner, of in known["found"].items() if planner not in planners}
     instants = [instant for instant in INSTANTS if instant <= options.time]
     print(f"{'query':10s}{'planner':>18s}" + "".join(f"{f'{t:g} s':>9s}" for t in instants))
     for query in queries:
@@ -220,8 +226,8 @@ def main() -> None:
             row = "".join(f"{cost_at(of.get(name, []), instant):9.2f}" for instant in instants)
             print(f"{name:10s}{planner:>18s}{row}", flush=True)
         costs = [of[name][-1][1] for of in found.values() if of.get(name)]
-        if options.others and name in known["best"]:
-            costs.append(known["best"][name])
+        if name in known:
+            costs.append(known[name])
         if options.longer:
             costs.append(run(OURS, query, options.longer, options.seed + 1)[-1][1])
         best[name] = min(costs)
@@ -233,6 +239,19 @@ def main() -> None:
         options.json.write_text(json.dumps({"found": found, "best": best}))
     if options.plot:
         draw(found, best, options.time, options.plot)
+
+
+def earlier_runs(files: Sequence[Path]) -> tuple[Runs, dict[str, float]]:
+    """Return what planners found in earlier races, and the best J known; of the same run the last file counts."""
+    found: Runs = {}
+    best: dict[str, float] = {}
+    for file in files:
+        told = json.loads(file.read_text())
+        for planner, of in told["found"].items():
+            found[planner] = found.get(planner, {}) | of
+        for query, cost in told["best"].items():
+            best[query] = min(cost, best.get(query, np.inf))
+    return found, best
 
 
 def show_ratios(found: Runs, best: dict[str, float], instants: Sequence[float]) -> None:
