@@ -40,13 +40,27 @@ from safe_ompl import DangerObjective, Robot, SafeSetup, Scene
 from safe_ompl.arrays import FloatArray
 from safe_ompl.paths.cost import PathCost
 from safe_ompl.planners.registry import make_planner
+from safe_ompl.plots.page import GREY, Page
 
 OURS, RESTART = "Safe", "Restart"
 PLANNERS = (OURS, RESTART, "BITstar", "RRTstar", "InformedRRTstar")
+_LABELS = {
+    OURS: "safe-ompl",
+    RESTART: "RRTConnect + OMPL's\nsimplifier, restarted",
+    "BITstar": "BIT*",
+    "RRTstar": "RRT*",
+    "InformedRRTstar": "Informed RRT*",
+    "TRRT": "T-RRT",
+    "BiTRRT": "bidirectional T-RRT",
+    "GradienTRRT": "GradienT-RRT",
+}
 OPTIMISING = ("BITstar", "RRTstar", "InformedRRTstar", "SORRTstar")
 INSTANTS = (0.05, 0.1, 0.3, 1.0, 10.0, 40.0)
 OBSTACLES, CLEARANCE = 6, 0.02
-_WORST = 3.0  # ratio of the costs up to which the figure goes
+_WORST = 2.5  # ratio of the costs up to which the figure goes
+_FIRST = 0.01  # [s] where it begins
+_OURS = "#0b62b4"
+_COLOURS = ("#c8452b", "#b87a00", "#00876a", "#7d2f91", "#596675", "#d38f8f", "#9a8f00")
 _GRID = 200  # instants at which ours is compared with the restarting rival
 _LOOK = 0.02  # [s] an optimising planner runs between two looks at its best path
 QUERIES = tuple((robot, seed) for seed in range(7) for robot in ("ur5", "panda", "xarm7"))[:20]
@@ -295,23 +309,31 @@ def show_lead(found: Runs, best: dict[str, float], seconds: float) -> None:
 
 def draw(found: Runs, best: dict[str, float], seconds: float, file: Path) -> None:
     """Draw the median over the queries of J over the best J known, against time."""
-    from matplotlib import pyplot as plt
-
-    times = np.geomspace(0.01, seconds, 200)
-    figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
-    for planner, of in found.items():
-        ratios = np.array([[cost_at(of.get(q, []), t) / best[q] for t in times] for q in best])
-        median = np.median(ratios, axis=0)
-        known = np.isfinite(median)
-        axes.plot(times[known], median[known], label=planner, linewidth=2.4 if planner == OURS else 1.4)
-    axes.set(
-        xscale="log", xlabel="time, planning included [s]", ylabel="J / best J known, median over queries"
-    )
-    axes.set_xlim(0.01, seconds)
-    axes.set_ylim(0.9, _WORST)
-    axes.grid(alpha=0.3)
-    axes.legend(frameon=False, loc="upper right")
-    figure.savefig(file, dpi=150)
+    times = np.geomspace(_FIRST, seconds, 400)
+    rivals = iter(_COLOURS)
+    with Page(file, 9.0, 4.4) as page:
+        axes = page.figure.subplots()
+        for planner, of in sorted(found.items(), key=lambda item: item[0] != OURS):
+            ratios = np.array([[cost_at(of.get(q, []), t) / best[q] for t in times] for q in best])
+            median = np.median(ratios, axis=0)
+            known = np.isfinite(median)
+            axes.plot(
+                times[known],
+                median[known],
+                label=_LABELS.get(planner, planner),
+                color=_OURS if planner == OURS else next(rivals, GREY),
+                linewidth=3.0 if planner == OURS else 1.5,
+            )
+        axes.set(
+            xscale="log",
+            xlim=(_FIRST, seconds),
+            ylim=(0.9, _WORST),
+            xlabel="time, planning included [s]",
+            ylabel="cost of the best path / best known",
+        )
+        axes.xaxis.set_major_formatter("{x:g}")
+        lines = sorted(axes.get_lines(), key=lambda line: -line.get_ydata()[-1])
+        axes.legend(handles=lines, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 if __name__ == "__main__":
