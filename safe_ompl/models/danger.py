@@ -184,13 +184,8 @@ class DangerField:
         keypoints, points = self._keypoints(Q), self._points_at(Q)
         levels = self._levels(keypoints, points)
         rows, terms = np.nonzero(levels > level)
-        chosen = points[terms] if points.ndim == 2 else points[rows, terms]
-        weights = np.ones(len(rows)) if self._weights is None else self._weights[terms]
-        return (
-            rows,
-            levels[rows, terms],
-            self._pulled_back(Q[rows], keypoints[rows], chosen[:, None], weights[:, None]),
-        )
+        gradients = self._pulled_back(Q[rows], keypoints[rows], *self._chosen(points, rows, terms))
+        return rows, levels[rows, terms], gradients
 
     def most_dangerous_point(self, q: ArrayLike) -> int:
         """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`."""
@@ -378,16 +373,20 @@ class DangerField:
 
     def _contributions(self, levels: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the points that matter, (B, m, 3) or (M, 3), and ∂CDF/∂CDF(p) for each, (B, m)."""
-        weights = np.ones(levels.shape[1]) if self._weights is None else self._weights
         if self.aggregate == "max":
-            active = levels.argmax(axis=1)
-            chosen = points[active] if points.ndim == 2 else points[np.arange(len(active)), active]
-            return chosen[:, None], weights[active][:, None]
+            return self._chosen(points, np.arange(len(levels)), levels.argmax(axis=1))
+        weights = np.ones(levels.shape[1]) if self._weights is None else self._weights
         if self.aggregate == "mean":
             return points, np.broadcast_to(weights / levels.shape[1], levels.shape)
         shares = self._exponentials(levels)
         shares /= shares.sum(axis=1, keepdims=True)
         return points, shares * weights
+
+    def _chosen(self, points: FloatArray, rows: IntArray, terms: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return danger points (C, 1, 3) and weights (C, 1): for each of `rows: (C,)` the one of `terms: (C,)`."""
+        chosen = points[terms] if points.ndim == 2 else points[rows, terms]
+        weights = np.ones(len(terms)) if self._weights is None else self._weights[terms]
+        return chosen[:, None], weights[:, None]
 
     def _exponentials(self, levels: FloatArray) -> FloatArray:
         """Return exp(β (x_m − max x)), (B, M), which cannot overflow; 1 where x_m is the maximum."""

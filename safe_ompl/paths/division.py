@@ -14,6 +14,11 @@ _FINE = (
 _HALVINGS = 3
 
 
+def path_length(path: FloatArray) -> float:
+    """Return the length [rad] of an unrolled path (N, n)."""
+    return float(np.linalg.norm(path[1:] - path[:-1], axis=1).sum())
+
+
 def divided(path: FloatArray, spacing: float) -> FloatArray:
     """Return the same path (N, n) with way points no more than `spacing` apart [rad]."""
     steps = path[1:] - path[:-1]

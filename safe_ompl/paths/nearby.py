@@ -6,7 +6,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.paths.cost import DangerDensity, PathCost
-from safe_ompl.paths.division import divided
+from safe_ompl.paths.division import divided, path_length
 from safe_ompl.paths.nearness import NearnessDensity
 
 _SCAN = 0.15  # [rad] between the configurations at which all danger points are looked at
@@ -60,7 +60,7 @@ class NearbyCost:
             return self.of(path)
         self.anchor(path)
         nearness = PathCost(self.total.robot, [self._nearness]).value_and_gradient(path)[0]
-        return self.of(path) + nearness - float(np.linalg.norm(path[1:] - path[:-1], axis=1).sum())
+        return self.of(path) + nearness - path_length(path)
 
     def anchor(self, path: FloatArray) -> None:
         """From here on take the witnesses of nearness along a path (N, n)."""

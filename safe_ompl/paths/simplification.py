@@ -13,7 +13,7 @@ from safe_ompl.models.robot import Robot
 from safe_ompl.paths.cost import DangerDensity
 from safe_ompl.paths.departure import way_out
 from safe_ompl.paths.descent import LARGEST, Descent
-from safe_ompl.paths.division import divided, refined, with_way_points
+from safe_ompl.paths.division import divided, path_length, refined, with_way_points
 from safe_ompl.paths.freedom import Freedom, FreeGoal, GoalSet
 from safe_ompl.paths.nearby import NearbyCost
 from safe_ompl.paths.nearness import NearnessDensity
@@ -98,13 +98,16 @@ class Simplification:
         self._on_better = on_better
         self._goal_is_free = goal is not None
         self._place = Freedom(self._robot) if goal is None else FreeGoal(goal)
-        self._longest = settings.length_factor * _length(path)
-        keep = 0.0 if settings.nearness is None else least_clearance(path, settings.motion.checker)
-        self._nearness = None if settings.nearness is None else settings.nearness.afresh()
-        self._proof = PathProof.of(path, settings.motion, keep - _SAME, proven=proven)
-        if self._nearness is not None:
-            ends = [settings.motion.checker.clearance(q).distance for q in path[[0, -1]]]
-            self._nearness.allow(_ALLOWANCE * min(ends))
+        self._longest = settings.length_factor * path_length(path)
+        self._nearness: NearnessDensity | None = None
+        margin = 0.0
+        if settings.nearness is not None:
+            checker = settings.motion.checker
+            # First: the checker may cover more pairs for it, and nearness takes those that are covered.
+            margin = least_clearance(path, checker) - _SAME
+            self._nearness = settings.nearness.afresh()
+            self._nearness.allow(_ALLOWANCE * min(checker.clearance(q).distance for q in path[[0, -1]]))
+        self._proof = PathProof.of(path, settings.motion, margin, proven=proven)
         self._cost = NearbyCost(settings.danger, self._nearness, path)
         self._ceiling = self._cost.of(path)
         self._level = np.inf
@@ -128,7 +131,7 @@ class Simplification:
         start = self._way_out(self.best[0])
         goal = self.best[-1:] if self._goal_is_free else self._way_out(self.best[-1])
         apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
-        if len(start) == len(goal) == 1 or apart <= _length(start) + _length(goal):
+        if len(start) == len(goal) == 1 or apart <= path_length(start) + path_length(goal):
             return False  # nothing to leave, or nowhere to go from there
         path = divided(self.best, self._settings.spacing)
         if self._proof.refused(start) or self._proof.refused(goal[::-1]) or not self._proof.admit(path):
@@ -139,7 +142,7 @@ class Simplification:
         goal = goal + (between[-1] - goal[-1])  # continuous joints may have been unwound
         self._departures, self._pending = (start, goal[::-1]), True
         whole = self._whole(between)
-        if _length(whole) > self._longest:
+        if path_length(whole) > self._longest:
             return False
         self._cost.look_at(whole)
         return self._go_on_from(between)
@@ -152,7 +155,7 @@ class Simplification:
     def _shorten(self) -> None:
         """Take shortcuts."""
         shorter = self._shortcut(self._path)
-        if shorter is None or _length(shorter) > self._longest:
+        if shorter is None or path_length(shorter) > self._longest:
             return
         self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
         if not self._go_on_from(shorter):
@@ -164,7 +167,7 @@ class Simplification:
 
     def _descend(self) -> None:
         """Descend until the cost falls no more."""
-        if self._stop() or not _length(self._path):
+        if self._stop() or not path_length(self._path):
             return  # where the start is the goal, nothing is shorter
         self._divide()
         known, resolutions = self.best, 0
@@ -214,7 +217,11 @@ class Simplification:
     def _take(self, path: FloatArray) -> float:
         """Go on from a proven path if it is cheaper and not too long; return by how much it is cheaper."""
         whole = self._whole(path)
-        if np.array_equal(path, self._path) or _length(whole) > self._longest or not self._place.holds(path):
+        if (
+            np.array_equal(path, self._path)
+            or path_length(whole) > self._longest
+            or not self._place.holds(path)
+        ):
             return 0.0
         gain = self._level - self._cost.level(path)  # NaN where both are infinite, from a danger point
         if not (gain > 0 and self._go_on_from(path)):
@@ -271,7 +278,3 @@ def unrolled(robot: Robot, path: FloatArray) -> FloatArray:
     found: FloatArray = path.copy()
     found[1:] += 2.0 * np.pi * np.cumsum(turns, axis=0)
     return found
-
-
-def _length(path: FloatArray) -> float:
-    return float(np.linalg.norm(path[1:] - path[:-1], axis=1).sum())
