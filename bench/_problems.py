@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from ompl import util as ou
 
 from safe_ompl import Robot, SafeSetup
+from safe_ompl.cli.arguments import positions
 from safe_ompl.cli.mbm import exceeded_limits
 from safe_ompl.models.mbm import MbmFile, MbmProblem
 
@@ -19,7 +20,9 @@ def problem_parser(description: str | None) -> argparse.ArgumentParser:
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("file")
-    parser.add_argument("--problems", default=":", metavar="A:B", help="slice of each family")
+    parser.add_argument(
+        "--problems", type=positions, default="0:", metavar="A:B", help="slice of each family"
+    )
     parser.add_argument("--time", type=float, default=5.0, metavar="S", help="for planning (default: 5)")
     parser.add_argument("--seed", type=int, default=0)
     return parser
@@ -30,10 +33,9 @@ def problems(options: argparse.Namespace) -> Iterator[tuple[str, MbmProblem, Saf
     ou.setLogLevel(ou.LogLevel.LOG_ERROR)
     logging.disable(logging.WARNING)
     file = MbmFile.load(options.file)
-    part = slice(*(int(text) if text else None for text in options.problems.split(":")))
     robot = Robot.from_example(file.robot)
     for family in file.families:
-        for problem in list(file.problems(family))[part]:
+        for problem in list(file.problems(family))[options.problems]:
             limits = exceeded_limits(robot, problem)
             fitting = robot.with_limits(limits) if limits else robot
             setup = SafeSetup(fitting, problem.scene)

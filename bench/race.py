@@ -38,12 +38,14 @@ from ompl import util as ou
 
 from safe_ompl import DangerObjective, Robot, SafeSetup, Scene
 from safe_ompl.arrays import FloatArray
+from safe_ompl.cli.arguments import positions
+from safe_ompl.palette import planner_styles
 from safe_ompl.paths.cost import PathCost
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plots.page import GREY, Page
 
 OURS, RESTART = "Safe", "Restart"
-PLANNERS = (OURS, RESTART, "BITstar", "RRTstar", "InformedRRTstar")
+PLANNERS = (OURS, RESTART, "BITstar", "RRTstar", "InformedRRTstar", "TRRT", "BiTRRT", "GradienTRRT")
 _LABELS = {
     OURS: "safe-ompl",
     RESTART: "RRTConnect + OMPL's\nsimplifier, restarted",
@@ -59,7 +61,6 @@ INSTANTS = (0.05, 0.1, 0.3, 1.0, 10.0, 40.0)
 OBSTACLES, CLEARANCE = 6, 0.02
 _WORST = 2.5  # ratio of the costs up to which the figure goes
 _FIRST = 0.01  # [s] where it begins
-_OURS = "#0b62b4"
 _COLOURS = ("#c8452b", "#b87a00", "#00876a", "#7d2f91", "#596675", "#d38f8f", "#9a8f00")
 _GRID = 200  # instants at which ours is compared with the restarting rival
 _LOOK = 0.02  # [s] an optimising planner runs between two looks at its best path
@@ -203,7 +204,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--planners", default=",".join(PLANNERS), help="default: %(default)s")
-    parser.add_argument("--queries", default="0:20", metavar="A:B", help="which of the 20")
+    parser.add_argument("--queries", type=positions, default="0:20", metavar="A:B", help="which of the 20")
     parser.add_argument("--time", type=float, default=40.0, metavar="S", help="of each run (default: 40)")
     parser.add_argument(
         "--longer", type=float, metavar="S", help="time for ours alone, towards the best J known"
@@ -225,8 +226,7 @@ def main() -> None:
     logging.disable(logging.WARNING)
 
     planners = [planner for planner in options.planners.split(",") if planner]
-    part = slice(*(int(text) if text else None for text in options.queries.split(":")))
-    queries = [Query(*query) for query in QUERIES[part]]
+    queries = [Query(*query) for query in QUERIES[options.queries]]
     found, known = earlier_runs(options.others)
     found = {planner: {} for planner in planners} | {p: of for p, of in found.items() if p not in planners}
     best: dict[str, float] = {}
@@ -268,14 +268,17 @@ def earlier_runs(files: Sequence[Path]) -> tuple[Runs, dict[str, float]]:
     return found, best
 
 
+def ratios(of: dict[str, Found], best: dict[str, float], times: Sequence[float]) -> FloatArray:
+    """Return J over the best J known (Q, T), of the queries at times; infinite where there was no path."""
+    return np.array([[cost_at(of.get(query, []), t) / cost for t in times] for query, cost in best.items()])
+
+
 def show_ratios(found: Runs, best: dict[str, float], instants: Sequence[float]) -> None:
     """Print the medians over the queries of J over the best J known."""
     print("\nmedian over queries of J / best J known; inf: no path on half of them")
     for planner, of in found.items():
-        ratios = [[cost_at(of.get(q, []), t) / best[q] for t in instants] for q in best]
-        print(
-            f"{planner:>28s}" + "".join(f"{np.median(column):9.3f}" for column in zip(*ratios, strict=True))
-        )
+        medians = np.median(ratios(of, best, instants), axis=0)
+        print(f"{planner:>28s}" + "".join(f"{median:9.3f}" for median in medians))
 
 
 def show_lead(found: Runs, best: dict[str, float], seconds: float) -> None:
@@ -292,36 +295,29 @@ def show_lead(found: Runs, best: dict[str, float], seconds: float) -> None:
         print(line)
     if RESTART in found:
         grid = np.geomspace(INSTANTS[0], seconds, _GRID)
-        curves = {
-            p: np.array([[cost_at(found[p].get(q, []), t) for t in grid] for q in best])
-            for p in (OURS, RESTART)
-        }
-        ahead = curves[RESTART] < curves[OURS]
-        medians = np.array(
-            [np.median(curves[p] / np.array(list(best.values()))[:, None], axis=0) for p in curves]
-        )
+        ours, theirs = (ratios(found[planner], best, grid) for planner in (OURS, RESTART))
+        ahead = (theirs < ours).mean()
+        median_ahead = (np.median(theirs, axis=0) < np.median(ours, axis=0)).mean()
         print(
-            f"{RESTART} below ours from {INSTANTS[0]:g} s on: {ahead.mean():.1%} of times and queries,",
-            end=" ",
+            f"{RESTART} below ours from {INSTANTS[0]:g} s on: {ahead:.1%} of times and queries, "
+            f"{median_ahead:.1%} of times in the median"
         )
-        print(f"{(medians[1] < medians[0]).mean():.1%} of times in the median")
 
 
 def draw(found: Runs, best: dict[str, float], seconds: float, file: Path) -> None:
     """Draw the median over the queries of J over the best J known, against time."""
     times = np.geomspace(_FIRST, seconds, 400)
-    rivals = iter(_COLOURS)
+    ours, rivals = planner_styles(["SafeRRTConnect"])["SafeRRTConnect"].colour, iter(_COLOURS)
     with Page(file, 9.0, 4.4) as page:
         axes = page.figure.subplots()
         for planner, of in sorted(found.items(), key=lambda item: item[0] != OURS):
-            ratios = np.array([[cost_at(of.get(q, []), t) / best[q] for t in times] for q in best])
-            median = np.median(ratios, axis=0)
+            median = np.median(ratios(of, best, times), axis=0)
             known = np.isfinite(median)
             axes.plot(
                 times[known],
                 median[known],
                 label=_LABELS.get(planner, planner),
-                color=_OURS if planner == OURS else next(rivals, GREY),
+                color=ours if planner == OURS else next(rivals, GREY),
                 linewidth=3.0 if planner == OURS else 1.5,
             )
         axes.set(
