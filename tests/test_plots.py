@@ -105,6 +105,15 @@ def test_each_run_is_a_point(tmp_path: Path) -> None:
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["RRTConnect", "SafeRRTConnect"]
 
 
+def test_the_legend_of_many_planners_hides_no_runs(tmp_path: Path) -> None:
+    names = ["RRTConnect", "SafeRRTConnect", "SafePRM", "ClassicPRM", "SafeJTRRT", "BITstar"]
+    many = {name: [0.01 * k, 0.02] for k, name in enumerate(names, 1)}
+    figure = plot_clearance_danger(many, many, tmp_path / "runs.png")
+    figure.canvas.draw()
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == names
+    assert figure.legends[0].get_window_extent().x0 >= figure.axes[0].get_window_extent().x1
+
+
 def test_a_plan_shows_levels_and_the_closest_approach(tmp_path: Path) -> None:
     danger, clearance = np.array([1.0, 4.0, 2.0]), np.array([0.2, 0.03, 0.1])
     figure = plot_plan(danger, tmp_path / "plan.png", clearance=clearance, planner="SafePRM")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sized
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from safe_ompl.plots.data import check_partners, rows, tables
 from safe_ompl.plots.page import ALONG, DANGER, GREY, Page, natural
 
 _BAND = (15.0, 85.0)  # percentiles, as in the paper
-_MOST_IN_AXES = 5  # planners whose legend finds room beside their curves
+_MOST_IN_AXES = 5  # planners whose legend finds room among their curves or points
 _LOG_SPREAD = 30.0  # largest over smallest value from which an axis is logarithmic
 
 
@@ -39,8 +39,7 @@ def plot_profiles(
         If there is no planner, an array has the wrong shape, or a value is not finite.
     """
     data = tables(profiles)
-    crowded = len(data) > _MOST_IN_AXES
-    with Page(file, 9.0 if crowded else 7.0, 4.4) as page:
+    with Page(file, _width(data), 4.4) as page:
         axes = page.figure.add_subplot()
         for name, style in planner_styles(data).items():
             runs = data[name]
@@ -49,10 +48,7 @@ def plot_profiles(
         axes.set(xlabel=ALONG, ylabel=DANGER, xlim=(0.0, 1.0))
         axes.set_ylim(bottom=0.0)
         axes.set_title(title)
-        if crowded:
-            page.figure.legend(loc="outside right upper", handlelength=3.2)
-        else:
-            axes.legend(handlelength=3.2)
+        _add_planner_legend(axes, data, handlelength=3.2)
     return page.figure
 
 
@@ -147,7 +143,7 @@ def plot_clearance_danger(
     """
     across, up = rows(clearances, "clearances"), rows(dangers, "dangers")
     check_partners(across, up)
-    with Page(file, 7.0, 4.6) as page:
+    with Page(file, _width(across), 4.6) as page:
         axes = page.figure.add_subplot()
         for name, style in planner_styles(across).items():
             axes.scatter(
@@ -165,8 +161,20 @@ def plot_clearance_danger(
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
         axes.set_title(title)
-        axes.legend()
+        _add_planner_legend(axes, across)
     return page.figure
+
+
+def _width(planners: Sized) -> float:
+    """Return how wide [inch] a picture of planners in one axes is; the legend of many stands beside them."""
+    return 9.0 if len(planners) > _MOST_IN_AXES else 7.0
+
+
+def _add_planner_legend(axes: Any, planners: Sized, **options: Any) -> None:
+    if len(planners) > _MOST_IN_AXES:
+        axes.figure.legend(loc="outside right upper", **options)
+    else:
+        axes.legend(**options)
 
 
 def _line(style: PlannerStyle) -> dict[str, Any]:
