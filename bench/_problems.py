@@ -11,7 +11,7 @@ from ompl import util as ou
 from safe_ompl import Robot, SafeSetup
 from safe_ompl.cli.arguments import positions
 from safe_ompl.cli.mbm import exceeded_limits
-from safe_ompl.models.mbm import MbmFile, MbmProblem
+from safe_ompl.scenario.mbm import MbmFile, MbmProblem
 
 
 def problem_parser(description: str | None) -> argparse.ArgumentParser:

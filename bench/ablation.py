@@ -15,8 +15,8 @@ import numpy as np
 from _timing import print_table
 from ompl import util as ou
 
-from safe_ompl.models.scenario import Scenario, find_scenario, list_scenarios
-from safe_ompl.setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.scenario.scenario import Scenario, find_scenario, list_scenarios
+from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
 
 PLANNER = "SafeRRTConnect"
 SELECTION: dict[str, Any] = {"nearest_fraction": 0.3}

@@ -16,10 +16,10 @@ import numpy as np
 from _scenes import scattered
 from _timing import print_table
 
-from safe_ompl.models.obstacle import Obstacle
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scene import Scene
-from safe_ompl.setup import PlanResult, SafeSetup
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.scene import Scene
+from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
 
 PAPER = {"shape": "paper", "normalized": False, "guided": False}
 FORMS: dict[str, dict[str, Any]] = {

@@ -29,17 +29,18 @@ from _timing import print_table
 from motion import random_edges, sampled_is_free
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.danger import DangerField
-from safe_ompl.models.danger_bounds import CertifiedDanger
-from safe_ompl.models.motion import CertifiedMotion, Verdict
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scenario import Scenario, list_scenarios
-from safe_ompl.models.scene import Scene
-from safe_ompl.paths.certificate import certificate
-from safe_ompl.paths.report import PROFILE_POINTS, Curve
-from safe_ompl.paths.verify import verify
-from safe_ompl.setup import setup_scenario
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.danger.certified import CertifiedDanger
+from safe_ompl.danger.field import DangerField
+from safe_ompl.paths.certificate.certificate import certificate
+from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.report import PROFILE_POINTS
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.scenario import Scenario, list_scenarios
+from safe_ompl.scene.scene import Scene
+from safe_ompl.setup.safe_setup import setup_scenario
 
 FINE, FINEST = 0.001, 0.0002  # [rad] between samples
 NEAR = 0.005  # [m] how near hard edges pass to a contact

@@ -16,8 +16,8 @@ import pinocchio as pin
 from _problems import problem_parser, problems
 
 from safe_ompl import PlanResult
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scene import Scene
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
 
 PLANNERS = ("SafeRRTConnect", "RRTConnect")
 SAMPLING = 0.002  # [rad]

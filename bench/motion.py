@@ -22,10 +22,10 @@ from _scenes import bookshelf, scattered
 from _timing import in_turn, print_table
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.motion import CertifiedMotion, Verdict
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scene import Scene
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
 
 COARSE, FINE = 0.01, 0.001  # [rad]
 

@@ -15,10 +15,10 @@ from _scenes import scattered
 from _timing import in_turn, print_table
 from ompl import base as ob
 
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.robot import Robot
+from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.plugins.states import StateBridge, joint_space
 from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.robot.robot import Robot
 
 
 def measure(name: str, number: int, rounds: int) -> tuple[object, ...]:

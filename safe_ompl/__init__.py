@@ -1,6 +1,10 @@
 """Safety-oriented robot arm motion planning for OMPL (Lacevic & Rocco, Robotica 2013)."""
 
 from safe_ompl.benchmark.benchmark import Benchmark
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
+from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import (
     CertificateError,
     CollisionError,
@@ -9,17 +13,10 @@ from safe_ompl.errors import (
     SafeOmplError,
     UnknownNameError,
 )
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.danger import DangerField
-from safe_ompl.models.danger_bounds import CertifiedDanger, DangerLimit
-from safe_ompl.models.motion import CertifiedMotion, Verdict
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scenario import Scenario
-from safe_ompl.models.scene import Scene
-from safe_ompl.paths.certificate import certificate
+from safe_ompl.paths.certificate.certificate import certificate
+from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplify import simplify_danger
-from safe_ompl.paths.verify import verify
+from safe_ompl.paths.simplify.simplify import simplify_danger
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
@@ -29,7 +26,10 @@ from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
-from safe_ompl.setup import PlanResult, SafeSetup, plan
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.scene.scene import Scene
+from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
 
 __all__ = [
     "Benchmark",

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import settings
 from ompl import util as ou
 
-from safe_ompl.models.displacement import bounding_hull
-from safe_ompl.models.obstacle import Obstacle
-from safe_ompl.models.pose import Pose
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scene import Scene
-from safe_ompl.models.shapes import Box, Capsule, Cylinder, Sphere
+from safe_ompl.robot.displacement import bounding_hull
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
 
 DATA = Path(__file__).parent / "data"
 
@@ -83,9 +83,10 @@ def twin_arm():
 @pytest.fixture(autouse=True)
 def quiet_ompl():
     """Keep OMPL's own messages out of the output."""
-    handler = ou.getOutputHandler()
+    handler, level = ou.getOutputHandler(), ou.getLogLevel()
     ou.noOutputHandler()
     yield
+    ou.setLogLevel(level)  # the command line lowers it
     if handler is not None:  # a fixture of a module may have silenced OMPL before
         ou.useOutputHandler(handler)
 

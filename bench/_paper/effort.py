@@ -9,13 +9,13 @@ from _timing import in_turn
 from ompl import geometric as og
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.scenario import Scenario
+from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.states import StateBridge, joint_space
 from safe_ompl.plugins.validity import CollisionFreeValidity
-from safe_ompl.setup import setup_scenario
+from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.safe_setup import setup_scenario
 
 MEASURE = "ClassicRRTConnect"  # the planner that a scene's hardness is measured by
 STEP = 0.05  # [rad] between two samples of an edge; the paper does not say

@@ -12,7 +12,7 @@ from _paper.figures import STUDY_FIGURES
 from _paper.smoothed import Smoothed
 from _paper.smoothed_page import smoothing_section
 from _paper.tables import effort_table, markdown_table, printed_table, ratio_table
-from safe_ompl.models.scenario import Scenario
+from safe_ompl.scenario.scenario import Scenario
 
 _PREAMBLE = """# Safety-oriented path planning for articulated robots: the studies run again
 

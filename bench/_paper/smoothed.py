@@ -14,9 +14,9 @@ from _paper.evidence import Evidence, quotient
 from _paper.smoothing import Smoothing
 from _paper.studies import Pair, Study
 from safe_ompl.arrays import FloatArray
-from safe_ompl.campaign import Run, Summary
+from safe_ompl.benchmark.campaign import Run, Summary
 from safe_ompl.paths.report import DangerReport, PathReport
-from safe_ompl.setup import PlanResult
+from safe_ompl.setup.safe_setup import PlanResult
 
 _NORMAL = 1.96  # standard errors on each side of a mean that make its 95 % interval
 _LEFT = (  # share of the gap between safe and classical that smoothing leaves, at most: what becomes of the gap

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.campaign import Run
+from safe_ompl.benchmark.campaign import Run
+from safe_ompl.counts import Counts
 from safe_ompl.errors import InputError
-from safe_ompl.models.counts import Counts
-from safe_ompl.models.scenario import Scenario
 from safe_ompl.paths.report import ClearanceReport, DangerReport, PathReport
-from safe_ompl.setup import PlanResult
+from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.safe_setup import PlanResult
 
 
 class Store:

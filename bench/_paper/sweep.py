@@ -16,12 +16,13 @@ from _paper.dependence import Point, plot_dependence, write_page
 from _paper.store import Store
 from _paper.studies import Pair
 from safe_ompl.arrays import FloatArray
-from safe_ompl.campaign import Campaign
+from safe_ompl.benchmark.campaign import Campaign
 from safe_ompl.cli.console import error_console, progress_bar
-from safe_ompl.models.scenario import Scenario, list_scenarios
-from safe_ompl.paths.report import PROFILE_POINTS, Curve
+from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.report import PROFILE_POINTS
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.scenario.scenario import Scenario, list_scenarios
+from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
 
 TIME = 5.0  # [s] for each run
 RANGE = "range"

@@ -21,7 +21,7 @@ from safe_ompl.benchmark.log import Experiment, PlannerRuns, Value, save_databas
 from safe_ompl.benchmark.runs import Entry, Events, Limits, Measured
 from safe_ompl.benchmark.workers import Job, Task, in_processes, in_turn, on_cluster
 from safe_ompl.errors import InputError
-from safe_ompl.setup import SafeSetup
+from safe_ompl.setup.safe_setup import SafeSetup
 
 
 class Benchmark:

@@ -19,7 +19,7 @@ import numpy as np
 from ompl import tools as ot
 
 from safe_ompl.errors import InputError
-from safe_ompl.setup import PlanResult
+from safe_ompl.setup.safe_setup import PlanResult
 
 # In the order of ob.PlannerStatus, in its words; its own logs call the last three "Unknown status".
 STATUSES = (

@@ -21,7 +21,7 @@ from safe_ompl.benchmark.log import Value
 from safe_ompl.errors import InputError
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.setup import SafeSetup
+from safe_ompl.setup.safe_setup import SafeSetup
 
 _TYPED = re.compile(r"(.*) (REAL|INTEGER|BOOLEAN|TEXT)")
 _TYPES: Mapping[str, Callable[[str], Value]] = {

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.models import document
-from safe_ompl.models.examples import find_example
-from safe_ompl.models.robot_spec import RobotSpec
-from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.registry import planner_names
+from safe_ompl.robot.examples import find_example
+from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scenario.scenario import Scenario, find_scenario
 
 _Number = TypeVar("_Number", int, float)
 

@@ -12,10 +12,10 @@ from rich.table import Table
 from safe_ompl.cli.console import output_console
 from safe_ompl.cli.tables import plain_table
 from safe_ompl.errors import InputError
-from safe_ompl.models.examples import EXAMPLES, ExampleRobot, robots_folder
-from safe_ompl.models.scenario import Scenario, list_scenarios
-from safe_ompl.models.skeleton import frame_index
-from safe_ompl.models.urdf import UrdfFile
+from safe_ompl.robot.examples import EXAMPLES, ExampleRobot, robots_folder
+from safe_ompl.robot.skeleton import frame_index
+from safe_ompl.robot.urdf import UrdfFile
+from safe_ompl.scenario.scenario import Scenario, list_scenarios
 
 
 def add_commands(commands: Any) -> None:

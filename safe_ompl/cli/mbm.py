@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from safe_ompl.campaign import failure
+from safe_ompl.benchmark.campaign import failure
 from safe_ompl.cli.arguments import (
     add_planner_options,
     add_robot_options,
@@ -23,13 +23,13 @@ from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, open
 from safe_ompl.cli.plan import record
 from safe_ompl.cli.tables import families_table
 from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
-from safe_ompl.models.examples import EXAMPLES
-from safe_ompl.models.mbm import MbmFile, MbmProblem
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.robot_spec import RobotSpec
-from safe_ompl.models.scene import Scene
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.setup import PlanResult, SafeSetup
+from safe_ompl.robot.examples import EXAMPLES
+from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scenario.mbm import MbmFile, MbmProblem
+from safe_ompl.scene.scene import Scene
+from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
 
 _log = logging.getLogger(__name__)
 

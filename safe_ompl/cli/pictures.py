@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.campaign import Summary
+from safe_ompl.benchmark.campaign import Summary
 from safe_ompl.cli.files import check_writable
 from safe_ompl.errors import InputError
-from safe_ompl.palette import planner_styles
-from safe_ompl.paths.report import PROFILE_POINTS, Curve
-from safe_ompl.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
-from safe_ompl.render import render_comparison, render_path, save_png
-from safe_ompl.setup import PlanResult, SafeSetup
+from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.report import PROFILE_POINTS
+from safe_ompl.pictures.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
+from safe_ompl.pictures.render import render_comparison, render_path, save_png
+from safe_ompl.pictures.style import planner_styles
+from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
 
 EXTRAS = ("matplotlib", "mitsuba")
 _SAMPLES = 16  # light paths per pixel

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from safe_ompl.campaign import check_planner
+from safe_ompl.benchmark.campaign import check_planner
 from safe_ompl.cli.arguments import (
     add_limit_options,
     add_planner_options,
@@ -23,11 +23,11 @@ from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, open
 from safe_ompl.cli.pictures import check_picture, draw_plan
 from safe_ompl.cli.tables import plan_table
 from safe_ompl.cli.verify import certificate_of
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.robot_spec import RobotSpec
-from safe_ompl.models.scenario import Scenario
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
 
 
 def add_command(commands: Any) -> None:

@@ -10,9 +10,9 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from safe_ompl.campaign import Campaign, Summary
+from safe_ompl.benchmark.campaign import Campaign, Summary
 from safe_ompl.paths.report import ClearanceReport, DangerReport
-from safe_ompl.setup import PlanResult
+from safe_ompl.setup.safe_setup import PlanResult
 
 _BEST = "*"
 

@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from safe_ompl import document
 from safe_ompl.cli.arguments import load_scenario
 from safe_ompl.cli.console import error_console, output_console
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.models import document
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.robot_spec import RobotSpec
-from safe_ompl.models.scenario import Scenario
-from safe_ompl.paths.certificate import certificate
-from safe_ompl.paths.verify import Verified, check_form, verify
-from safe_ompl.problem import danger_field
-from safe_ompl.setup import PlanResult, SafeSetup
+from safe_ompl.paths.certificate.certificate import certificate
+from safe_ompl.paths.certificate.verify import Verified, check_form, verify
+from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.problem import danger_field
+from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
 
 REFUSED = 1
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.collision.checker import Clearance, CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict, Verdict
+from safe_ompl.danger.certified import CertifiedDanger, DangerBounds
+from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.models.collision import Clearance, CollisionChecker
-from safe_ompl.models.danger import DangerField
-from safe_ompl.models.danger_bounds import CertifiedDanger, DangerBounds
-from safe_ompl.models.motion import CertifiedMotion, MotionVerdict, Verdict
-from safe_ompl.models.robot import Robot
+from safe_ompl.paths.curve import Curve
 
 NEAR = 0.05  # [m]; "near" an obstacle in `length_below_50mm`
 PROFILE_POINTS = 101
@@ -167,22 +167,6 @@ def first_refused(path: FloatArray, motion: CertifiedMotion) -> tuple[int, Motio
         if verdict.verdict is not Verdict.FREE:
             return k, verdict
     return None
-
-
-class Curve:
-    """A path by its arc length in joint space."""
-
-    def __init__(self, robot: Robot, path: FloatArray) -> None:
-        steps = robot.difference(path[:-1], path[1:])
-        # Unrolled, so that interpolation does not jump where a continuous joint wraps.
-        self._points = path[0] + np.vstack([np.zeros((1, robot.n)), np.cumsum(steps, axis=0)])
-        self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
-        self.length = float(self._arc[-1])
-
-    def at(self, s: FloatArray) -> FloatArray:
-        """Return the configurations (S, n) at arc lengths `s: (S,)`."""
-        columns = [np.interp(s, self._arc, column) for column in self._points.T]
-        return np.stack(columns, axis=1)
 
 
 def _danger(field: DangerField, path: FloatArray, s: FloatArray, samples: FloatArray) -> DangerReport:

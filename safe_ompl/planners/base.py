@@ -12,11 +12,11 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.counts import Counts
+from safe_ompl.danger.certified import DangerLimit
+from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.models.counts import Counts
-from safe_ompl.models.danger import DangerField
-from safe_ompl.models.danger_bounds import DangerLimit
-from safe_ompl.planners.graph import PlannerGraph
+from safe_ompl.planners.parts.graph import PlannerGraph
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import ScratchState, StateBridge
 

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.collision.bubble import INSIDE, Bubble
+from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths.bubbles import SHAPES
 from safe_ompl.maths.halton import halton_point
-from safe_ompl.models.bubble import INSIDE, Bubble
-from safe_ompl.models.collision import CollisionChecker
 from safe_ompl.planners.base import fraction, non_negative
-from safe_ompl.planners.graph import two_trees
-from safe_ompl.planners.sliding import SlidingPlanner
-from safe_ompl.planners.volume_tree import ROOT, Metric, VolumeTree
+from safe_ompl.planners.parts.graph import two_trees
+from safe_ompl.planners.parts.sliding import SlidingPlanner
+from safe_ompl.planners.parts.volume_tree import ROOT, Metric, VolumeTree
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _LEAST_CLEARANCE = 1e-3  # [m]; smaller bubbles lead nowhere

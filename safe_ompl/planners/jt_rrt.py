@@ -11,11 +11,11 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
-from safe_ompl.models.kinematics import Limits, Place, limited_step, pseudoinverse_step, transpose_step
 from safe_ompl.planners.base import fraction, non_negative
-from safe_ompl.planners.growing import Extension
-from safe_ompl.planners.rrt import SafeRRT
+from safe_ompl.planners.parts.growing import Extension
+from safe_ompl.planners.parts.rrt import SafeRRT
 from safe_ompl.plugins.goals import WorkspaceGoal
+from safe_ompl.robot.kinematics import Limits, Place, limited_step, pseudoinverse_step, transpose_step
 
 _log = logging.getLogger(__name__)
 

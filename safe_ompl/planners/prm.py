@@ -9,8 +9,8 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
-from safe_ompl.planners.roadmap import ROOT, Graph, LinkMetric, Metric, Roadmap, SpaceMetric
-from safe_ompl.planners.sliding import SlidingPlanner
+from safe_ompl.planners.parts.roadmap import ROOT, Graph, LinkMetric, Metric, Roadmap, SpaceMetric
+from safe_ompl.planners.parts.sliding import SlidingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …

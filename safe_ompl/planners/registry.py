@@ -10,11 +10,11 @@ from ompl import geometric as og
 
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.baselines.trrt import TRRT, BiTRRT, GradienTRRT
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planners.trrt import TRRT, BiTRRT, GradienTRRT
 
 _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "SafeRRTConnect": (SafeRRTConnect, {}),

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.planners.growing import Extension
-from safe_ompl.planners.rrt import SafeRRT
-from safe_ompl.planners.tree import Tree
+from safe_ompl.planners.parts.growing import Extension
+from safe_ompl.planners.parts.rrt import SafeRRT
+from safe_ompl.planners.parts.tree import Tree
 
 _SHORTEST_STEP = 0.05  # of the range
 

@@ -8,14 +8,14 @@ from typing import Any
 
 from ompl import base as ob
 
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.danger_bounds import DangerLimit
-from safe_ompl.models.motion import FLOOR, CertifiedMotion
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import FLOOR, CertifiedMotion
+from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
 
 
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
-    """Accepts straight motions that are proven free, not sampled (`safe_ompl.models.motion.CertifiedMotion`).
+    """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.motion.CertifiedMotion`).
 
     Any OMPL planner that asks `si.checkMotion` plans certified paths with it.
 

@@ -9,7 +9,7 @@ import numpy as np
 from ompl import base as ob
 
 from safe_ompl.arrays import FloatArray, positive
-from safe_ompl.models.danger import DangerField
+from safe_ompl.danger.field import DangerField
 from safe_ompl.plugins.states import ScratchState, StateBridge
 
 _log = logging.getLogger(__name__)

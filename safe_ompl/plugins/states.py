@@ -10,7 +10,7 @@ from ompl import base as ob
 
 from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.errors import InputError
-from safe_ompl.models.robot import Robot
+from safe_ompl.robot.robot import Robot
 
 _new_capsule = ctypes.pythonapi.PyCapsule_New
 _new_capsule.restype = ctypes.py_object

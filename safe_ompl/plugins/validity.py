@@ -6,8 +6,8 @@ from typing import Any
 
 from ompl import base as ob
 
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.danger_bounds import DangerLimit
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
 
 

@@ -20,9 +20,9 @@ from ompl import util as ou
 from safe_ompl.benchmark.benchmark import Benchmark
 from safe_ompl.benchmark.runs import planner_settings
 from safe_ompl.errors import InputError
-from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.setup import SafeSetup, setup_scenario
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
 
 
 def request(**values: Any) -> Any:

@@ -6,16 +6,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.danger import DangerField
-from safe_ompl.models.motion import CertifiedMotion, Verdict
-from safe_ompl.models.obstacle import Obstacle
-from safe_ompl.models.pose import Pose
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scene import Scene
-from safe_ompl.models.shapes import Sphere
 from safe_ompl.paths.report import PROFILE_POINTS, PathReport
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Sphere
 
 CRANK = """<robot name="crank"><link name="base"/>
   <link name="ball"><collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision></link>

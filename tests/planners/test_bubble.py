@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from plane import PlaneProblem
 
+from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import bubbles
 from safe_ompl.maths.bubbles import SHAPES
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.obstacle import Obstacle
-from safe_ompl.models.pose import Pose
-from safe_ompl.models.scenario import Scenario, find_scenario
-from safe_ompl.models.scene import Scene
-from safe_ompl.models.shapes import Box, Sphere
 from safe_ompl.planners.bubble import BubblePlanner
-from safe_ompl.setup import SafeSetup, setup_scenario
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Sphere
+from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.setup import SafeSetup, setup_scenario
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
 
 PLANNERS = [SafeRRTConnect, SafePRM]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.registry import is_ours, needs_place, planner_names
-from safe_ompl.setup import SafeSetup, setup_scenario
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 

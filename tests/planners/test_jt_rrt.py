@@ -10,14 +10,14 @@ import pytest
 from ompl import base as ob
 
 from safe_ompl.errors import InputError
-from safe_ompl.models.obstacle import Obstacle
-from safe_ompl.models.pose import Pose
-from safe_ompl.models.scenario import Scenario, find_scenario
-from safe_ompl.models.scene import Scene
-from safe_ompl.models.shapes import Box, Sphere
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.setup import SafeSetup, setup_scenario
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Sphere
+from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = np.array([0.35, -0.45, 0.35])

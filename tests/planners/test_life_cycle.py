@@ -13,9 +13,9 @@ import pytest
 from ompl import base as ob
 from ompl import util as ou
 
-from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
-from safe_ompl.setup import SafeSetup
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 OURS = [name for name in planner_names() if is_ours(name)]
 SAFE = [name for name in OURS if not name.startswith("Classic")]

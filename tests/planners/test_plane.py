@@ -22,12 +22,12 @@ from plane import (
     walled_in,
 )
 
+from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.models.danger import DangerField
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.objective import DangerObjective
-from safe_ompl.setup import SafeSetup
+from safe_ompl.setup.safe_setup import SafeSetup
 
 
 @pytest.fixture(params=[SafeRRTConnect, SafePRM])

@@ -20,14 +20,14 @@ from plane import (
 )
 
 from safe_ompl.errors import InputError
-from safe_ompl.models.scene import Scene
 from safe_ompl.planners import prm
+from safe_ompl.planners.parts.roadmap import Graph, LinkMetric, Roadmap, SpaceMetric
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.planners.roadmap import Graph, LinkMetric, Roadmap, SpaceMetric
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import StateBridge
-from safe_ompl.setup import SafeSetup
+from safe_ompl.scene.scene import Scene
+from safe_ompl.setup.safe_setup import SafeSetup
 
 
 class Problem(PlaneProblem):

@@ -25,9 +25,9 @@ from plane import (
 )
 
 from safe_ompl.errors import InputError
-from safe_ompl.models.scenario import Scenario, find_scenario
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.setup import SafeSetup, setup_scenario
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
 
 Problem = partial(PlaneProblem, SafeRRTConnect)
 
@@ -177,12 +177,12 @@ def test_through_the_benchmark(ur5, clutter):
 
 SCRIPT = """
 import numpy as np
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scene import Scene
-from safe_ompl.models.obstacle import Obstacle
-from safe_ompl.models.pose import Pose
-from safe_ompl.models.shapes import Sphere
-from safe_ompl.setup import SafeSetup
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.shapes.basic import Sphere
+from safe_ompl.setup.safe_setup import SafeSetup
 
 scene = Scene((Obstacle("ball", Sphere(0.1), Pose((0.5, 0.0, 0.6)), weight=1.0),))
 setup = SafeSetup(Robot.from_example("ur5"), scene)

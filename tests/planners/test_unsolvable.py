@@ -5,14 +5,14 @@ import resource
 import numpy as np
 import pytest
 
-from safe_ompl.models.obstacle import Obstacle
-from safe_ompl.models.pose import Pose
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scenario import Scenario, find_scenario
-from safe_ompl.models.scene import Scene
-from safe_ompl.models.shapes import Box
 from safe_ompl.planners.registry import is_ours, needs_place, planner_names
-from safe_ompl.setup import SafeSetup
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box
+from safe_ompl.setup.safe_setup import SafeSetup
 
 OURS = [name for name in planner_names() if is_ours(name)]
 BASELINES = ["TRRT", "BiTRRT", "GradienTRRT"]

@@ -13,12 +13,12 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl.errors import InputError, PlanningError
-from safe_ompl.models.obstacle import Obstacle
-from safe_ompl.models.pose import Pose
-from safe_ompl.models.scene import Scene
-from safe_ompl.models.shapes import Box, Sphere
 from safe_ompl.plugins.goals import WorkspaceGoal
-from safe_ompl.setup import SafeSetup
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Sphere
+from safe_ompl.setup.safe_setup import SafeSetup
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = [0.35, -0.45, 0.35]
@@ -258,12 +258,12 @@ def test_waiting_for_a_goal_can_be_interrupted(setup, planner):
 def test_nothing_is_left_over_at_exit():
     """Goals, planners and setups let go of each other: nanobind would name what leaks."""
     program = """
-from safe_ompl.models.obstacle import Obstacle
-from safe_ompl.models.pose import Pose
-from safe_ompl.models.robot import Robot
-from safe_ompl.models.scene import Scene
-from safe_ompl.models.shapes import Sphere
-from safe_ompl.setup import SafeSetup
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Sphere
+from safe_ompl.setup.safe_setup import SafeSetup
 
 ball = Obstacle("ball", Sphere(0.1), Pose((0.5, 0.0, 0.8)), weight=1.0)
 setup = SafeSetup(Robot.from_example("ur5"), Scene((ball,)))

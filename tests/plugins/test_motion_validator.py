@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.models.collision import CollisionChecker
-from safe_ompl.models.motion import Verdict
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import Verdict
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.states import ScratchState, StateBridge, joint_space
 from safe_ompl.plugins.validity import CollisionFreeValidity

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.models.collision import CollisionChecker
+from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.plugins.states import ScratchState, StateBridge, joint_space
 from safe_ompl.plugins.validity import CollisionFreeValidity
 

@@ -1,0 +1,327 @@
+"""A campaign: several planners, each with several seeds, on one scenario; and a summary of its runs."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import signal
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
+
+import numpy as np
+from ompl import util as ou
+
+from safe_ompl import document
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError, PlanningError, SafeOmplError
+from safe_ompl.paths.report import PathReport
+from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
+from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
+
+_log = logging.getLogger(__name__)
+
+_ATTEMPTS = 2  # of a run that its process does not survive
+BAND = (15, 85)  # [%]; the percentiles that the paper shows
+
+
+class Run(NamedTuple):
+    """One run that is to be done."""
+
+    planner: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Several planners, each with the same seeds, on one scenario.
+
+    The planners take turns, so that what else the machine does meets all of them alike.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The problem, with the parameters of its planners.
+    planners : sequence of str
+        Names of `planner_names()`, all different.
+    runs : int
+        Runs of each planner.
+    time : float, optional
+        Time limit of a run [s]; the scenario's own by default.
+    seed : int
+        Seed of the first run; the next ones count up.
+    simplify : bool or float
+        Whether paths are simplified, and for how long [s]; see `SafeSetup.plan`.
+    done : collection of Run
+        Runs to leave out: a campaign that was interrupted goes on where it stopped.
+
+    Raises
+    ------
+    InputError
+        No planner, one named twice, or a number of runs below 1.
+    """
+
+    scenario: Scenario
+    planners: Sequence[str]
+    runs: int = 50
+    time: float | None = None
+    seed: int = 0
+    simplify: bool | float = False
+    done: Collection[Run] = frozenset()
+
+    def __post_init__(self) -> None:
+        if not self.planners:
+            raise InputError("a campaign needs at least one planner")
+        for name in self.planners:
+            if list(self.planners).count(name) > 1:
+                raise InputError(f"planner {name!r} is named twice")
+        if isinstance(self.runs, bool) or not isinstance(self.runs, int) or self.runs < 1:
+            raise InputError(f"runs must be a whole number of at least 1, got {self.runs!r}")
+
+    def __len__(self) -> int:
+        return sum(len(self.round(k)) for k in range(self.runs))
+
+    def round(self, k: int) -> list[Run]:
+        """Return the runs with the k-th seed that are to be done, one for each planner."""
+        runs = (Run(planner, self.seed + k) for planner in self.planners)
+        return [run for run in runs if run not in self.done]
+
+    def check(self, setup: SafeSetup) -> None:
+        """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
+        for planner in self.planners:
+            check_planner(self.scenario, planner, setup)
+
+    def results(self, setup: SafeSetup | None = None, processes: int = 1) -> Iterator[PlanResult]:
+        """Do the runs and yield their results as they come, round after round.
+
+        Parameters
+        ----------
+        setup : SafeSetup, optional
+            What to plan with, already holding the scenario's start and goal; built by default.
+        processes : int
+            How many runs go on at the same time. Times are cleanest with one.
+
+        Raises
+        ------
+        InputError
+            If the scenario cannot be planned, or a planner or parameter does not exist.
+        """
+        if isinstance(processes, bool) or not isinstance(processes, int) or processes < 1:
+            raise InputError(f"processes must be a whole number of at least 1, got {processes!r}")
+        setup = setup or setup_scenario(self.scenario)
+        self.check(setup)
+        if processes == 1:
+            return (self.result(run, setup) for k in range(self.runs) for run in self.round(k))
+        return self._parallel_results(min(processes, self.runs), setup.robot.joint_names)
+
+    def result(self, run: Run, setup: SafeSetup) -> PlanResult:
+        """Do one run. A path that the validator refuses is reported as not solved."""
+        try:
+            result = setup.plan(
+                run.planner,
+                time=self.scenario.time if self.time is None else self.time,
+                seed=run.seed,
+                parameters=self.scenario.planners.get(run.planner),
+                simplify=self.simplify,
+            )
+        except PlanningError as error:
+            _log.warning("%s, seed %d: %s", run.planner, run.seed, error)
+            return failure(f"Error: {error}", run.planner, run.seed, setup.robot.joint_names)
+        if result.interrupted:  # Ctrl-C is for all the runs
+            raise KeyboardInterrupt
+        return result
+
+    def _parallel_results(self, processes: int, joint_names: tuple[str, ...]) -> Iterator[PlanResult]:
+        """Deal the rounds out to processes: round k goes to process k modulo their number."""
+        workers = [_Worker(self, k, processes) for k in range(processes)]
+        try:
+            for k in range(self.runs):
+                for run in self.round(k):
+                    yield workers[k % processes].result(run, joint_names)
+        finally:
+            for worker in workers:
+                worker.end()
+
+
+class _Worker:
+    """A process that does every `step`-th round of a campaign, and is replaced if it ends early."""
+
+    def __init__(self, campaign: Campaign, first: int, step: int) -> None:
+        self._campaign, self._first, self._step = campaign, first, step
+        self._done: set[Run] = set()
+        self._delivered = False
+        self._start()
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        left = replace(self._campaign, done={*self._campaign.done, *self._done})
+        self._results, sender = context.Pipe(duplex=False)
+        work = (left, self._first, self._step, sender, _log_level())
+        self._process = context.Process(target=_work, args=work, daemon=True)
+        self._process.start()
+        sender.close()  # so that reading ends if the process does
+
+    def result(self, run: Run, joint_names: tuple[str, ...]) -> PlanResult:
+        """Return the result of the next run. One that ends its process is tried again, and then not solved."""
+        for attempt in range(_ATTEMPTS):
+            if attempt:
+                self._start()
+            try:
+                result: PlanResult = self._results.recv()
+            except EOFError:
+                self._process.join()
+                words = f"the process ended with exit code {self._process.exitcode}"
+                _log.warning("%s, seed %d: %s", run.planner, run.seed, words)
+                result = failure(f"Error: {words}", run.planner, run.seed, joint_names)
+            else:
+                self._delivered = True
+                self._done.add(run)
+                return result
+        if not self._delivered:
+            raise SafeOmplError(f"a process of the campaign ended before its first result: {result.status}")
+        self._done.add(run)
+        self._start()
+        return result
+
+    def end(self) -> None:
+        """End the process."""
+        if self._process.is_alive():
+            self._process.terminate()
+
+
+def _work(campaign: Campaign, first: int, step: int, results: Connection, log_level: str) -> None:
+    """Do every `step`-th round of a campaign in a process of its own, where OMPL logs as in its parent."""
+    ou.setLogLevel(getattr(ou.LogLevel, log_level))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    setup = setup_scenario(campaign.scenario)
+    for k in range(first, campaign.runs, step):
+        for run in campaign.round(k):
+            results.send(campaign.result(run, setup))
+
+
+def _log_level() -> str:
+    """Return OMPL's log level in a form that travels between processes."""
+    return str(ou.getLogLevel().name)
+
+
+def default_planners(scenario: Scenario) -> tuple[str, ...]:
+    """Return the planners that a comparison looks at: OMPL's RRT-Connect, and all of ours that fit the goal."""
+    has_place = scenario.goal.position is not None
+    ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
+    return ("RRTConnect", *ours)
+
+
+def check_planner(scenario: Scenario, planner: str, setup: SafeSetup) -> None:
+    """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
+    source = f"{scenario.file or scenario.name}: planners" if planner in scenario.planners else "planner"
+    with document.within(source, ": "):
+        make_planner(planner, setup.getSpaceInformation(), scenario.planners.get(planner))
+
+
+def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) -> PlanResult:
+    """Return the result of a run that came to nothing."""
+    return PlanResult(status, None, None, planner, seed, joint_names, planning_time=0.0)
+
+
+# ------------------------------------------------------------------------------------------------ summaries
+
+
+def _danger(report: PathReport, key: str) -> float:
+    return np.nan if report.danger is None else float(getattr(report.danger, key))
+
+
+_METRICS: dict[str, Callable[[PlanResult, PathReport], float]] = {
+    "planning_time": lambda result, report: result.planning_time,
+    "simplification_time": lambda result, report: result.simplification_time,
+    "length": lambda result, report: report.length,
+    "danger_mean": lambda result, report: _danger(report, "mean"),
+    "danger_max": lambda result, report: _danger(report, "max"),
+    "danger_avoidable": lambda result, report: _danger(report, "avoidable"),
+    "clearance_min": lambda result, report: report.clearance.min,
+    "clearance_mean": lambda result, report: report.clearance.mean,
+    "length_below_50mm": lambda result, report: report.clearance.length_below_50mm,
+    "queries": lambda result, report: result.counts.collision_queries + result.counts.margin_queries,
+    "field_configurations": lambda result, report: result.counts.field_configurations,
+}
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the runs of one planner have in common.
+
+    Attributes
+    ----------
+    planner : str
+        Name of the planner.
+    runs, solved : int
+        How many there were, and how many found a path.
+    metrics : mapping of str to ndarray, shape (S,)
+        For each metric its values over the S solved runs: planning_time, simplification_time [s], length [rad],
+        danger_mean, danger_max, danger_avoidable, clearance_min [m], clearance_mean [m], length_below_50mm [rad],
+        queries (collision and margin), field_configurations.
+    profiles : ndarray, shape (S, 101)
+        Danger profiles of the solved runs.
+    typical : PlanResult or None
+        The solved run whose mean danger is the median (of an even number the lower one).
+    """
+
+    planner: str
+    runs: int
+    solved: int
+    metrics: Mapping[str, FloatArray]
+    profiles: FloatArray
+    typical: PlanResult | None
+
+    @classmethod
+    def of(cls, planner: str, results: Sequence[PlanResult]) -> Summary:
+        """Summarise the results of one planner."""
+        solved = [(result, result.report) for result in results if result.report is not None]
+        metrics = {
+            key: np.array([metric(*one) for one in solved], dtype=np.float64)
+            for key, metric in _METRICS.items()
+        }
+        profiles = [report.danger.profile for _, report in solved if report.danger is not None]
+        order = np.argsort(metrics["danger_mean"], kind="stable")
+        return cls(
+            planner,
+            len(results),
+            len(solved),
+            metrics,
+            np.array(profiles),
+            solved[order[(len(order) - 1) // 2]][0] if solved else None,
+        )
+
+    def median(self, metric: str) -> float:
+        """Return the median of a metric over the solved runs; NaN if there are none."""
+        return self.percentile(metric, 50)
+
+    def percentile(self, metric: str, percent: float) -> float:
+        """Return a percentile of a metric over the solved runs; NaN if there are none."""
+        values = self.metrics[metric]
+        return float(np.percentile(values, percent)) if len(values) else float("nan")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain numbers and strings: of each metric the median and the 15–85 % band."""
+        low, high = BAND
+        return {
+            "planner": self.planner,
+            "runs": self.runs,
+            "solved": self.solved,
+            "typical_seed": self.typical and self.typical.seed,
+            **{
+                metric: {
+                    "median": self.median(metric),
+                    f"p{low}": self.percentile(metric, low),
+                    f"p{high}": self.percentile(metric, high),
+                }
+                for metric in self.metrics
+            },
+        }
+
+
+def summarize(results: Sequence[PlanResult]) -> list[Summary]:
+    """Return a summary for each planner, in the order in which they first appear."""
+    planners = dict.fromkeys(result.planner for result in results)
+    return [Summary.of(name, [result for result in results if result.planner == name]) for name in planners]

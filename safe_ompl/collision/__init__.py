@@ -1,0 +1,1 @@
+"""Collision, distance and margin queries on coal, and proofs of whole motions."""

@@ -1,0 +1,162 @@
+"""Certified danger: proven bounds of the peak danger of an edge and of a path, from few evaluations.
+
+Samples give a lower bound of the peak, and `maths.bounds` an upper one for everything between two samples. The
+interval with the highest bound is halved until both agree within a tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import FloatArray, positive
+from safe_ompl.collision.motion import MotionVerdict, Verdict
+from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.search import PeakSearch
+from safe_ompl.errors import InputError
+
+_WITNESS = ("danger", "its limit")
+
+
+@dataclass(frozen=True)
+class DangerBounds:
+    """What is proven of the peak danger of a motion: lower ≤ peak ≤ upper.
+
+    Attributes
+    ----------
+    lower : float
+        The largest danger found.
+    upper : float
+        No configuration of the motion is more dangerous; +inf where it cannot be kept from a danger point.
+    edge : int
+        The edge where `lower` was found,
+    at : float
+        and at which fraction of it.
+    """
+
+    lower: float
+    upper: float
+    edge: int
+    at: float
+
+
+class CertifiedDanger:
+    """Proves how dangerous straight joint motions are.
+
+    Parameters
+    ----------
+    field : DangerField
+        The danger; its danger points must be fixed.
+    tolerance : float
+        Bounds are narrowed until upper ≤ (1 + tolerance)·lower.
+    floor : float
+        [m] An interval in which the robot moves less than this is not divided any more.
+
+    Raises
+    ------
+    InputError
+        If the danger points come from a callable; if tolerance or floor is not positive.
+
+    Notes
+    -----
+    Speed and acceleration of the key points at the ends of an interval are computed exactly, and the proven bounds of
+    `KeypointRates` say how far they can grow between. From that `maths.bounds.chords` bounds the field of every link at
+    every danger point. Aggregates are monotone and convex in the fields, so that they inherit the bounds.
+    """
+
+    def __init__(self, field: DangerField, tolerance: float = 0.05, floor: float = 1e-4) -> None:
+        if field.points is None:
+            raise InputError(
+                "danger cannot be certified where the danger points depend on the configuration "
+                "(a callable gives them); give the points themselves"
+            )
+        self.field = field
+        self.tolerance = positive(tolerance, "tolerance")
+        self.floor = positive(floor, "floor")
+
+    def __repr__(self) -> str:
+        return f"CertifiedDanger({self.field!r}, tolerance={self.tolerance:g}, floor={self.floor:g})"
+
+    def of_edge(self, start: ArrayLike, end: ArrayLike) -> DangerBounds:
+        """Return bounds of the peak danger of the straight motion between two configurations (n,)."""
+        return self.of_path(np.array([start, end], dtype=np.float64))
+
+    def of_path(self, path: ArrayLike) -> DangerBounds:
+        """Return bounds of the peak danger of a path (N, n) of straight motions.
+
+        Raises
+        ------
+        InputError
+            If the path is empty, not finite, or leaves the limits of a prismatic joint (their strokes bound
+            the radii).
+        """
+        search = PeakSearch(self.field, path, self.floor, lambda lower: (1 + self.tolerance) * lower)
+        search.narrow()
+        best = search.best
+        return DangerBounds(best.danger, search.upper, best.edge, best.t)
+
+
+class DangerLimit:
+    """A danger that no configuration may exceed; proven along whole motions, as a limit of `CertifiedMotion`.
+
+    Parameters
+    ----------
+    field : DangerField
+        The danger; its danger points must be fixed.
+    limit : float
+        The largest danger that is allowed.
+    floor : float
+        [m] A motion that is nearer to the limit than about what the danger changes over this stays undecided.
+
+    Raises
+    ------
+    InputError
+        If the limit is not positive; and as `CertifiedDanger`.
+    """
+
+    def __init__(self, field: DangerField, limit: float, floor: float = 1e-4) -> None:
+        self.limit = positive(limit, "max danger")
+        self._bounds = CertifiedDanger(field, floor=floor)
+
+    def __repr__(self) -> str:
+        return f"DangerLimit({self._bounds.field!r}, {self.limit:g})"
+
+    def danger(self, q: FloatArray) -> float:
+        """Return the danger at `q: (n,)`."""
+        return self._bounds.field.value(q)
+
+    def allows(self, q: FloatArray) -> bool:
+        """Return whether the danger at `q: (n,)` is within the limit."""
+        return self.danger(q) <= self.limit
+
+    def allows_motion(self, start: FloatArray, end: FloatArray) -> bool:
+        """Return whether the danger is proven to keep to the limit on the straight motion between two (n,)."""
+        return self.check(start, end).verdict is Verdict.FREE
+
+    def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
+        """Check the straight motion between two configurations (n,).
+
+        Returns
+        -------
+        MotionVerdict
+            FREE: no configuration is more dangerous, proven. BLOCKED: the one at `at` is. UNDECIDED: near `at` the
+            danger is too near to the limit to tell. The `pair` is "danger" and "its limit".
+
+        Raises
+        ------
+        InputError
+            As `CertifiedDanger.of_path`.
+        """
+        edge, bounds = np.array([start, end], dtype=np.float64), self._bounds
+        search = PeakSearch(
+            bounds.field, edge, bounds.floor, lambda lower: inf if lower > self.limit else self.limit
+        )
+        search.narrow(give_up=True)
+        if search.best.danger > self.limit:
+            return MotionVerdict(Verdict.BLOCKED, search.best.t, _WITNESS)
+        if search.upper > self.limit:
+            return MotionVerdict(Verdict.UNDECIDED, search.undecided_at, _WITNESS)
+        return MotionVerdict(Verdict.FREE)

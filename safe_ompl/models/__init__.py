@@ -1,1 +1,0 @@
-"""Models of robot, scene, collision and danger on Pinocchio and coal; frozen once built."""

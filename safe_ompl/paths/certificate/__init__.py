@@ -1,0 +1,1 @@
+"""Certificates of paths, and their verification by independent code."""

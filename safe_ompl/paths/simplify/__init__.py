@@ -1,0 +1,1 @@
+"""Danger-aware simplification of paths."""

@@ -1,0 +1,81 @@
+"""Shortcuts: of all straight motions between a path's way points, the chain that costs least."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.paths.simplify.cost import PathCost
+from safe_ompl.paths.simplify.proof import PathProof
+
+_SPACING = 0.6  # [rad] between the samples of an edge's cost
+_FEWEST, _MOST = 2, 6  # samples of an edge
+_CANDIDATES = 40  # way points of a path that edges may skip to, evenly chosen where it has more
+_BATCH = 200  # edges whose costs are estimated at once
+
+
+def shortcut(
+    path: FloatArray, cost: PathCost, proof: PathProof, stop: Callable[[], bool]
+) -> FloatArray | None:
+    """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order, if there is one.
+
+    Estimates the cost of the edges between up to 40 way points and of the path's own, and proves only those of the
+    chain that is cheapest so far, until all of a chain is proven (as lazy roadmaps do: Bohlin & Kavraki, ICRA 2000).
+
+    Parameters
+    ----------
+    path : ndarray, shape (N, n)
+        From the first way point to the last one.
+    cost : PathCost
+        What edges cost.
+    proof : PathProof
+        Proves them; where the path's own edges are accepted already, there is a chain.
+    stop : callable
+        When it says so, there is none.
+    """
+    costs = _edge_costs(path, cost, stop)
+    while not stop():
+        chain = _cheapest_chain(costs)
+        if not all(np.isfinite(costs[edge]) for edge in pairwise(chain)):
+            return None
+        refused = [(i, j) for i, j in pairwise(chain) if not proof.accepts(path[i], path[j])]
+        if not refused:
+            return path[chain]
+        for edge in refused:
+            costs[edge] = np.inf
+    return None
+
+
+def _edge_costs(path: FloatArray, cost: PathCost, stop: Callable[[], bool]) -> FloatArray:
+    """Return the cost (N, N) of the edges from way points to later ones; infinite where it is not looked at."""
+    count = len(path)
+    costs = np.full((count, count), np.inf)
+    candidates = np.rint(np.linspace(0, count - 1, min(count, _CANDIDATES))).astype(int)
+    wanted = np.eye(count, k=1, dtype=bool)
+    wanted[np.ix_(candidates, candidates)] = True
+    first, second = np.nonzero(np.triu(wanted, 1))
+    lengths = np.linalg.norm(cost.robot.difference(path[first], path[second]), axis=1)
+    samples = np.clip(np.ceil(lengths / _SPACING).astype(int), _FEWEST, _MOST)
+    for k in range(0, len(first), _BATCH):
+        if stop():
+            break
+        i, j = first[k : k + _BATCH], second[k : k + _BATCH]
+        costs[i, j] = cost.of_edges(path[i], path[j], samples[k : k + _BATCH])
+    return costs
+
+
+def _cheapest_chain(costs: FloatArray) -> list[int]:
+    """Return the way points of the cheapest chain from the first to the last, by dynamic programming."""
+    count = len(costs)
+    best, before = np.zeros(count), np.zeros(count, dtype=int)
+    for j in range(1, count):
+        through = best[:j] + costs[:j, j]
+        before[j] = through.argmin()
+        best[j] = through[before[j]]
+    chain = [count - 1]
+    while chain[-1]:
+        chain.append(int(before[chain[-1]]))
+    return chain[::-1]

@@ -1,0 +1,1 @@
+"""Pictures: curves of danger and time, and renderings of robots along their paths."""

@@ -1,0 +1,112 @@
+"""The danger and the clearance along one path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.errors import InputError
+from safe_ompl.pictures.plots.data import curve
+from safe_ompl.pictures.plots.page import ALARM, ALONG, DANGER, GREY, Page, natural
+from safe_ompl.pictures.style import Colour, planner_styles
+
+_PAPER = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}  # behind words on lines
+
+
+def plot_plan(
+    danger: ArrayLike,
+    file: str | Path,
+    *,
+    clearance: ArrayLike | None = None,
+    near: float = 0.05,
+    improvements: ArrayLike | None = None,
+    planner: str = "",
+    title: str | None = None,
+) -> Any:
+    """Draw the danger along one path, and the clearance below it.
+
+    The levels of start and goal are marked; what exceeds both is the avoidable danger, and shaded.
+
+    Parameters
+    ----------
+    danger : (S,) array
+        Danger at equal steps of the path.
+    clearance : (S',) array, optional
+        Clearance at equal steps of the path [m].
+    near : float
+        Clearance under which the path is too near [m]; shaded.
+    improvements : (K, 2) array, optional
+        Of an optimisation: times [s] at which better paths were found, and their costs.
+    planner : str
+        Who planned it; decides the colour.
+    title : str, optional
+        Above the axes; the name of the planner by default.
+    file
+        As of all pictures, see `safe_ompl.pictures.plots`.
+
+    Raises
+    ------
+    InputError
+        If an array is empty, has the wrong shape, or holds a value that is not finite.
+    """
+    values = curve(danger, "danger")
+    gaps = None if clearance is None else 1e3 * curve(clearance, "clearance")
+    steps = None if improvements is None else _checked_improvements(improvements)
+    rows = 1 + (gaps is not None) + (steps is not None)
+    with Page(file, 7.0, 1.2 + 2.5 * rows) as page:
+        upper = page.figure.add_subplot(rows, 1, 1)
+        _draw_danger(upper, values, planner_styles([planner])[planner].colour)
+        upper.set_title(planner if title is None else title)
+        lowest = upper
+        if gaps is not None:
+            lowest = page.figure.add_subplot(rows, 1, 2)
+            _draw_clearance(lowest, gaps, 1e3 * near)
+        lowest.set_xlabel(ALONG)
+        if steps is not None:
+            _draw_improvements(page.figure.add_subplot(rows, 1, rows), steps)
+    return page.figure
+
+
+def _checked_improvements(improvements: ArrayLike) -> FloatArray:
+    steps = finite_array(improvements, (None, 2), "improvements")
+    if not (len(steps) and (steps[:, 0] > 0).all()):
+        raise InputError(f"improvements must be at times > 0, at least one, got {steps.tolist()}")
+    return steps
+
+
+def _draw_improvements(axes: Any, steps: FloatArray) -> None:
+    """Draw the cost of the best path against time, as a staircase."""
+    times, costs = steps.T
+    end = max(1.3 * float(times[-1]), 1.0)
+    axes.step([*times, end], [*costs, costs[-1]], where="post", color="0.25", linewidth=2.4)
+    axes.set(xscale="log", xlabel="time [s]", ylabel="cost of the best path", xlim=(0.8 * times[0], end))
+    axes.set_ylim(0.0, 1.12 * float(costs.max()))
+    note = f"{costs[-1]:.1f} after {times[-1]:.2g} s"
+    axes.set_title(note, loc="right", color="0.25", fontsize=11, weight="normal")
+
+
+def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
+    at, forced = natural(len(values)), max(values[0], values[-1])
+    axes.fill_between(
+        at, forced, values, where=values > forced, interpolate=True, color=ALARM, alpha=0.25, lw=0
+    )
+    axes.plot(at, values, color=colour, linewidth=2.4)
+    for value, name, place, side in ((values[0], "start", 0.01, "left"), (values[-1], "goal", 0.99, "right")):
+        axes.axhline(value, color=GREY, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
+        axes.text(place, value, name, ha=side, va="center", color=GREY, bbox=_PAPER, zorder=4)
+    axes.set(ylabel=DANGER, xlim=(0.0, 1.0))
+    axes.set_ylim(0.0, 1.12 * float(values.max()) or 1.0)
+
+
+def _draw_clearance(axes: Any, values: FloatArray, near: float) -> None:
+    at, least = natural(len(values)), int(np.argmin(values))
+    axes.axhspan(0.0, near, color=ALARM, alpha=0.12, linewidth=0)
+    axes.plot(at, values, color="0.25", linewidth=2.4)
+    axes.plot(at[least], values[least], "o", color=ALARM, markersize=7, clip_on=False)
+    axes.set_title(f"closest: {values[least]:.0f} mm", loc="right", color=ALARM, fontsize=11, weight="normal")
+    axes.set(ylabel="clearance [mm]", xlim=(0.0, 1.0))
+    axes.set_ylim(0.0, 1.12 * max(float(values.max()), near))

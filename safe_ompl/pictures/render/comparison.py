@@ -1,0 +1,142 @@
+"""The paths of several planners side by side, seen from the same place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
+from safe_ompl.pictures.render.camera import Camera
+from safe_ompl.pictures.render.mitsuba_renderer import Studio
+from safe_ompl.pictures.render.pictures import Image, draw, moments
+from safe_ompl.pictures.render.stage import Stage
+from safe_ompl.pictures.render.viewpoint import best_view
+from safe_ompl.pictures.style import Colour, grid_columns, planner_styles
+
+if TYPE_CHECKING:
+    from safe_ompl.robot.robot import Robot
+    from safe_ompl.scene.scene import Scene
+
+_CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
+_GUTTER, _HEADING, _FOOT = 14, 52, 30  # [px] between panels, above each row, and below all
+
+
+def render_comparison(
+    robot: Robot,
+    scene: Scene,
+    paths: Mapping[str, FloatArray],
+    file: str | Path,
+    *,
+    subtitles: Mapping[str, str] | None = None,
+    closest: Mapping[str, float] | None = None,
+    accents: Mapping[str, Colour] | None = None,
+    panel: tuple[int, int] | None = None,
+    samples: int = 16,
+    camera: Camera | None = None,
+    ghosts: int = 4,
+    danger_points: bool = False,
+) -> None:
+    """Draw the paths of several planners, one panel each, and save the picture as a PNG file.
+
+    Parameters
+    ----------
+    robot : Robot
+        Who moves.
+    scene : Scene
+        What stands around it.
+    paths : mapping of str to (N, n) array
+        Planner name → way points [rad or m].
+    file : path-like
+        Where the picture goes.
+    subtitles : mapping of str to str, optional
+        Planner name → what to say under its name, for example "mean danger 3.9, closest 12 mm".
+    closest : mapping of str to float, optional
+        Planner name → where along its path the robot is closest to an obstacle; see `render_path`.
+    accents : mapping of str to Colour, optional
+        Planner name → colour; by default those of `safe_ompl.pictures.style`.
+    panel : (int, int), optional
+        Width and height of a panel [px]; by default smaller the more panels there are.
+    samples : int
+        Light paths per pixel; see `render_path`.
+    camera : Camera, optional
+        Where from; by default the direction that shows most of robot and people on all paths.
+    ghosts, danger_points
+        See `render_path`.
+
+    Raises
+    ------
+    InputError
+        If there is no path, or one cannot be used; if a subtitle or accent belongs to no path.
+    SafeOmplError
+        If Mitsuba or Matplotlib is not installed.
+    """
+    if not paths:
+        raise InputError("no path to draw; give at least one")
+    subtitles, closest, accents = subtitles or {}, closest or {}, accents or {}
+    for name in [*subtitles, *closest, *accents]:
+        if name not in paths:
+            raise UnknownNameError("planner", name, paths)
+    size = panel or _panel_size(len(paths))
+    stage = Stage(robot, scene, list(paths.values()), danger_points=danger_points)
+    studio = Studio(stage.floor, camera or best_view(stage, size), size, samples)
+    styles = planner_styles(paths)
+    images = [
+        draw(
+            stage,
+            studio,
+            way,
+            accents.get(name, styles[name].colour),
+            moments(ghosts, closest.get(name)),
+        )
+        for name, way in zip(paths, stage.samples, strict=True)
+    ]
+    save_panels(list(paths), [subtitles.get(name, "") for name in paths], images, file)
+
+
+def save_png(image: Image, file: str | Path) -> None:
+    """Save a picture, (height, width, 3) of uint8, as a PNG file; missing folders are made."""
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    try:
+        from matplotlib.image import imsave
+    except ImportError as missing:
+        raise SafeOmplError("PNG files need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+    imsave(file, image, format="png")
+
+
+def save_panels(
+    titles: Sequence[str], subtitles: Sequence[str], images: Sequence[Image], file: str | Path
+) -> None:
+    """Save pictures of equal size side by side, with a title and a subtitle above each, as a PNG file."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as missing:
+        raise SafeOmplError("panels need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+    columns = grid_columns(len(images))
+    rows = -(-len(images) // columns)
+    height, width = images[0].shape[:2]
+    total_width = columns * width + (columns + 1) * _GUTTER
+    total_height = rows * (height + _HEADING) + _FOOT
+    figure = Figure(figsize=(total_width / 100, total_height / 100), dpi=100, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    for k, (title, subtitle, image) in enumerate(zip(titles, subtitles, images, strict=True)):
+        left = _GUTTER + (k % columns) * (width + _GUTTER)
+        top = (k // columns) * (height + _HEADING) + _HEADING
+        figure.figimage(image, left, total_height - top - height, origin="upper")
+        _write(figure, left + 2, top - 28, title, 13.0, "black", weight="bold")
+        _write(figure, left + 2, top - 9, subtitle, 10.5, "0.3")
+    _write(figure, _GUTTER + 2, total_height - 10, _CAPTION, 9.5, "0.4")
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    canvas.print_png(str(file))
+
+
+def _write(figure: Any, x: float, y: float, text: str, points: float, colour: str, **style: Any) -> None:
+    """Write text with its baseline at pixels to the right of the left edge and below the upper edge."""
+    width, height = figure.get_size_inches() * figure.dpi
+    figure.text(x / width, 1.0 - y / height, text, fontsize=points, color=colour, va="baseline", **style)
+
+
+def _panel_size(count: int) -> tuple[int, int]:
+    return {1: (900, 700), 2: (620, 540)}.get(count, (480, 420))

@@ -1,0 +1,1 @@
+"""Planners of others that OMPL's wheel lacks, to compare with."""

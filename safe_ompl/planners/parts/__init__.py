@@ -1,0 +1,1 @@
+"""Parts that planners hold: trees, roadmaps, the choice of nodes, motions that slide from danger."""

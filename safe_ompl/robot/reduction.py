@@ -1,0 +1,183 @@
+"""From all joints of a URDF to those that move: limits, locked joints, and the model that remains."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.skeleton import frame_index
+from safe_ompl.robot.urdf import UrdfFile
+
+_log = logging.getLogger(__name__)
+
+_LINK = " (link)"  # tells a link from a joint of the same name
+
+
+def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], source: str) -> None:
+    """Replace limits [rad or m] of the joints named.
+
+    Raises
+    ------
+    InputError
+        If there is no such joint, or it has no limits.
+    """
+    for name, (low, high) in limits.items():
+        if not full.existJointName(name):
+            raise UnknownNameError("joint with limits", name, list(full.names)[1:], source)
+        joint = full.joints[full.getJointId(name)]
+        if joint.nq != 1:
+            raise InputError(f"joint {name!r} is continuous: it has no limits", source)
+        full.lowerPositionLimit[joint.idx_q] = low
+        full.upperPositionLimit[joint.idx_q] = high
+
+
+def joints_to_hold(
+    full: pin.Model, urdf: UrdfFile, tip: str | None, locked: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the joints to lock with their values: those asked for, those that do not move the tip, and mimics.
+
+    Raises
+    ------
+    InputError
+        If a joint to lock does not exist, its value cannot be, or a joint mimics one that is free.
+    """
+    source = str(urdf.path)
+    names = list(full.names)[1:]
+    held: dict[str, float] = {}
+    for name, value in locked.items():
+        if name not in names:
+            raise UnknownNameError("joint to lock", name, names, source)
+        held[name] = _joint_value(full, name, value, source)
+    followers = {name: mimic for name, mimic in urdf.mimics().items() if name in names and name not in held}
+    if tip is not None:
+        moving = {full.names[j] for j in full.supports[full.frames[frame_index(full, tip)].parentJoint]}
+        for name in names:
+            if name not in moving and name not in held and name not in followers:
+                held[name] = _resting_value(full, name)
+    while followers:
+        ready = [name for name, mimic in followers.items() if mimic.primary in held]
+        if not ready:
+            name, mimic = next(iter(followers.items()))
+            raise InputError(
+                f"joint {name!r} mimics {mimic.primary!r}, which is free: lock {mimic.primary!r}", source
+            )
+        for name in ready:
+            mimic = followers.pop(name)
+            held[name] = mimic.multiplier * held[mimic.primary] + mimic.offset
+    implied = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in locked)
+    if implied:
+        _log.info("%s: locked, too, as not moving the tip or mimicking: %s", urdf.path.name, implied)
+    return held
+
+
+def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"locked joint {name!r}: {value!r} is not a number", source) from None
+    joint = full.joints[full.getJointId(name)]
+    if not np.isfinite(number):
+        raise InputError(f"locked joint {name!r}: {value!r} is not finite", source)
+    if joint.nv > 1 and number != 0:
+        raise InputError(f"locked joint {name!r}: a {joint.shortname()} can be locked at 0 only", source)
+    if joint.nq == 1:
+        low, high = (
+            float(limit[joint.idx_q]) for limit in (full.lowerPositionLimit, full.upperPositionLimit)
+        )
+        if not low - 1e-9 <= number <= high + 1e-9:
+            raise InputError(
+                f"locked joint {name!r}: {number:g} is outside its limits [{low:g}, {high:g}]", source
+            )
+    return number
+
+
+def _resting_value(full: pin.Model, name: str) -> float:
+    """Zero, or the limit nearest to it."""
+    joint = full.joints[full.getJointId(name)]
+    if joint.nq != 1:
+        return 0.0
+    low, high = (float(limit[joint.idx_q]) for limit in (full.lowerPositionLimit, full.upperPositionLimit))
+    return float(min(max(0.0, low), high))
+
+
+def reduce_model(
+    full: pin.Model, geometry: pin.GeometryModel, held: Mapping[str, float]
+) -> tuple[pin.Model, pin.GeometryModel]:
+    """Return model and geometry with the joints in `held` fixed at their values."""
+    reference = pin.neutral(full)
+    for name, value in held.items():
+        joint = full.joints[full.getJointId(name)]
+        if joint.nv == 1:
+            reference[joint.idx_q : joint.idx_q + joint.nq] = (
+                value if joint.nq == 1 else (np.cos(value), np.sin(value))
+            )
+    ids = [full.getJointId(name) for name in held]
+    # Pinocchio 4.1 looks frames up by name alone, and refuses where a joint and a link share one.
+    distinct = full.copy()
+    for frame in distinct.frames:
+        frame.name += _LINK if frame.type == pin.FrameType.BODY else ""
+    model, reduced = pin.buildReducedModel(distinct, geometry, ids, reference)
+    # It also makes the frame of a locked joint its own parent.
+    above = {frame.name: distinct.frames[frame.parentFrame].name for frame in distinct.frames}
+    index = {frame.name: k for k, frame in enumerate(model.frames)}
+    for frame in model.frames:
+        frame.parentFrame = index[above[frame.name]]
+    for frame in model.frames:
+        frame.name = frame.name.removesuffix(_LINK)
+    return model, reduced
+
+
+def check_joints(model: pin.Model, source: str) -> None:
+    """Raise InputError if no joint is free, or one of a kind that cannot be planned for."""
+    if model.njoints < 2:
+        raise InputError("no joint is free to move", source)
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        if joint.nv != 1 or joint.shortname().startswith(("JointModelH", "JointModelMimic")):
+            raise InputError(
+                f"joint {name!r} is a {joint.shortname()}; only revolute, prismatic and continuous joints "
+                "can be planned for: lock it",
+                source,
+            )
+
+
+def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]:
+    """Return lower and upper limits (n,) [rad or m] of the joints, ±π where they are continuous.
+
+    Raises
+    ------
+    InputError
+        If a joint has no range.
+    """
+    limits = np.array(
+        [
+            (model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q])
+            if joint.nq == 1
+            else (-np.pi, np.pi)
+            for joint in list(model.joints)[1:]
+        ]
+    )
+    for name, (low, high) in zip(list(model.names)[1:], limits, strict=True):
+        if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            raise InputError(
+                f"joint {name!r} has the limits [{low}, {high}]: no range to plan in; lock it", source
+            )
+    lower, upper = np.ascontiguousarray(limits.T)
+    return lower, upper
+
+
+def farthest_body(model: pin.Model) -> str:
+    """Return the body frame with the most joints above it, among those the one farthest from the last joint."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+
+    def rank(frame: pin.Frame) -> tuple[int, float]:
+        offset = float(np.linalg.norm(frame.placement.translation))
+        return len(model.supports[frame.parentJoint]), offset
+
+    bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+    return str(max(bodies, key=rank).name)

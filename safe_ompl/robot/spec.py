@@ -1,0 +1,109 @@
+"""Which robot: plain data that a scenario file holds and that travels between processes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from safe_ompl import document
+from safe_ompl.errors import InputError
+from safe_ompl.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """How to build a robot; see `Robot.from_example` and `Robot.from_urdf` for the meaning of each field.
+
+    Parameters
+    ----------
+    example : str, optional
+        Name of a robot of example-robot-data; give either this or `urdf`.
+    urdf, srdf : path-like, optional
+        Files of a robot.
+    package_dirs : sequence of path-like, optional
+        Folders that hold the packages which the URDF names.
+    tip : str, optional
+        Frame at the end of the arm; default: the example's own, or the farthest body.
+    locked : mapping of str to float, optional
+        Joints that are held still [rad or m]. None: those that the example locks by default.
+    hulls : bool, optional
+        Collide with the convex hulls of meshes.
+
+    Raises
+    ------
+    InputError
+        If not exactly one of `example` and `urdf` is given, a file is missing, or a value has the wrong type.
+    """
+
+    example: str | None = None
+    urdf: Path | None = None
+    srdf: Path | None = None
+    package_dirs: tuple[Path, ...] = field(default=())
+    tip: str | None = None
+    locked: Mapping[str, float] | None = None
+    hulls: bool = True
+
+    def __post_init__(self) -> None:
+        if (self.example is None) == (self.urdf is None):
+            raise InputError("give either example or urdf, one of the two", "example")
+        if self.example is not None and (self.srdf or self.package_dirs):
+            raise InputError(
+                "an example robot brings its own; give it with urdf only", "srdf or package_dirs"
+            )
+        for key in ("example", "tip"):
+            if getattr(self, key) is not None:
+                document.text(key, getattr(self, key))
+        document.flag("hulls", self.hulls)
+        folders = document.sequence("package_dirs", self.package_dirs)
+        values = {
+            "urdf": self.urdf and document.file("urdf", self.urdf, (".urdf", ".xml")),
+            "srdf": self.srdf and document.file("srdf", self.srdf, (".srdf", ".xml")),
+            "package_dirs": tuple(Path(folder).resolve() for folder in folders),
+            "locked": None if self.locked is None else _joint_values(self.locked),
+        }
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    @classmethod
+    def from_mapping(cls, data: Any, folder: Path) -> RobotSpec:
+        """Read the name of an example, or a mapping whose files are relative to `folder`."""
+        if isinstance(data, str):
+            return cls(example=data)
+        read = document.mapping("robot", data)
+        document.check_keys(read, [field.name for field in fields(cls)])
+        for key in ("urdf", "srdf"):
+            if key in read:
+                read[key] = folder / document.text(key, read[key])
+        if "package_dirs" in read:
+            names = document.sequence("package_dirs", read["package_dirs"])
+            read["package_dirs"] = tuple(folder / document.text("package_dirs", name) for name in names)
+        return cls(**read)
+
+    def to_mapping(self, folder: Path | None) -> dict[str, Any]:
+        """Return what `from_mapping` reads, with files named relative to `folder`."""
+        set_fields = {
+            f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) != f.default
+        }
+        for key in ("urdf", "srdf"):
+            if key in set_fields:
+                set_fields[key] = document.file_name(set_fields[key], folder)
+        if self.package_dirs:
+            set_fields["package_dirs"] = [document.file_name(path, folder) for path in self.package_dirs]
+        return set_fields
+
+    def build(self) -> Robot:
+        """Return the robot; raise InputError as `Robot.from_example` and `Robot.from_urdf` do."""
+        if self.example is not None:
+            return Robot.from_example(self.example, tip=self.tip, locked=self.locked, hulls=self.hulls)
+        assert self.urdf is not None
+        return Robot.from_urdf(
+            self.urdf, self.srdf, self.package_dirs, self.tip, self.locked, hulls=self.hulls
+        )
+
+
+def _joint_values(locked: Mapping[str, float]) -> dict[str, float]:
+    joints = document.mapping("locked", locked)
+    with document.within("locked"):
+        return {joint: document.number(joint, value) for joint, value in joints.items()}

@@ -1,0 +1,1 @@
+"""Planning problems as documents: robot, scene, start, goal, limits and parameters."""

@@ -1,0 +1,150 @@
+"""One obstacle: a shape at a place in the world, with a danger weight."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import coal
+import pinocchio as pin
+
+from safe_ompl import document
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError
+from safe_ompl.scene.pose import Pose, placed
+from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Shape, Sphere
+from safe_ompl.scene.shapes.cloud import PointCloud
+from safe_ompl.scene.shapes.mesh import Mesh
+from safe_ompl.scene.shapes.person import Person
+from safe_ompl.scene.surfaces import Triangles
+
+SHAPES: dict[str, type[Shape]] = {
+    shape.kind: shape for shape in (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud, Person)
+}
+_POSE_KEYS = ("position", "quaternion_xyzw", "rpy", "yaw")
+_KEYS = ("name", *SHAPES, *_POSE_KEYS, "weight", "color")
+
+
+@dataclass(frozen=True, init=False)
+class Obstacle:
+    """A body that the robot must not touch, and may have to keep away from.
+
+    Parameters
+    ----------
+    name : str
+        Name, unique in its scene.
+    shape : Shape
+        What it is: `Box`, `Sphere`, `Cylinder`, `Capsule`, `Mesh`, `PointCloud` or `Person`.
+    pose : Pose, optional
+        Where it is; default: at the origin of the world.
+    weight : float, optional
+        How dangerous it is to approach, ≥ 0; 0: not at all. Default: 1 for people, 0 for everything else.
+    color : str or sequence of 3 float, optional
+        For pictures: "#rrggbb", or red, green and blue from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used; the message starts with its name.
+    """
+
+    name: str
+    shape: Shape
+    pose: Pose
+    weight: float
+    color: tuple[float, ...] | None
+
+    def __init__(
+        self,
+        name: str,
+        shape: Shape,
+        pose: Pose | None = None,
+        weight: float | None = None,
+        color: str | Sequence[float] | None = None,
+    ) -> None:
+        if not isinstance(shape, Shape):
+            raise InputError(f"must be one of {', '.join(SHAPES)}, not {shape!r}", "shape")
+        values = {
+            "name": document.text("name", name),
+            "shape": shape,
+            "pose": pose or Pose(),
+            "weight": shape.default_weight
+            if weight is None
+            else document.number("weight", weight, at_least=0.0),
+            "color": None if color is None else _rgb(color),
+        }
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path) -> Obstacle:
+        """Read an obstacle from a document; its files are relative to `folder`."""
+        document.check_keys(data, _KEYS)
+        kinds = [key for key in SHAPES if key in data]
+        if len(kinds) != 1:
+            found = f"found {' and '.join(kinds)}" if kinds else "found none"
+            raise InputError(f"give exactly one of {', '.join(SHAPES)}; {found}", "shape")
+        kind = kinds[0]
+        pose = Pose.from_mapping(data)
+        fields = document.mapping(kind, data[kind] if data[kind] is not None else {})
+        with document.within(kind):
+            shape = SHAPES[kind].from_mapping(fields, folder, pose)
+        return cls(document.require(data, "name"), shape, pose, data.get("weight"), data.get("color"))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what `from_mapping` reads; files are `Path` objects."""
+        data = {"name": self.name, self.shape.kind: self.shape.to_mapping(), **self.pose.to_mapping()}
+        if self.weight != self.shape.default_weight:
+            data["weight"] = self.weight
+        if self.color is not None:
+            data["color"] = self.color
+        return data
+
+    def canonical(self) -> dict[str, Any]:
+        """Return what decides what the obstacle is, free of file names."""
+        return {**self.to_mapping(), self.shape.kind: self.shape.canonical(), "weight": self.weight}
+
+    def geometries(self) -> list[tuple[str, coal.CollisionGeometry, pin.SE3]]:
+        """Return name, geometry and world placement of every part, for collision.
+
+        The name is that of the obstacle, followed by "/" and the part where there are several.
+        """
+        world = self.pose.se3
+        return [
+            (f"{self.name}/{part.name}" if part.name else self.name, part.geometry, world * part.placement)
+            for part in self.shape.parts()
+        ]
+
+    def danger_points(self, spacing: float) -> FloatArray:
+        """Return points on the surface in the world frame, shape (M, 3) [m]; always the same ones.
+
+        Every point of the surface is within `spacing` of one of them.
+        """
+        return placed(self.pose.se3, self.shape.danger_points(document.number("spacing", spacing, above=0.0)))
+
+    def triangles(self, resolution: int = 24) -> Triangles:
+        """Return the surface in the world frame for drawing, with `resolution` corners on every circle.
+
+        Returns
+        -------
+        vertices : ndarray, shape (V, 3)
+            [m]
+        faces : ndarray of int, shape (F, 3)
+            Vertices of each triangle, anticlockwise seen from outside.
+        """
+        vertices, faces = self.shape.triangles(resolution)
+        return placed(self.pose.se3, vertices), faces
+
+
+def _rgb(color: str | Sequence[float]) -> tuple[float, ...]:
+    if isinstance(color, str):
+        if not re.fullmatch("#[0-9a-fA-F]{6}", color):
+            raise InputError(f"must be '#rrggbb' or three numbers from 0 to 1, not {color!r}", "color")
+        return tuple(int(color[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    levels = document.numbers("color", color, 3)
+    if not all(0 <= level <= 1 for level in levels):
+        raise InputError(f"must be '#rrggbb' or three numbers from 0 to 1, not {list(levels)}", "color")
+    return levels

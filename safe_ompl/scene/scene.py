@@ -1,0 +1,222 @@
+"""The world around the robot: obstacles, and the points that are dangerous to approach."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from safe_ompl import document
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.shapes.basic import Box, Cylinder, Shape, Sphere
+
+_SPACING = 0.1  # [m]
+_MBM_KINDS = ("box", "cylinder", "sphere")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Obstacles in the world frame, that is, in the frame of the robot's base.
+
+    Parameters
+    ----------
+    obstacles : sequence of Obstacle, optional
+        The obstacles; their names differ. There may be none.
+    spacing : float, optional
+        Distance between danger points [m].
+
+    Raises
+    ------
+    InputError
+        If two obstacles have the same name, or the spacing is not positive.
+    """
+
+    obstacles: tuple[Obstacle, ...] = ()
+    spacing: float = _SPACING
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        object.__setattr__(self, "spacing", document.number("spacing", self.spacing, above=0.0))
+        seen: dict[str, int] = {}
+        for k, obstacle in enumerate(self.obstacles):
+            if obstacle.name in seen:
+                first = seen[obstacle.name]
+                raise InputError(f"{obstacle.name!r} is already obstacles[{first}]", f"obstacles[{k}].name")
+            seen[obstacle.name] = k
+
+    # ------------------------------------------------------------------------------------------ documents
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Scene:
+        """Read a scene from a YAML file; mesh and point files are relative to it.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read or is not a valid scene; the message names file, key and value.
+        """
+        file = Path(path)
+        with document.within(str(path), ": "):
+            return cls.from_mapping(document.read_document(file), file.parent)
+
+    @classmethod
+    def from_yaml(cls, text: str, folder: str | Path = ".") -> Scene:
+        """Read a scene from YAML text; mesh and point files are relative to `folder`."""
+        return cls.from_mapping(document.parse_document(text), Path(folder))
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path = Path()) -> Scene:
+        """Read a scene from the keys ``obstacles`` and ``spacing`` of a document; files are relative to `folder`."""
+        document.check_keys(data, ("spacing", "obstacles"))
+        items = document.sequence("obstacles", data.get("obstacles") or ())
+        obstacles = []
+        for k, item in enumerate(items):
+            fields = document.mapping(f"obstacles[{k}]", item)
+            name = f" {fields['name']!r}" if "name" in fields else ""
+            with document.within(f"obstacles[{k}]{name}"):
+                obstacles.append(Obstacle.from_mapping(fields, folder))
+        return cls(tuple(obstacles), data.get("spacing", _SPACING))
+
+    def to_yaml(self, folder: str | Path | None = None) -> str:
+        """Return the scene as YAML that `from_yaml` reads back exactly.
+
+        Mesh and point files are named relative to `folder`, or in full if there is none.
+        """
+        return document.dump_document(self.to_mapping(None if folder is None else Path(folder)))
+
+    def to_mapping(self, folder: Path | None) -> dict[str, Any]:
+        """Return what `from_mapping` reads."""
+        obstacles = [obstacle.to_mapping() for obstacle in self.obstacles]
+        for data in obstacles:
+            for value in data.values():
+                if isinstance(value, dict) and "file" in value:
+                    value["file"] = document.file_name(value["file"], folder)
+        return {"spacing": self.spacing, "obstacles": obstacles}
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene to a YAML file; mesh and point files are named relative to it."""
+        Path(path).write_text(self.to_yaml(Path(path).parent), encoding="utf-8")
+
+    @classmethod
+    def from_mbm(cls, problem: Mapping[str, Any], spacing: float = _SPACING) -> Scene:
+        """Return the scene of a MotionBenchMaker problem: every obstacle is dangerous, with weight 1.
+
+        Obstacles without a name are named after their kind; where names repeat, later ones get a number.
+
+        Parameters
+        ----------
+        problem : mapping
+            Lists of obstacles under ``box`` (name, half_extents), ``cylinder`` (name, radius, length) and
+            ``sphere`` (name, radius), each with position [m] and orientation_quat_xyzw.
+        spacing : float
+            Distance between danger points [m].
+        """
+        obstacles: dict[str, Obstacle] = {}
+        _refuse_other_obstacles(problem)
+        for kind in _MBM_KINDS:
+            for k, item in enumerate(document.sequence(kind, problem.get(kind, ()))):
+                data = document.mapping(f"{kind}[{k}]", item)
+                name = _unused_name(str(data.get("name", kind)), obstacles)
+                with document.within(f"{kind}[{k}]"):
+                    obstacles[name] = Obstacle(name, *_mbm_shape(kind, data), weight=1.0)
+        return cls(tuple(obstacles.values()), spacing)
+
+    def content_hash(self) -> str:
+        """Return the SHA-256 of what the scene holds, mesh and point data included, file names not."""
+        content = {
+            "spacing": self.spacing,
+            "obstacles": [obstacle.canonical() for obstacle in self.obstacles],
+        }
+        return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    # ------------------------------------------------------------------------------------------- obstacles
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the obstacles, in order."""
+        return tuple(obstacle.name for obstacle in self.obstacles)
+
+    def __getitem__(self, name: str) -> Obstacle:
+        for obstacle in self.obstacles:
+            if obstacle.name == name:
+                return obstacle
+        raise UnknownNameError("obstacle", name, self.names)
+
+    def __iter__(self) -> Iterator[Obstacle]:
+        return iter(self.obstacles)
+
+    def with_obstacles(self, *obstacles: Obstacle) -> Scene:
+        """Return a scene with more obstacles."""
+        return Scene(self.obstacles + obstacles, self.spacing)
+
+    def without(self, *names: str) -> Scene:
+        """Return a scene without the obstacles of these names; unknown ones raise UnknownNameError."""
+        gone = {self[name].name for name in names}
+        return Scene(
+            tuple(obstacle for obstacle in self.obstacles if obstacle.name not in gone), self.spacing
+        )
+
+    def danger_points(self, spacing: float | None = None) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return the points that are dangerous to approach: those of all obstacles with weight above 0.
+
+        Parameters
+        ----------
+        spacing : float, optional
+            Distance between points [m]; default: the scene's own.
+
+        Returns
+        -------
+        points : ndarray, shape (M, 3)
+            On the surfaces, in the world frame [m].
+        weights : ndarray, shape (M,)
+            Danger weight of each.
+        owner : ndarray of int, shape (M,)
+            Index of its obstacle in `obstacles`.
+        """
+        step = self.spacing if spacing is None else spacing
+        points, owner = [np.zeros((0, 3))], [np.zeros(0, dtype=np.intp)]
+        for k, obstacle in enumerate(self.obstacles):
+            if obstacle.weight > 0:
+                points.append(obstacle.danger_points(step))
+                owner.append(np.full(len(points[-1]), k, dtype=np.intp))
+        owners = np.concatenate(owner)
+        weights = np.array([obstacle.weight for obstacle in self.obstacles], dtype=float)
+        return np.concatenate(points), weights[owners], owners
+
+    def __repr__(self) -> str:
+        listed = ", ".join(f"{o.name!r}: {o.shape.kind}" for o in self.obstacles)
+        return f"Scene({{{listed}}}, spacing={self.spacing:g})"
+
+
+def _mbm_shape(kind: str, data: Mapping[str, Any]) -> tuple[Shape, Pose]:
+    pose = Pose(document.require(data, "position"), document.require(data, "orientation_quat_xyzw"))
+    if kind == "box":
+        half = document.numbers("half_extents", document.require(data, "half_extents"), 3, above=0.0)
+        return Box(tuple(2 * extent for extent in half)), pose
+    if kind == "cylinder":
+        return Cylinder(document.require(data, "radius"), document.require(data, "length")), pose
+    return Sphere(document.require(data, "radius")), pose
+
+
+def _refuse_other_obstacles(problem: Mapping[str, Any]) -> None:
+    for key, value in problem.items():
+        if (
+            key not in _MBM_KINDS
+            and isinstance(value, list)
+            and any(isinstance(item, dict) for item in value)
+        ):
+            raise InputError(f"obstacles of this kind are not read; known: {', '.join(_MBM_KINDS)}", key)
+
+
+def _unused_name(name: str, taken: Container[str]) -> str:
+    candidates = itertools.chain([name], (f"{name}#{k}" for k in itertools.count(2)))
+    return next(candidate for candidate in candidates if candidate not in taken)

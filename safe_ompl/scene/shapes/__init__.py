@@ -1,0 +1,1 @@
+"""Shapes of obstacles: basic solids, meshes, point clouds, people."""

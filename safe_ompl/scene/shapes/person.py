@@ -1,0 +1,150 @@
+"""People as obstacles: capsules between a handful of key points of the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl import document
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import UnknownNameError
+from safe_ompl.scene import surfaces
+from safe_ompl.scene.pose import Pose, placed
+from safe_ompl.scene.shapes.anatomy import LIMBS, STANDING, Body
+from safe_ompl.scene.shapes.basic import Capsule, Part, Shape, Sphere
+from safe_ompl.scene.surfaces import Triangles
+
+_DEFAULT_HEIGHT = 1.75  # [m]
+
+
+class Limb(NamedTuple):
+    """One capsule of a body, or a ball if both its ends are the same point."""
+
+    name: str
+    start: FloatArray
+    end: FloatArray
+    radius: float
+
+    @property
+    def length(self) -> float:
+        """Distance between the ends [m]."""
+        return float(np.linalg.norm(self.end - self.start))
+
+    @property
+    def shape(self) -> Shape:
+        """The capsule or ball, centred at its origin, along z."""
+        return Capsule(self.radius, self.length) if self.length > 0 else Sphere(self.radius)
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Where the shape is in the frame of the person."""
+        axis = self.end - self.start if self.length > 0 else np.array([0.0, 0.0, 1.0])
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis)
+        return pin.SE3(turn.toRotationMatrix(), (self.start + self.end) / 2)
+
+    def depth(self, points: FloatArray) -> FloatArray:
+        """Return how deep inside the limb each of `points`, shape (M, 3), lies; negative outside [m]."""
+        axis = self.end - self.start
+        along = np.clip((points - self.start) @ axis / max(float(axis @ axis), 1e-300), 0.0, 1.0)
+        depth: FloatArray = self.radius - np.linalg.norm(points - self.start - along[:, None] * axis, axis=1)
+        return depth
+
+
+@dataclass(frozen=True)
+class Person(Shape):
+    """A person, or part of one: standing upright with the arms down unless key points say otherwise.
+
+    The frame of the person has its origin on the floor between the feet, x forward, y to the left, z up.
+
+    Parameters
+    ----------
+    height : float, optional
+        Body height [m]; all sizes follow from it.
+    keypoints : mapping of str to 3 float, optional
+        Where key points are instead, in the frame of the person [m]: ``head``, and ``left_`` or ``right_``
+        with ``shoulder``, ``elbow``, ``wrist``, ``hand`` (the outer finger joints), ``hip``, ``knee``,
+        ``ankle``, ``toe``. The other key points follow, see `safe_ompl.scene.shapes.anatomy.Body`.
+    only : sequence of str, optional
+        Names of the limbs that there are, for example ``("right_hand", "right_forearm")``; default: all.
+
+    Raises
+    ------
+    InputError
+        If the height is not positive, a name is unknown, or a hand is out of the arm's reach.
+
+    Notes
+    -----
+    The danger points lie on the surface: the field of a robot outside is harmonic inside the body, so its
+    largest value over the body is on the surface. Those deep inside another limb are left out.
+    """
+
+    kind: ClassVar[str] = "person"
+    default_weight: ClassVar[float] = 1.0
+    height: float = _DEFAULT_HEIGHT
+    keypoints: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    only: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self._set("height", document.number("height", self.height, above=0.0))
+        points = document.mapping("keypoints", self.keypoints)
+        with document.within("keypoints"):
+            document.check_keys(points, STANDING)
+            self._set("keypoints", {name: document.numbers(name, point, 3) for name, point in points.items()})
+        self._set("only", tuple(document.sequence("only", self.only)))
+        for name in self.only:
+            if name not in LIMBS:
+                raise UnknownNameError("limb", name, LIMBS, "only")
+        with document.within("keypoints"):
+            self.limbs()
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path, pose: Pose) -> Shape:
+        """Read a person; `world_keypoints` are given in the world frame and win over `keypoints`."""
+        own = dict(data)
+        world = document.mapping("world_keypoints", own.pop("world_keypoints", {}), STANDING)
+        with document.within("world_keypoints"):
+            moved = {
+                name: tuple(pose.se3.actInv(np.array(document.numbers(name, point, 3))).tolist())
+                for name, point in world.items()
+            }
+        if moved:
+            own["keypoints"] = {**document.mapping("keypoints", own.get("keypoints", {})), **moved}
+        return super().from_mapping(own, folder, pose)
+
+    def limbs(self) -> list[Limb]:
+        """Return the capsules that make up the person, in its own frame."""
+        body = Body(self.height, self.keypoints)
+        return [
+            Limb(name, body.point(start), body.point(end), radius * self.height)
+            for name, (start, end, radius) in LIMBS.items()
+            if not self.only or name in self.only
+        ]
+
+    def parts(self) -> list[Part]:
+        limbs = self.limbs()
+        return [
+            Part(limb.name if len(limbs) > 1 else "", geometry, limb.placement)
+            for limb in limbs
+            for _, geometry, _ in limb.shape.parts()
+        ]
+
+    def danger_points(self, spacing: float) -> FloatArray:
+        """Return points on the surface, shape (M, 3); all of it is within `spacing` of them [m]."""
+        limbs = self.limbs()
+        points = []
+        for limb in limbs:
+            own = placed(limb.placement, limb.shape.danger_points(spacing))
+            others = [other.depth(own) for other in limbs if other is not limb]
+            points.append(own[np.max([np.full(len(own), -np.inf), *others], axis=0) <= spacing])
+        return np.concatenate(points)
+
+    def triangles(self, resolution: int) -> Triangles:
+        pieces = [(limb.placement, limb.shape.triangles(resolution)) for limb in self.limbs()]
+        return surfaces.joined(
+            [(placed(placement, vertices), faces) for placement, (vertices, faces) in pieces]
+        )

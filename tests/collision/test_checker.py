@@ -1,0 +1,336 @@
+"""Collision, margin and distance queries against plain coal calls over every pair."""
+
+import gc
+import logging
+import weakref
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.collision import checker as collision
+from safe_ompl.collision.checker import DISTANCE_ERROR, Clearance, CollisionChecker
+from safe_ompl.counts import Counts
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Cylinder, Sphere
+from safe_ompl.scene.shapes.cloud import PointCloud
+from safe_ompl.scene.shapes.person import Person
+
+ROBOTS = ["panda", "ur5", "kinova", "twin_arm"]
+TOLERANCE = 3e-5  # [m]; contacts this near the limit may be called either way
+
+
+def configurations(robot, rng, count):
+    return rng.uniform(robot.lower, robot.upper, (count, robot.n))
+
+
+def pairs_to_check(checker, plain):
+    """Index in `plain` of every pair that the checker asks about."""
+    free = {}
+    for k, pair in enumerate(plain.pairs):
+        free.setdefault(pair, []).append(k)
+    return np.array([free[pair].pop(0) for pair in checker.pair_names])
+
+
+@pytest.fixture(scope="module")
+def cloud_and_person():
+    points = np.random.default_rng(1).uniform(-0.2, 0.2, (50, 3))
+    return Scene(
+        (
+            Obstacle("cloud", PointCloud(0.02, points=points.tolist()), Pose((0.4, -0.3, 0.5))),
+            Obstacle("person", Person(), Pose((0.75, 0.4, -0.3))),
+        )
+    )
+
+
+# ----------------------------------------------------------------------------------------------------- collisions
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_collisions_are_those_of_plain_coal_over_all_pairs(robot_named, plain_check, clutter, rng, name):
+    robot = robot_named(name)
+    checker, plain = CollisionChecker(robot, clutter), plain_check(robot, clutter)
+    hits = 0
+    for q in configurations(robot, rng, 250):
+        nearest = plain.nearest(q)
+        hits += nearest < 0
+        if abs(nearest) > TOLERANCE:
+            assert checker.in_collision(q) == (nearest < 0)
+    assert 25 < hits < 240, "the scene tests both answers"
+
+
+def test_clouds_and_people(panda, plain_check, cloud_and_person, rng):
+    checker, plain = CollisionChecker(panda, cloud_and_person), plain_check(panda, cloud_and_person)
+    obstacle = [k for k, pair in enumerate(plain.pairs) if pair[1] in ("cloud", "person")]
+    hits = 0
+    for q in configurations(panda, rng, 150):
+        distances = plain.distances(q)
+        hits += distances[obstacle].min() < 0
+        if abs(distances.min()) > TOLERANCE:
+            assert checker.in_collision(q) == (distances.min() < 0)
+    assert hits > 20
+
+
+def test_deep_overlap_is_never_called_free(ur5, plain_check):
+    # Asked without margin, coal ends at a distance of a micrometre here, and calls the configuration free.
+    q = np.array([-2.618254308580995, -1.705494553837177, -2.5484491995989127])
+    q = np.append(q, [0.9230572005178308, -2.3352302450355187, -0.6605724885943527])
+    assert plain_check(ur5, Scene()).nearest(q) < -0.015
+    assert CollisionChecker(ur5, Scene()).in_collision(q)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_pair_in_contact_is_named(robot_named, plain_check, clutter, rng, name):
+    robot = robot_named(name)
+    checker, plain = CollisionChecker(robot, clutter), plain_check(robot, clutter)
+    named = set()
+    for q in configurations(robot, rng, 60):
+        pair = checker.colliding_pair(q)
+        assert (pair is not None) == checker.in_collision(q)
+        if pair is not None:
+            distances = plain.distances(q)
+            assert min(distances[k] for k, other in enumerate(plain.pairs) if other == pair) < TOLERANCE
+            named.add(pair[1])
+    assert named & set(clutter.names)
+
+
+def test_the_fixed_base_may_stand_on_an_obstacle(ur5):
+    floor = Scene((Obstacle("floor", Box((2.0, 2.0, 0.1)), Pose((0.0, 0.0, -0.049))),))
+    checker = CollisionChecker(ur5, floor)
+    upright = np.array([0.0, -np.pi / 2, 0.0, 0.0, 0.0, 0.0])
+    assert not checker.in_collision(upright)
+    assert not any("base_link" in pair and "floor" in pair for pair in checker.pair_names)
+    lying = np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
+    assert checker.colliding_pair(lying)[1] == "floor"
+
+
+def test_a_robot_without_obstacles(robot_named):
+    slider = robot_named("slider")
+    checker = CollisionChecker(slider, Scene())
+    assert checker.colliding_pair(np.array([0.0, 0.0, 0.3, 0.0])) is None
+    assert checker.colliding_pair(np.array([0.0, 0.0, 0.0, 0.0])) == ("torso", "right_rail")
+    assert checker.clearance(slider.lower) == Clearance(float("inf"), None, None)
+    assert checker.distances(slider.lower).shape == (0,)
+
+
+def test_a_robot_without_pairs(tmp_path):
+    urdf = tmp_path / "rod.urdf"
+    urdf.write_text(
+        """<robot name="rod"><link name="base"/>
+        <link name="rod"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+        <joint name="turn" type="continuous"><parent link="base"/><child link="rod"/></joint></robot>"""
+    )
+    checker = CollisionChecker(Robot.from_urdf(urdf), Scene())
+    assert checker.pair_names == ()
+    checker.set_margins(np.zeros(0))
+    assert not checker.within_margins(np.zeros(1))
+    assert not checker.in_collision(np.zeros(1))
+
+
+# ----------------------------------------------------------------------------------------------- pairs left out
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_pairs_that_are_left_out_never_meet(robot_named, plain_check, rng, name):
+    robot = robot_named(name)
+    boxes = [
+        Obstacle(f"box{k}", Box((0.2, 0.15, 0.1)), Pose(tuple(place)))
+        for k, place in enumerate(rng.uniform(-1.2, 1.2, (25, 3)))
+    ]
+    scene = Scene((*boxes, Obstacle("moon", Sphere(1.0), Pose((0.0, 0.0, 9.0)))))
+    checker, plain = CollisionChecker(robot, scene), plain_check(robot, scene)
+    left_out = np.delete(np.arange(len(plain.pairs)), pairs_to_check(checker, plain))
+    assert len(left_out) > 10
+    assert not any("moon" in pair for pair in checker.pair_names)
+    for q in configurations(robot, rng, 100):
+        assert plain.distances(q)[left_out].min() > 0
+
+
+def test_what_a_sliding_joint_reaches_at_its_limit_is_checked(robot_named):
+    slider = robot_named("slider")
+    out = np.array([0.4, 0.0, 0.35, 0.0])
+    outward = slider.keypoints(out)[-1] - slider.keypoints(out * [1, 1, 0, 1])[-1]
+    hand = slider.tip_pose(out).act(np.array([0.1, 0.02, 0.0]))  # a ball of 0.06 m
+    place = hand + 0.085 * outward / np.linalg.norm(outward)
+    checker = CollisionChecker(slider, Scene((Obstacle("ball", Sphere(0.03), Pose(tuple(place))),)))
+    assert checker.colliding_pair(out) == ("right_hand", "ball")
+    assert checker.colliding_pair(out - [0, 0, 0.01, 0]) is None
+
+
+# -------------------------------------------------------------------------------------------------------- margins
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_margins_are_exact(robot_named, plain_check, clutter, rng, name):
+    robot = robot_named(name)
+    checker, plain = CollisionChecker(robot, clutter), plain_check(robot, clutter)
+    index = pairs_to_check(checker, plain)
+    near = 0
+    for q in configurations(robot, rng, 100):
+        distances = plain.distances(q)[index]
+        margins = rng.uniform(0, 0.3, len(index)) * (rng.random(len(index)) < 0.1)
+        checker.set_margins(margins)
+        slack = float((distances - margins).min())
+        near += slack < 0
+        if abs(slack) > TOLERANCE:
+            assert checker.within_margins(q) == (slack < 0)
+    assert 10 < near < 100
+
+
+def test_each_margin_belongs_to_its_pair(panda, plain_check, clutter):
+    checker, plain = CollisionChecker(panda, clutter), plain_check(panda, clutter)
+    q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.5])
+    distances = plain.distances(q)[pairs_to_check(checker, plain)]
+    assert distances.min() > 0.01
+    for k in range(0, len(distances), 7):
+        margins = np.zeros(len(distances))
+        for factor, expected in ((0.99, False), (1.01, True)):
+            margins[k] = factor * distances[k]
+            checker.set_margins(margins)
+            assert checker.within_margins(q) == expected
+
+
+def test_margins_leave_plain_queries_alone(panda, clutter):
+    checker = CollisionChecker(panda, clutter)
+    q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.5])
+    checker.set_margins(np.full(len(checker.pair_names), 1.0))
+    assert checker.within_margins(q)
+    assert not checker.in_collision(q)
+    assert checker.colliding_pair(q) is None
+
+
+def test_as_many_margins_as_pairs(panda, clutter):
+    checker = CollisionChecker(panda, clutter)
+    with pytest.raises(ValueError, match="shape"):
+        checker.set_margins(np.zeros(len(checker.pair_names) - 1))
+
+
+# ------------------------------------------------------------------------------------------------------ distances
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_distances_are_those_of_plain_coal(robot_named, plain_check, clutter, rng, name):
+    robot = robot_named(name)
+    checker, plain = CollisionChecker(robot, clutter), plain_check(robot, clutter)
+    against_obstacles = [k for k, pair in enumerate(plain.pairs) if pair[1] in clutter.names]
+    q = configurations(robot, rng, 1)[0]
+    expected = dict(zip(against_obstacles, plain.distances(q)[against_obstacles], strict=True))
+    assert sorted(checker.distance_names) == sorted(plain.pairs[k] for k in against_obstacles)
+    np.testing.assert_allclose(sorted(checker.distances(q)), sorted(expected.values()), atol=1e-6)
+    nearest = min(expected, key=expected.get)
+    clearance = checker.clearance(q)
+    assert (clearance.link, clearance.obstacle) == plain.pairs[nearest]
+    assert clearance.distance == pytest.approx(expected[nearest], abs=1e-6)
+
+
+def test_clearance_of_a_known_place(robot_named):
+    slider = robot_named("slider")
+    q = np.array([0.1, 0.3, 0.2, 0.5])
+    hand = slider.tip_pose(q).act(np.array([0.1, 0.02, 0.0]))  # a ball of 0.06 m
+    away = hand - slider.keypoints(q)[-1]
+    near = hand + away / np.linalg.norm(away)
+    scene = Scene(
+        (Obstacle("far", Sphere(0.1), Pose((5, 5, 5))), Obstacle("near", Sphere(0.1), Pose(tuple(near))))
+    )
+    clearance = CollisionChecker(slider, scene).clearance(q)
+    assert (clearance.link, clearance.obstacle) == ("right_hand", "near")
+    assert clearance.distance == pytest.approx(1 - 0.06 - 0.1, abs=1e-6)
+
+
+def test_pairs_that_cannot_meet_still_have_a_distance(ur5):
+    scene = Scene((Obstacle("moon", Sphere(1.0), Pose((0.0, 0.0, 9.0))),))
+    clearance = CollisionChecker(ur5, scene).clearance(np.zeros(6))
+    assert clearance.obstacle == "moon"
+    assert 6 < clearance.distance < 9
+
+
+# ----------------------------------------------------------------------------------------------- the broad phase
+
+
+def test_a_broad_phase_that_lies_is_not_used(ur5, clutter, monkeypatch, caplog, plain_check, rng):
+    honest = pin.computeCollisions
+
+    def lying(model, data, *rest):
+        return len(rest) == 4 and honest(model, data, *rest)
+
+    monkeypatch.setattr(collision.pin, "computeCollisions", lying)
+    checker = CollisionChecker(ur5, clutter)
+    assert "disagrees with coal; not used" in caplog.text
+    plain = plain_check(ur5, clutter)
+    for q in configurations(ur5, rng, 20):
+        assert checker.in_collision(q) == (plain.nearest(q) < 0)
+
+
+@pytest.mark.parametrize("number", [10, 120])
+def test_the_broad_phase_of_small_and_large_scenes_is_in_use(ur5, plain_check, rng, caplog, number):
+    balls = [
+        Obstacle(f"ball{k}", Sphere(0.02), Pose(tuple(place)))
+        for k, place in enumerate(rng.uniform(-0.7, 0.7, (number, 3)))
+    ]
+    with caplog.at_level(logging.WARNING):
+        checker = CollisionChecker(ur5, Scene(tuple(balls)))
+    assert "disagrees" not in caplog.text
+    plain = plain_check(ur5, Scene(tuple(balls)))
+    index = pairs_to_check(checker, plain)
+    margins = rng.uniform(0, 0.05, len(index))
+    checker.set_margins(margins)
+    for q in configurations(ur5, rng, 40):
+        distances = plain.distances(q)
+        if abs(distances.min()) > TOLERANCE:
+            assert checker.in_collision(q) == (distances.min() < 0)
+        slack = (distances[index] - margins).min()
+        if abs(slack) > TOLERANCE:
+            assert checker.within_margins(q) == (slack < 0)
+
+
+def test_queries_outlive_what_they_were_made_from(data_folder, rng):
+    def build():
+        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
+        scene = Scene((Obstacle("post", Cylinder(0.1, 1.0), Pose((0.7, 0.0, 0.0))),))
+        checker = CollisionChecker(robot, scene)
+        return checker.in_collision, checker.within_margins, checker.distances, weakref.ref(checker)
+
+    in_collision, within_margins, distances, checker = build()
+    gc.collect()
+    ballast = [np.random.default_rng(k).normal(size=1000) for k in range(100)]  # to overwrite what was freed
+    assert in_collision(np.zeros(2))
+    assert within_margins(np.zeros(2))
+    assert distances(np.zeros(2)).min() < 0
+    assert not in_collision(np.array([np.pi / 2, 0.0]))
+    assert checker() is not None
+    del in_collision, within_margins, distances, ballast
+    gc.collect()
+    assert checker() is None
+
+
+def test_answers_do_not_depend_on_what_was_asked_before(ur5, clutter, rng):
+    first, second = CollisionChecker(ur5, clutter), CollisionChecker(ur5, clutter)
+    batch = configurations(ur5, rng, 30)
+    expected = [first.distances(q) for q in batch]
+    for k in rng.permutation(30):
+        second.colliding_pair(batch[k])
+        np.testing.assert_allclose(second.distances(batch[k]), expected[k], rtol=0, atol=1e-12)
+
+
+def test_queries_are_counted(panda, clutter):
+    counts = Counts()
+    checker = CollisionChecker(panda, clutter, counts)
+    assert counts == Counts(), "proving the broad phase is not planning"
+    q = np.zeros(7)
+    checker.in_collision(q)
+    checker.colliding_pair(q)
+    checker.within_margins(q)
+    checker.clearance(q)
+    assert counts == Counts(collision_queries=2, margin_queries=1, distance_queries=1)
+
+
+def test_error_of_distances_covers_the_tolerance_of_coal(panda):
+    contacts = pin.GeometryData(panda.collision_model)
+    assert all(request.gjk_tolerance < DISTANCE_ERROR / 5 for request in contacts.collisionRequests)
+
+
+def test_repr_tells_the_size(panda, clutter):
+    assert repr(CollisionChecker(panda, clutter)).startswith("CollisionChecker('panda', 5 obstacles, ")

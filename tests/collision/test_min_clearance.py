@@ -1,0 +1,280 @@
+"""Distances that must be kept: proven along whole motions, from obstacles that stand still and from those that move."""
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Sphere
+from safe_ompl.setup.safe_setup import setup_scenario
+
+ROBOTS = ["panda", "kinova", "twin_arm", "slider"]
+ERROR = 2e-5  # [m] of coal's distances
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@cache
+def checker_for(robot, scene):
+    return CollisionChecker(robot, scene)
+
+
+def random_edge(robot, seed, length):
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(robot.lower, robot.upper)
+    end = start + length * rng.normal(size=robot.n) / np.sqrt(robot.n)
+    return start, np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
+
+
+@pytest.fixture(scope="module")
+def crank(tmp_path_factory):
+    """One joint about z that turns a ball of 0.05 m at a distance of 0.5 m."""
+    urdf = tmp_path_factory.mktemp("crank") / "crank.urdf"
+    urdf.write_text(
+        """<robot name="crank"><link name="base"/>
+        <link name="ball"><collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>
+        </link><joint name="turn" type="revolute"><parent link="base"/><child link="ball"/><axis xyz="0 0 1"/>
+          <limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
+    )
+    return Robot.from_urdf(urdf)
+
+
+def balls(**places):
+    """Balls of 0.05 m on the x axis."""
+    return Scene(
+        tuple(Obstacle(name, Sphere(0.05), Pose((x, 0, 0)), weight=1.0) for name, x in places.items())
+    )
+
+
+START, END = np.array([-0.7]), np.array([0.8])  # the ball on the crank passes the x axis at 0.5 m
+
+
+# ------------------------------------------------------------------------------------------- obstacles at rest
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@settings(max_examples=25)
+@given(seed=seeds, length=st.floats(0.0, 1.0), distance=st.floats(0.001, 0.3))
+def test_verdicts_on_clearance(robot_named, clutter, plain_check, name, seed, length, distance):
+    robot = robot_named(name)
+    checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
+    checker.setMinClearance(distance, ["ball", "post"])
+    motion = CertifiedMotion(checker)
+    start, end = random_edge(robot, seed, length)
+    chosen = [k for k, (_, other) in enumerate(plain.pairs) if other in ("ball", "post")]
+    delta = robot.difference(start, end)
+    found = motion.check(start, end)
+    assert motion.is_free(start, end) == (found.verdict is Verdict.FREE)
+    if found.verdict is Verdict.FREE:
+        for t in np.linspace(0, 1, 30):
+            apart = plain.distances(start + t * delta)
+            assert apart[chosen].min() > distance - ERROR
+            assert apart.min() > -ERROR
+    elif found.verdict is Verdict.BLOCKED:
+        apart = plain.distances(start + found.at * delta)
+        required = distance if found.pair[1] in ("ball", "post") else 0.0
+        named = [d for pair, d in zip(plain.pairs, apart, strict=True) if pair == found.pair]
+        assert min(named) < required + ERROR
+        assert checker.too_near(start + found.at * delta)
+
+
+def test_what_never_touches_may_come_too_near(crank):
+    checker = CollisionChecker(crank, balls(far=0.65))  # 50 mm beyond reach
+    motion = CertifiedMotion(checker)
+    assert checker.pair_names == (), "left out of the collision queries"
+    assert motion.is_free(START, END)
+    checker.setMinClearance(0.04)
+    assert motion.is_free(START, END)
+    checker.setMinClearance(0.06)
+    assert checker.pair_names == (("ball", "far"),)
+    found = motion.check(START, END)
+    assert (found.verdict, found.pair) == (Verdict.BLOCKED, ("ball", "far"))
+    assert found.at == pytest.approx(0.7 / 1.5, abs=0.1)
+    assert checker.too_near(np.zeros(1))
+    assert not checker.too_near(np.ones(1))
+    assert not checker.in_collision(np.zeros(1))
+
+
+def test_what_never_touches_counts_for_clearance_only(crank, clutter, panda):
+    for robot, scene, number in ((crank, balls(far=0.65, near=0.5), 1), (panda, clutter, None)):
+        checker = CollisionChecker(robot, scene)
+        q = (robot.lower + robot.upper) / 2
+        before = checker.pair_distances(q), checker.pair_radii_at(q)
+        names, found = checker.pair_names, checker.colliding_pair(q)
+        assert number in (None, len(names))
+        checker.cover(1.0)
+        assert len(checker.pair_names) > len(names)
+        assert checker.pair_names[: len(names)] == names
+        for old, new in zip(before, (checker.pair_distances(q), checker.pair_radii_at(q)), strict=True):
+            np.testing.assert_array_equal(old, new)
+        assert checker.colliding_pair(q) == found
+
+
+def test_a_margin_takes_in_what_never_touches(crank):
+    motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65)), margin=0.06)
+    assert motion.check(START, END).verdict is not Verdict.FREE
+    assert motion.with_margin(0.04).is_free(START, END)
+
+
+def test_exempt_pairs_and_chosen_obstacles(crank):
+    scene = balls(far=0.65, near=0.62)
+    checker = CollisionChecker(crank, scene)
+    motion = CertifiedMotion(checker)
+    checker.setMinClearance(0.04)
+    assert motion.check(START, END).pair == ("ball", "near")
+    checker.setMinClearance(0.04, exempt=[("ball", "near")])
+    assert motion.is_free(START, END)
+    checker.setMinClearance(0.04, ["far"])
+    assert motion.is_free(START, END)
+    assert checker.getMinClearance().obstacles == ("far",)
+    checker.setMinClearance(0.0)
+    assert checker.getMinClearance() is None
+    assert not checker.required.any()
+
+
+def test_people_by_default(crank):
+    scene = Scene((Obstacle("box", Sphere(0.05), Pose((0.62, 0, 0))), *balls(person=-0.9)))
+    checker = CollisionChecker(crank, scene)
+    checker.setMinClearance(0.1)
+    assert checker.getMinClearance().obstacles == ("person",)
+    assert CertifiedMotion(checker).is_free(START, END)
+
+
+@pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf, "0.1"])
+def test_the_distance_must_be_a_length(crank, bad):
+    with pytest.raises(InputError, match="min clearance must be a length >= 0"):
+        CollisionChecker(crank, balls(a=0.9)).setMinClearance(bad)
+    with pytest.raises(InputError, match="margin must be a length >= 0"):
+        CertifiedMotion(CollisionChecker(crank, balls(a=0.9)), margin=-1.0)
+
+
+def test_names_are_checked(crank):
+    checker = CollisionChecker(crank, balls(a=0.9, b=0.8))
+    for arguments, message in (
+        ((0.1, ["c"]), "unknown obstacle 'c'; known: a, b"),
+        ((0.1, None, [("bal", "a")]), "unknown link 'bal'; known: ball"),
+        ((0.1, None, [("ball", "c")]), "unknown obstacle 'c'"),
+        ((0.1, "a", []), "obstacles must be a list of names, got 'a'"),
+        ((0.1, 3, []), "obstacles must be a list of names, got 3"),
+        ((0.1, ["a"], [("ball",)]), "exempt must be pairs of a link and an obstacle, not "),
+        ((0.1, ["a"], [3]), "exempt must be pairs of a link and an obstacle, not 3"),
+        ((0.1, ["a"], [("ball", "b")]), "exempt from keeping a distance to 'b', which is not asked for"),
+    ):
+        with pytest.raises(InputError, match=message):
+            checker.setMinClearance(*arguments)
+    harmless = Scene((Obstacle("box", Sphere(0.05), Pose((0.9, 0, 0))),))
+    with pytest.raises(InputError, match="no obstacle has a danger weight"):
+        CollisionChecker(crank, harmless).setMinClearance(0.1)
+
+
+# ----------------------------------------------------------------------------------------- obstacles that move
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@settings(max_examples=25)
+@given(seed=seeds, speed=st.floats(0.0, 1.0), first=st.floats(0.0, 0.5), duration=st.floats(0.0, 0.5))
+def test_verdicts_on_moving_obstacles(robot_named, clutter, plain_check, name, seed, speed, first, duration):
+    robot = robot_named(name)
+    checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
+    checker.setMinClearance(0.0)
+    start, end = random_edge(robot, seed, 0.4)
+    delta = robot.difference(start, end)
+    found = CertifiedMotion(checker).check_moving(start, end, {"ball": speed}, (first, first + duration))
+    of_ball = np.array([other == "ball" for _, other in plain.pairs])
+
+    def room(t):  # how far each pair is apart if the ball comes straight on
+        return plain.distances(start + t * delta) - of_ball * speed * (first + t * duration)
+
+    if found.verdict is Verdict.FREE:
+        assert min(room(t).min() for t in np.linspace(0, 1, 30)) > -ERROR
+    elif found.verdict is Verdict.BLOCKED:
+        assert room(found.at).min() < ERROR
+
+
+def test_an_obstacle_that_comes_in_time(crank):
+    motion = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
+    assert motion.check_moving(START, END, {}, (0.0, 9.0)).verdict is Verdict.FREE
+    assert motion.check_moving(START, END, {"walker": 0.5}, (0.0, 0.7)).verdict is Verdict.FREE
+    late = motion.check_moving(START, END, {"walker": 0.5}, (0.0, 2.0))
+    assert (late.verdict, late.pair) == (Verdict.BLOCKED, ("ball", "walker"))
+    assert motion.check_moving(START, END, {"walker": 0.5}, (0.9, 0.9)).verdict is Verdict.BLOCKED
+    assert motion.check_moving(START, START, {"walker": 0.5}, (0.0, 0.9)).verdict is Verdict.FREE
+    assert motion.check_moving(START, START, {"walker": 0.5}, (0.0, 9.0)).verdict is Verdict.BLOCKED
+    assert motion.is_free(START, END), "obstacles stand still again"
+
+
+def test_a_clearance_is_kept_from_moving_obstacles_that_begin_out_of_reach(crank):
+    scene = Scene((Obstacle("walker", Sphere(0.1), Pose((2.0, 0.0, 0.0))),))
+    checker = CollisionChecker(crank, scene)
+    motion = CertifiedMotion(checker)
+    motion.setMinClearance(0.3, ["walker"])
+    left = checker.clearance(START).distance
+    assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.31)).verdict is Verdict.FREE
+    assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.29)).verdict is Verdict.BLOCKED
+
+
+def test_the_motion_among_moving_obstacles_is_checked(crank):
+    motion = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))
+    with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'; known: walker"):
+        motion.check_moving(START, END, {"runner": 1.0}, (0.0, 1.0))
+    for speed in (-1.0, np.nan, np.inf):
+        with pytest.raises(InputError, match="speed of 'walker' must be a number >= 0"):
+            motion.check_moving(START, END, {"walker": speed}, (0.0, 1.0))
+    for span in ((-1.0, 1.0), (1.0, 0.5), (0.0, np.nan)):
+        with pytest.raises(InputError, match="span must be two instants"):
+            motion.check_moving(START, END, {"walker": 1.0}, span)
+
+
+def test_all_motions_are_free_among_moving_obstacles_once_these_are_set(crank):
+    motion = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
+    motion.setMovingObstacles({"walker": 0.5}, 0.7)
+    assert motion.is_free(START, END)
+    motion.setMovingObstacles({"walker": 0.5}, 0.9)
+    assert not motion.is_free(START, END)
+    assert not motion.with_margin(0.0).is_free(START, END)
+    assert motion.check(START, END).pair == ("ball", "walker")
+    motion.setMovingObstacles({}, 9.0)
+    assert motion.is_free(START, END)
+    with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'"):
+        motion.setMovingObstacles({"runner": 1.0}, 1.0)
+    with pytest.raises(InputError, match="span must be two instants"):
+        motion.setMovingObstacles({"walker": 1.0}, -1.0)
+
+
+@pytest.mark.parametrize("clearance_first", [True, False])
+def test_clearance_and_moving_obstacles_add_up_in_any_order(crank, clearance_first):
+    checker = CollisionChecker(crank, balls(far=0.65))  # 50 mm beyond reach
+    motion = CertifiedMotion(checker)
+    if clearance_first:
+        motion.setMinClearance(0.03)
+    motion.setMovingObstacles({"far": 0.03}, 1.0)
+    assert motion.is_free(START, END) is not clearance_first
+    motion.setMinClearance(0.03)
+    assert not motion.is_free(START, END)
+    assert motion.check(START, END).pair == ("ball", "far")
+    motion.setMinClearance(0.01)
+    assert motion.is_free(START, END)
+
+
+def test_planned_paths_keep_what_a_person_may_walk():
+    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    person = next(o.name for o in setup.scene if o.weight > 0)
+    setup.setMovingObstacles({person: 0.2}, 0.2)
+    for planner in ("SafeRRTConnect", "RRTConnect"):
+        path = setup.plan(planner, time=20.0, seed=1, simplify=0.2).path
+        names = [obstacle for _, obstacle in setup.checker.distance_names]
+        of_person = np.array([name == person for name in names])
+        for start, end in pairwise(path):
+            for t in np.linspace(0, 1, 20):
+                assert setup.checker.distances(start + t * (end - start))[of_person].min() > 0.04 - ERROR

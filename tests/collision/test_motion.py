@@ -1,0 +1,299 @@
+"""Certified motions: what is called free is free everywhere, what is called blocked has a witness."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict, Verdict
+from safe_ompl.errors import InputError
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Sphere
+
+ROBOTS = ["panda", "ur5", "kinova", "twin_arm"]
+FINE = 0.002  # [rad]
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@cache
+def problem(robot, scene, plain_check):
+    return CertifiedMotion(CollisionChecker(robot, scene)), plain_check(robot, scene)
+
+
+def random_edge(robot, seed, length):
+    rng = np.random.default_rng(seed)
+    direction = rng.normal(size=robot.n)
+    start = rng.uniform(robot.lower, robot.upper)
+    end = start + length * direction / np.linalg.norm(direction)
+    return start, np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
+
+
+def refuted(verdict, start, end, motion, plain):
+    """Whether plain coal calls contradict a verdict."""
+    delta = plain.robot.difference(start, end)
+    if verdict.verdict is Verdict.FREE:
+        return plain.first_contact(start, end, FINE) is not None
+    if verdict.verdict is Verdict.BLOCKED:
+        distances = plain.distances(start + verdict.at * delta)
+        named = [
+            distance for pair, distance in zip(plain.pairs, distances, strict=True) if pair == verdict.pair
+        ]
+        return not named or min(named) > 2e-5
+    return plain.distances(start + verdict.at * delta).min() > 2 * motion.floor + 2e-5
+
+
+# ---------------------------------------------------------------------------------------- against plain coal calls
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@settings(max_examples=40)
+@given(seed=seeds, length=st.floats(0.0, 1.5))
+def test_no_verdict_is_refuted_by_plain_coal(robot_named, clutter, plain_check, name, seed, length):
+    robot = robot_named(name)
+    motion, plain = problem(robot, clutter, plain_check)
+    start, end = random_edge(robot, seed, length)
+    assert not refuted(motion.check(start, end), start, end, motion, plain)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_edges_that_nearly_touch(robot_named, clutter, plain_check, name):
+    robot = robot_named(name)
+    motion, plain = problem(robot, clutter, plain_check)
+    rng = np.random.default_rng(5)
+    verdicts = []
+    while len(verdicts) < 12:
+        free, touching = rng.uniform(robot.lower, robot.upper, (2, robot.n))
+        if plain.nearest(free) < 0.05 or plain.nearest(touching) > 0:
+            continue
+        while plain.nearest(free) > 0.003:  # towards the contact, by halves
+            middle = (free + touching) / 2
+            if plain.nearest(middle) > 0:
+                free = middle
+            else:
+                touching = middle
+        slope = np.array([plain.nearest(free + h) - plain.nearest(free) for h in 1e-4 * np.eye(robot.n)])
+        slope /= np.linalg.norm(slope)
+        along = rng.normal(size=robot.n)
+        along = 0.15 * (along - (along @ slope) * slope)  # past the obstacle
+        start, end = (np.clip(free + side * along, robot.lower, robot.upper) for side in (-1, 1))
+        verdict = motion.check(start, end)
+        assert not refuted(verdict, start, end, motion, plain)
+        verdicts.append(verdict.verdict)
+    assert {Verdict.FREE, Verdict.BLOCKED} <= set(verdicts)
+    assert verdicts.count(Verdict.UNDECIDED) <= 1
+
+
+def test_most_edges_are_decided(ur5, clutter, plain_check):
+    motion, _ = problem(ur5, clutter, plain_check)
+    verdicts = [motion.check(*random_edge(ur5, seed, 1.0)).verdict for seed in range(400)]
+    assert verdicts.count(Verdict.FREE) > 60
+    assert verdicts.count(Verdict.BLOCKED) > 60
+    assert verdicts.count(Verdict.UNDECIDED) <= 4
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_direction_of_an_edge_does_not_matter(robot_named, clutter, plain_check, name):
+    motion, _ = problem(robot_named(name), clutter, plain_check)
+    for seed in range(60):
+        start, end = random_edge(robot_named(name), seed, 0.7)
+        forth, back = motion.check(start, end), motion.check(end, start)
+        assert forth.verdict is back.verdict
+        assert motion.is_free(start, end) == (forth.verdict is Verdict.FREE)
+
+
+@pytest.mark.parametrize("name", ["ur5", "twin_arm"])
+def test_links_of_the_robot_itself(robot_named, plain_check, name):
+    robot = robot_named(name)
+    motion, plain = problem(robot, Scene(), plain_check)
+    verdicts = []
+    for seed in range(60):
+        start, end = random_edge(robot, seed, 1.0)
+        if plain.nearest(start) > 0.01:
+            verdict = motion.check(start, end)
+            assert not refuted(verdict, start, end, motion, plain)
+            verdicts.append(verdict.verdict)
+    assert {Verdict.FREE, Verdict.BLOCKED} <= set(verdicts)
+
+
+# ---------------------------------------------------------------------------------------------------- known cases
+
+
+@pytest.fixture(scope="module")
+def spoke(tmp_path_factory):
+    """One joint about z that turns a stick 0.8 m long and 4 mm thick."""
+    urdf = tmp_path_factory.mktemp("spoke") / "spoke.urdf"
+    urdf.write_text(
+        """<robot name="spoke"><link name="base"/>
+        <link name="stick"><collision><origin xyz="0.4 0 0" rpy="0 1.5707963267948966 0"/>
+          <geometry><cylinder radius="0.002" length="0.8"/></geometry></collision></link>
+        <joint name="turn" type="revolute"><parent link="base"/><child link="stick"/><axis xyz="0 0 1"/>
+          <limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
+    )
+    return Robot.from_urdf(urdf)
+
+
+@pytest.fixture(scope="module")
+def ball_on_a_crank(tmp_path_factory):
+    """One joint about z that turns a ball of 0.05 m at a distance of 0.5 m."""
+    urdf = tmp_path_factory.mktemp("crank") / "crank.urdf"
+    urdf.write_text(
+        """<robot name="crank"><link name="base"/>
+        <link name="ball"><collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>
+        </link><joint name="turn" type="revolute"><parent link="base"/><child link="ball"/><axis xyz="0 0 1"/>
+          <limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
+    )
+    return Robot.from_urdf(urdf)
+
+
+def beside(gap):
+    """Return a ball that the ball on the crank passes, at joint value 0, at a distance of `gap` [m]."""
+    return Scene((Obstacle("ball", Sphere(0.05), Pose((0.4 - gap, 0.0, 0.0))),))
+
+
+def test_a_thin_plate_between_the_samples_of_others_is_found(spoke, plain_check):
+    angle = 0.525
+    place = 0.7 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    plate = Obstacle("plate", Box((0.2, 0.001, 0.2)), Pose.from_rpy(tuple(place), (0.0, 0.0, angle)))
+    motion, plain = problem(spoke, Scene((plate,)), plain_check)
+    start, end = np.array([0.0]), np.array([1.0])
+    assert plain.first_contact(start, end, 0.05) is None, "samples every 0.05 rad miss it"
+    verdict = motion.check(start, end)
+    assert verdict.verdict is Verdict.BLOCKED
+    assert verdict.at == pytest.approx(angle, abs=0.01)
+    assert verdict.pair == ("stick", "plate")
+    assert motion.check(start, np.array([0.5])).verdict is Verdict.FREE
+
+
+@pytest.mark.parametrize(
+    ("gap", "floor", "expected"),
+    [
+        (1e-3, 1e-4, Verdict.FREE),
+        (3e-4, 1e-5, Verdict.FREE),
+        (3e-5, 1e-3, Verdict.UNDECIDED),
+        (3e-5, 1e-4, Verdict.UNDECIDED),
+        (-1e-3, 1e-3, Verdict.BLOCKED),
+        (-1e-3, 1e-5, Verdict.BLOCKED),
+    ],
+)
+def test_the_floor_decides_how_near_is_too_near_to_tell(ball_on_a_crank, gap, floor, expected):
+    motion = CertifiedMotion(CollisionChecker(ball_on_a_crank, beside(gap)), floor)
+    verdict = motion.check(np.array([-0.51]), np.array([0.5]))
+    assert verdict.verdict is expected
+    if expected is not Verdict.FREE:
+        assert verdict.at == pytest.approx(0.505, abs=0.05)
+    if expected is not Verdict.BLOCKED:
+        assert verdict.pair is None
+
+
+def test_a_large_floor_asks_little(ball_on_a_crank):
+    checker = CollisionChecker(ball_on_a_crank, beside(3e-5))
+    work = []
+    for floor in (1e-1, 1e-2, 1e-3, 1e-4):
+        checker.counts.reset()
+        CertifiedMotion(checker, floor).check(np.array([-0.51]), np.array([0.5]))
+        work.append(checker.counts.margin_queries + checker.counts.distance_queries)
+    assert work == sorted(work)
+    assert work[0] <= 10
+    assert work[-1] < 300
+
+
+def test_a_motion_of_no_length(ball_on_a_crank):
+    motion = CertifiedMotion(CollisionChecker(ball_on_a_crank, beside(-0.01)))
+    assert motion.check(np.array([1.0]), np.array([1.0])) == MotionVerdict(Verdict.FREE)
+    blocked = motion.check(np.array([0.0]), np.array([0.0]))
+    assert (blocked.verdict, blocked.pair) == (Verdict.BLOCKED, ("ball", "ball"))
+
+
+def test_a_robot_alone_in_the_world_moves_freely(ball_on_a_crank):
+    motion = CertifiedMotion(CollisionChecker(ball_on_a_crank, Scene()))
+    assert motion.check(np.array([-3.0]), np.array([3.0])) == MotionVerdict(Verdict.FREE)
+
+
+def test_short_edges_far_from_everything_cost_one_query(ur5):
+    checker = CollisionChecker(ur5, Scene((Obstacle("ball", Sphere(0.1), Pose((0.0, 0.9, 0.9))),)))
+    start = np.array([0.0, -1.5, 0.5, -0.5, 0.3, 0.0])
+    assert CertifiedMotion(checker).is_free(start, start + 0.05)
+    assert checker.counts.margin_queries == 1
+    assert checker.counts.collision_queries == 0
+
+
+# ---------------------------------------------------------------------------------------------- continuous joints
+
+
+def test_an_edge_over_the_half_turn_goes_the_short_way(kinova, plain_check):
+    start = np.array([2.9, 2.9, 1.3, 0.0, 1.8, 0.0])
+    end = np.array([-2.8, 2.9, 1.3, 0.0, 1.8, 0.0])
+    over, round_about = (
+        kinova.keypoints(np.array([turn, 2.9, 1.3, 0.0, 1.8, 0.0]))[-1] for turn in (np.pi, 0.0)
+    )
+
+    def verdict(place):
+        scene = Scene((Obstacle("ball", Sphere(0.05), Pose(tuple(place))),))
+        motion, plain = problem(kinova, scene, plain_check)
+        for edge in ((start, end), (end, start)):
+            found = motion.check(*edge)
+            assert not refuted(found, *edge, motion, plain)
+        return found.verdict
+
+    assert verdict(over) is Verdict.BLOCKED
+    assert verdict(round_about) is Verdict.FREE
+
+
+@settings(max_examples=30)
+@given(seed=seeds)
+def test_edges_over_the_half_turn(kinova, clutter, plain_check, seed):
+    motion, plain = problem(kinova, clutter, plain_check)
+    rng = np.random.default_rng(seed)
+    start, end = random_edge(kinova, seed, 0.6)
+    near_half_turn = rng.uniform(0, 0.4, (2, kinova.n)) * [[1.0], [-1.0]] + [[-np.pi], [np.pi]]
+    start, end = (
+        np.where(kinova.continuous, q, inside) for q, inside in zip(near_half_turn, (start, end), strict=True)
+    )
+    verdict = motion.check(start, end)
+    assert not refuted(verdict, start, end, motion, plain)
+    whole_turns = 2 * np.pi * kinova.continuous * rng.integers(-2, 3, kinova.n)
+    assert motion.check(start + whole_turns, end).verdict is verdict.verdict
+
+
+# ----------------------------------------------------------------------------------------------------------- limits
+
+
+def test_an_edge_outside_the_limits_is_not_certified(robot_named):
+    slider = robot_named("slider")
+    motion = CertifiedMotion(CollisionChecker(slider, Scene()))
+    inside, outside = np.array([0.2, 0.0, 0.3, 0.0]), np.array([0.2, 0.0, 0.36, 0.0])
+    assert motion.check(inside, inside).verdict is Verdict.FREE
+    assert motion.check(inside, outside) == MotionVerdict(Verdict.BLOCKED, 1.0, ("right_slide", "its limits"))
+    assert motion.check(outside, inside) == MotionVerdict(Verdict.BLOCKED, 0.0, ("right_slide", "its limits"))
+
+
+# ----------------------------------------------------------------------------------------------------------- errors
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_motions_must_be_finite(ball_on_a_crank, bad):
+    motion = CertifiedMotion(CollisionChecker(ball_on_a_crank, Scene()))
+    for edge in (([bad], [0.0]), ([0.0], [bad])):
+        with pytest.raises(InputError, match="not finite"):
+            motion.check(*map(np.array, edge))
+        with pytest.raises(InputError, match="not finite"):
+            motion.is_free(*map(np.array, edge))
+
+
+@pytest.mark.parametrize("floor", [0.0, -1e-3, np.nan, np.inf])
+def test_the_floor_must_be_a_length(ball_on_a_crank, floor):
+    checker = CollisionChecker(ball_on_a_crank, Scene())
+    with pytest.raises(InputError, match="floor must be a positive length"):
+        CertifiedMotion(checker, floor)
+    motion = CertifiedMotion(checker, 1e-3)
+    with pytest.raises(InputError, match="floor must be a positive length"):
+        motion.floor = floor
+    assert motion.floor == 1e-3
+    assert "floor=0.001" in repr(motion)

@@ -1,0 +1,86 @@
+"""Witnesses of nearness: distances against coal's, gradients against finite differences."""
+
+import numpy as np
+import pytest
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.witnesses import Proximity
+from safe_ompl.errors import InputError
+from safe_ompl.paths.simplify.nearness import NearnessDensity
+from safe_ompl.scene.scene import Scene
+
+WITHIN = 0.15
+
+
+@pytest.fixture(scope="module")
+def near(panda, clutter):
+    """Return a checker, and free configurations that are near something."""
+    checker = CollisionChecker(panda, clutter)
+    rng = np.random.default_rng(3)
+    found = []
+    while len(found) < 6:
+        q = rng.uniform(panda.lower, panda.upper)
+        if not checker.in_collision(q) and 0.01 < checker.clearance(q).distance < WITHIN - 0.01:
+            found.append(q)
+    return checker, np.array(found)
+
+
+def test_the_nearest_witness_is_as_far_as_coal_says(near):
+    checker, Q = near
+    proximity = Proximity(checker, WITHIN)
+    assert proximity.near(Q).all()
+    witnesses = proximity.witnesses(Q)
+    distances, _ = witnesses.distances(Q)
+    for row, q in enumerate(Q):
+        assert distances[witnesses.rows == row].min() == pytest.approx(
+            checker.clearance(q).distance, abs=1e-4
+        )
+
+
+def test_gradients_of_distances(near):
+    checker, Q = near
+    witnesses = Proximity(checker, WITHIN).witnesses(Q)
+    _, gradients = witnesses.distances(Q)
+    for i in range(Q.shape[1]):
+        step = 1e-6 * np.eye(Q.shape[1])[i]
+        rise = witnesses.distances(Q + step)[0] - witnesses.distances(Q - step)[0]
+        np.testing.assert_allclose(gradients[:, i], rise / 2e-6, atol=1e-6)
+
+
+def test_witnesses_that_move_foretell_distances(near):
+    checker, Q = near
+    witnesses = Proximity(checker, WITHIN).witnesses(Q)
+    moved = Q + 1e-3
+    foretold, _ = witnesses.distances(moved)
+    for row, q in enumerate(moved):
+        found = foretold[witnesses.rows == row].min()
+        assert found == pytest.approx(checker.clearance(q).distance, abs=5e-4)
+
+
+def test_nothing_is_near_in_an_empty_scene(panda):
+    density = NearnessDensity(CollisionChecker(panda, Scene()), 0.05)
+    Q = np.zeros((3, 7))
+    values, gradients = density.values_and_gradients(Q)
+    assert not values.any()
+    assert not gradients.any()
+    assert len(density.bends(Q)[0]) == 0
+
+
+def test_nearness_grows_towards_contact_and_counts_double_below_what_the_ends_allow(near):
+    checker, Q = near
+    density = NearnessDensity(checker, WITHIN)
+    plain = density.values(Q)
+    order = np.argsort([checker.clearance(q).distance for q in Q])
+    assert plain[order[0]] > plain[order[-1]] > 0
+    density.allow(1.0)
+    assert density.allowed == WITHIN
+    assert (density.values(Q) > plain).all()
+    _, gradients = density.values_and_gradients(Q)
+    downhill = Q - 1e-4 * gradients / np.linalg.norm(gradients, axis=1, keepdims=True)
+    assert (density.values(downhill) < density.values(Q)).all()
+
+
+@pytest.mark.parametrize("distance", [0.0, -0.1, np.inf, np.nan])
+def test_bad_distances(panda, distance):
+    with pytest.raises(InputError, match="distance"):
+        Proximity(CollisionChecker(panda, Scene()), distance)

@@ -1,0 +1,273 @@
+"""Certified danger: nothing on a motion is more dangerous than proven, and the proof is tight and cheap."""
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safe_ompl.collision.motion import Verdict
+from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
+from safe_ompl.danger.field import AGGREGATES, DangerField
+from safe_ompl.danger.rates import KeypointRates
+from safe_ompl.errors import InputError
+from safe_ompl.maths.bounds import Ends, chords
+from safe_ompl.maths.field import Segments, segment_distances, segment_fields
+
+ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
+ROUNDING = 1e-9
+
+seeds = st.integers(0, 2**32 - 1)
+robots = st.sampled_from(ROBOTS)
+
+
+@cache
+def points_around(robot, number=12):
+    """Danger points at the reach of the robot, some of them near its links."""
+    rng = np.random.default_rng(3)
+    keypoints = robot.keypoints_batch(rng.uniform(robot.lower, robot.upper, (number, robot.n)))
+    chosen = keypoints[np.arange(number), robot.segments[rng.integers(0, len(robot.segments), number), 1]]
+    return chosen + rng.normal(scale=0.15, size=(number, 3))
+
+
+@cache
+def certified(robot, aggregate="max", weighting="unit", tolerance=0.05):
+    points = points_around(robot)
+    weights = np.linspace(0.5, 2.0, len(points))
+    field = DangerField(robot, points, weights, aggregate=aggregate, weighting=weighting, sharpness=2.0)
+    return CertifiedDanger(field, tolerance)
+
+
+def random_path(robot, seed, edges, length):
+    rng = np.random.default_rng(seed)
+    path = [rng.uniform(robot.lower, robot.upper)]
+    for _ in range(edges):
+        end = path[-1] + length * rng.normal(size=robot.n) / np.sqrt(robot.n)
+        path.append(np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper)))
+    return np.array(path)
+
+
+def densely(robot, path, number=400):
+    """Return configurations on a path, `number` on each edge."""
+    t = np.linspace(0, 1, number)[:, None]
+    return np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)])
+
+
+# ------------------------------------------------------------------------------------------- moving key points
+
+
+@settings(max_examples=40)
+@given(robots, seeds)
+def test_velocity_and_acceleration_of_key_points(robot_named, name, seed):
+    robot, h = robot_named(name), 1e-4
+    rng = np.random.default_rng(seed)
+    Q, delta = rng.uniform(robot.lower, robot.upper, (3, robot.n)), rng.normal(size=(3, robot.n))
+    position, velocity, acceleration = robot.keypoint_motions(Q, delta)
+    before, here, after = (robot.keypoints_batch(Q + step * delta) for step in (-h, 0, h))
+    np.testing.assert_allclose(position, here, atol=1e-12)
+    np.testing.assert_allclose(velocity, (after - before) / (2 * h), atol=1e-5)
+    np.testing.assert_allclose(acceleration, (after - 2 * here + before) / h**2, atol=1e-5)
+
+
+@settings(max_examples=60)
+@given(robots, seeds)
+def test_rates_are_bounds(robot_named, name, seed):
+    robot = robot_named(name)
+    path = random_path(robot, seed, 1, 1.0)
+    Q, delta = densely(robot, path, 50), robot.difference(path[:1], path[1:])
+    rates = KeypointRates.of(robot, delta)
+    _, velocity, acceleration = robot.keypoint_motions(Q, np.repeat(delta, len(Q), 0))
+    jerk = np.linalg.norm(np.diff(acceleration, axis=0), axis=2) * (len(Q) - 1)
+    assert (np.linalg.norm(velocity, axis=2) <= rates.speed + ROUNDING).all()
+    assert (np.linalg.norm(acceleration, axis=2) <= rates.acceleration + ROUNDING).all()
+    assert (jerk <= rates.jerk + 1e-7).all()
+
+
+def test_rates_of_one_turning_joint_are_exact(robot_named):
+    slider = robot_named("slider")
+    slide = np.zeros((1, slider.n))
+    slide[0, slider.joint_names.index("right_slide")] = 0.3
+    rates = KeypointRates.of(slider, slide)
+    np.testing.assert_allclose(rates.speed[0, -1], 0.3)
+    np.testing.assert_allclose([rates.acceleration, rates.jerk], 0.0)
+
+
+# -------------------------------------------------------------------------------------------------------- chords
+
+
+@settings(max_examples=100)
+@given(seeds, st.floats(0.0, 0.5))
+def test_chords_lie_above_the_field_of_a_moving_link(seed, duration):
+    rng = np.random.default_rng(seed)
+    begin, velocity, acceleration = rng.normal(size=(3, 2, 3)) * [[[0.5]], [[1.0]], [[2.0]]]
+    t = np.linspace(0, duration, 50)[:, None, None]
+    keypoints = begin + t * velocity + t**2 / 2 * acceleration
+    speed = np.linalg.norm(velocity + t * acceleration, axis=2).max()
+    segments, points = Segments([[0, 1]]), rng.normal(size=(5, 3))
+    fields = segment_fields(keypoints, segments, points)
+    distances = segment_distances(keypoints, segments, points)
+    first, last = (Ends(fields[side], distances[side]) for side in ([0], [-1]))
+    low, high = chords(
+        first,
+        last,
+        np.array([duration]),
+        np.array([[speed]]),
+        np.linalg.norm(acceleration, axis=1).max()[None, None],
+    )
+    along = np.linspace(0, 1, 50)[1:-1, None, None]
+    assert (fields[1:-1] <= (low * (1 - along) + high * along) * (1 + ROUNDING)).all()
+    assert (fields[[0]] <= low).all()
+    assert (fields[[-1]] <= high).all()
+
+
+# --------------------------------------------------------------------------------------------- edges and paths
+
+
+@settings(max_examples=80)
+@given(
+    robots,
+    st.sampled_from(AGGREGATES),
+    st.sampled_from(["unit", "length"]),
+    seeds,
+    st.integers(1, 3),
+    st.floats(0.0, 2.0),
+)
+def test_no_configuration_is_more_dangerous_than_proven(
+    robot_named, name, aggregate, weighting, seed, edges, length
+):
+    robot = robot_named(name)
+    danger = certified(robot, aggregate, weighting)
+    path = random_path(robot, seed, edges, length)
+    bounds = danger.of_path(path)
+    dense = danger.field.values(densely(robot, path)).max()
+    assert dense <= bounds.upper * (1 + ROUNDING)
+    assert bounds.lower <= bounds.upper
+    where = path[bounds.edge] + bounds.at * robot.difference(path[bounds.edge], path[bounds.edge + 1])
+    assert bounds.lower == pytest.approx(danger.field.value(where), rel=1e-9)
+
+
+@pytest.mark.parametrize("tolerance", [0.2, 0.05, 0.005])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_bounds_agree_within_the_tolerance(robot_named, name, tolerance):
+    danger = certified(robot_named(name), tolerance=tolerance)
+    for seed in range(5):
+        bounds = danger.of_path(random_path(robot_named(name), seed, 3, 1.0))
+        assert bounds.upper <= (1 + tolerance) * bounds.lower * (1 + 1e-6)
+
+
+def test_a_proof_asks_less_than_a_profile(panda):
+    danger = certified(panda)
+    asked = []
+    for seed in range(10):
+        danger.field.counts.reset()
+        danger.of_path(random_path(panda, seed, 4, 1.0))
+        asked.append(danger.field.counts.field_configurations)
+    assert np.median(asked) < 101
+    assert max(asked) < 202
+
+
+def test_a_path_of_one_configuration(panda):
+    q = (panda.lower + panda.upper) / 2
+    bounds = certified(panda).of_path([q])
+    assert bounds.lower == certified(panda).field.value(q)
+    assert bounds.upper == pytest.approx(bounds.lower, rel=1e-7)
+
+
+def test_a_link_that_passes_through_a_danger_point_is_not_bounded(panda):
+    start, end = panda.lower + 0.5, panda.lower + 0.9
+    inside = panda.keypoints(start + 0.3 * (end - start))[-2:].mean(axis=0)
+    danger = CertifiedDanger(DangerField(panda, [inside]))
+    assert danger.of_edge(start, end).upper == np.inf
+    verdict = DangerLimit(danger.field, 1e4).check(start, end)
+    assert verdict.verdict is not Verdict.FREE
+    assert verdict.at == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_short_way_round(kinova):
+    danger = certified(kinova)
+    start, end = np.full(6, 2.0), np.full(6, 2.0)
+    start[0], end[0] = 3.0, -3.0
+    whole_turns = 2 * np.pi * kinova.continuous
+    assert danger.of_edge(start, end).upper == pytest.approx(danger.of_edge(start + whole_turns, end).upper)
+    dense = danger.field.values(densely(kinova, np.array([start, end])))
+    assert dense.max() <= danger.of_edge(start, end).upper
+
+
+# -------------------------------------------------------------------------------------------------------- limits
+
+
+@settings(max_examples=60)
+@given(robots, seeds, st.floats(0.7, 1.3))
+def test_verdicts_on_limits(robot_named, name, seed, share):
+    robot = robot_named(name)
+    danger = certified(robot)
+    start, end = random_path(robot, seed, 1, 1.0)
+    values = danger.field.values(densely(robot, np.array([start, end])))
+    limit = share * values.max()
+    checked = DangerLimit(danger.field, limit)
+    found = checked.check(start, end)
+    assert checked.allows_motion(start, end) == (found.verdict is Verdict.FREE)
+    if found.verdict is Verdict.FREE:
+        assert values.max() <= limit
+        assert (found.at, found.pair) == (None, None)
+    elif found.verdict is Verdict.BLOCKED:
+        at = start + found.at * robot.difference(start, end)
+        assert danger.field.value(at) > limit * (1 - 1e-9)
+        assert found.pair == ("danger", "its limit")
+    else:
+        assert share == pytest.approx(1.0, abs=1e-2)
+
+
+def test_configurations_within_a_limit(panda):
+    q = (panda.lower + panda.upper) / 2
+    danger = certified(panda).field.value(q)
+    assert DangerLimit(certified(panda).field, danger).allows(q)
+    assert not DangerLimit(certified(panda).field, 0.999 * danger).allows(q)
+
+
+def test_a_generous_limit_costs_little(panda):
+    danger = certified(panda)
+    start, end = random_path(panda, 1, 1, 0.5)
+    peak = danger.of_edge(start, end).upper
+    danger.field.counts.reset()
+    assert DangerLimit(danger.field, 3 * peak).allows_motion(start, end)
+    assert danger.field.counts.field_configurations <= 4
+
+
+# -------------------------------------------------------------------------------------------------------- errors
+
+
+def test_moving_danger_points_are_refused(panda):
+    with pytest.raises(InputError, match=r"danger cannot be certified .* callable"):
+        CertifiedDanger(DangerField(panda, lambda q: [[1.0, 0.0, 0.0]]))
+
+
+@pytest.mark.parametrize("bad", [0.0, -0.1, np.nan, np.inf, "5"])
+def test_options_must_be_positive(panda, bad):
+    field = certified(panda).field
+    for option in ("tolerance", "floor"):
+        with pytest.raises(InputError, match=f"{option} must be a positive number, got"):
+            CertifiedDanger(field, **{option: bad})
+    with pytest.raises(InputError, match="max danger must be a positive number, got"):
+        DangerLimit(field, bad)
+
+
+def test_paths_are_checked(robot_named):
+    slider = robot_named("slider")
+    danger = certified(slider)
+    inside, outside = np.array([0.2, 0.0, 0.3, 0.0]), np.array([0.2, 0.0, 0.36, 0.0])
+    assert np.isfinite(danger.of_edge(inside, inside).upper)
+    with pytest.raises(InputError, match=r"joint 'right_slide' = 0.36 is outside its limits"):
+        danger.of_edge(inside, outside)
+    with pytest.raises(InputError, match="a configuration at least"):
+        danger.of_path(np.empty((0, 4)))
+    with pytest.raises(InputError, match="path must be finite"):
+        danger.of_path([inside, [np.nan, 0, 0, 0]])
+    with pytest.raises(InputError, match="path must have shape"):
+        danger.of_path([[0.0, 0.0]])
+
+
+def test_repr_names_the_options(panda):
+    assert "tolerance=0.05" in repr(certified(panda))

@@ -1,0 +1,319 @@
+"""Simplified paths: cheaper, proven, no less clear, no longer than allowed, and there whenever it stops."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from ompl import util as ou
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.danger.field import DangerField
+from safe_ompl.errors import InputError
+from safe_ompl.paths.report import PathReport
+from safe_ompl.paths.simplify.cost import PathCost
+from safe_ompl.paths.simplify.proof import PathProof, least_clearance
+from safe_ompl.paths.simplify.shortcut import shortcut
+from safe_ompl.paths.simplify.simplifier import Simplifier
+from safe_ompl.paths.simplify.simplify import simplify_danger
+from safe_ompl.robot.kinematics import Place
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Sphere
+from safe_ompl.setup.safe_setup import SafeSetup
+
+START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
+GOAL = START * [-1, 1, 1, 1, 1, 1]
+SEEDS = range(4)
+
+
+@pytest.fixture(scope="module")
+def setup(ur5):
+    scene = Scene(
+        (
+            Obstacle("ball", Sphere(0.15), Pose((0.45, 0.1, 0.55)), weight=1.0),
+            Obstacle("shelf", Box((0.3, 0.6, 0.02)), Pose((0.5, 0.0, 0.1)), weight=1.0),
+        )
+    )
+    handler = ou.getOutputHandler()
+    ou.noOutputHandler()
+    setup = SafeSetup(ur5, scene)
+    setup.setConfigurations(START, GOAL)
+    yield setup
+    ou.useOutputHandler(handler)
+
+
+@pytest.fixture(scope="module")
+def raw(setup):
+    """Paths of OMPL's RRT-Connect, as they come."""
+    return [setup.plan("RRTConnect", time=10.0, seed=seed).path for seed in SEEDS]
+
+
+@pytest.fixture(scope="module")
+def simplified(setup, raw):
+    """Of each path what it was, what it became, and all that it was on the way."""
+    found = []
+    for path in raw:
+        steps = []
+        better = simplify(
+            setup, path, time=20.0, on_better=lambda p, cost, steps=steps: steps.append((p, cost))
+        )
+        found.append((path, better, steps))
+    return found
+
+
+def simplify(setup, path, **options):
+    return simplify_danger(path, setup.checker, setup.field, setup.simplifier.motion, **options)
+
+
+def length(path):
+    return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+
+
+# -------------------------------------------------------------------------------------------------- what comes of it
+
+
+def test_paths_become_much_cheaper(setup, simplified):
+    cost = setup.simplifier.cost
+    ratios = [cost.of(better) / cost.of(path) for path, better, _ in simplified]
+    assert max(ratios) < 1
+    assert np.median(ratios) < 0.7
+
+
+def test_every_path_on_the_way_is_proven_cheaper_than_the_given_one_and_short_enough(setup, simplified):
+    motion, cost = CertifiedMotion(setup.checker), setup.simplifier.cost
+    for path, better, steps in simplified:
+        assert steps
+        np.testing.assert_array_equal(steps[-1][0], better)
+        for step, known in steps:
+            assert all(motion.is_free(a, b) for a, b in pairwise(step))
+            np.testing.assert_array_equal(step[[0, -1]], path[[0, -1]])
+            assert length(step) <= 1.25 * length(path) + 1e-9
+            assert cost.of(step) == pytest.approx(known, rel=0.02)
+            assert known <= cost.of(path)
+
+
+def test_without_nearness_the_cost_falls_at_every_step(setup, raw):
+    for path in raw:
+        costs = []
+        simplify(
+            setup, path, time=20.0, clearance=0.0, exponent=1.0, on_better=lambda p, c, to=costs: to.append(c)
+        )
+        assert (np.diff(costs) <= 1e-9).all()
+
+
+def test_no_less_clear(setup, simplified):
+    for path, better, steps in simplified:
+        before = PathReport.of(path, setup.checker).clearance.min
+        for step in (better, steps[0][0]):
+            assert PathReport.of(step, setup.checker).clearance.min > before - 2e-4
+
+
+def test_way_points_are_few_and_near_enough_for_a_controller(simplified):
+    for _, better, _ in simplified:
+        steps = np.linalg.norm(np.diff(better, axis=0), axis=1)
+        assert len(better) < 60
+        assert steps.max() < 1.0
+
+
+def test_simplified_again_it_stays_as_cheap(setup, simplified):
+    _, better, _ = simplified[0]
+    cost = setup.simplifier.cost
+    assert cost.of(simplify(setup, better, time=20.0)) <= cost.of(better) * (1 + 1e-9)
+
+
+def test_the_better_passage_is_taken(setup, raw):
+    """A detour that visits the far side of the joint range is cut off."""
+    straight = raw[0]
+    detour = np.vstack([straight[:1], straight[:1] - [0.0, 0.0, 0.0, 0.0, 0.0, 1.5], straight])
+    cost = setup.simplifier.cost
+    assert cost.of(simplify(setup, detour, time=20.0)) < 1.1 * cost.of(simplify(setup, straight, time=20.0))
+
+
+# ------------------------------------------------------------------------------------------------------- when to stop
+
+
+def test_it_stops_when_told(setup, raw):
+    asked = []
+    same = simplify(setup, raw[0], stop=lambda: asked.append(1) or True)
+    assert asked
+    np.testing.assert_array_equal(same[[0, -1]], raw[0][[0, -1]])
+    assert length(same) == pytest.approx(length(raw[0]))
+
+
+@pytest.mark.parametrize("after", [1, 2])
+def test_interrupted_the_best_path_so_far_stands(setup, raw, after):
+    steps = []
+
+    def interrupt(path, cost):
+        steps.append(path)
+        if len(steps) == after:
+            raise KeyboardInterrupt
+
+    found = simplify(setup, raw[0], time=20.0, on_better=interrupt)
+    assert len(steps) == after
+    np.testing.assert_array_equal(found, steps[-1])
+
+
+def test_the_length_factor(setup, raw):
+    for factor in (1.0, 3.0):
+        steps = []
+        simplify(
+            setup, raw[1], time=20.0, length_factor=factor, on_better=lambda p, c, to=steps: to.append(p)
+        )
+        assert max(map(length, steps)) <= factor * length(raw[1]) + 1e-9
+
+
+# ------------------------------------------------------------------------------------------------------ goals and parts
+
+
+class AtPlace:
+    """A goal set: the tip is where it is at a configuration."""
+
+    tolerance = 0.01
+
+    def __init__(self, robot, q):
+        self.place = Place(robot, robot.tip_pose(q).translation)
+
+
+def test_a_goal_that_is_free_on_its_set_may_move(setup, ur5, raw):
+    goal = AtPlace(ur5, GOAL)
+    fixed, free = (simplify(setup, raw[0], time=20.0, goal=g) for g in (None, goal))
+    np.testing.assert_array_equal(free[0], raw[0][0])
+    assert np.abs(free[-1] - GOAL).max() > 0.05
+    assert goal.place.distance(free[-1]) < goal.tolerance
+    assert setup.simplifier.cost.of(free) < setup.simplifier.cost.of(fixed)
+    assert all(CertifiedMotion(setup.checker).is_free(a, b) for a, b in pairwise(free))
+
+
+def test_shortcuts_are_the_cheapest_proven_chain(setup, raw):
+    cost, proof = setup.simplifier.cost, PathProof(setup.simplifier.motion)
+    for path in raw:
+        found = shortcut(path, cost, proof, lambda: False)
+        assert all(CertifiedMotion(setup.checker).is_free(a, b) for a, b in pairwise(found))
+        assert {tuple(q) for q in found} <= {tuple(q) for q in path}
+        assert cost.of(found) <= 1.02 * cost.of(path), "edges are sampled coarsely"
+
+
+def test_the_chain_goes_round_what_is_refused(setup):
+    path = np.linspace(START, GOAL, 5)
+    step = np.linalg.norm(path[1] - path[0])
+
+    class Refusing:
+        """Refuses edges between way points that are not neighbours."""
+
+        def accepts(self, start, end):
+            return np.linalg.norm(end - start) < 1.5 * step
+
+    found = shortcut(path, PathCost(setup.robot, []), Refusing(), lambda: False)
+    np.testing.assert_array_equal(found, path)
+
+
+def test_where_no_chain_is_proven_or_time_is_up_there_is_no_shortcut(setup):
+    class Refusing:
+        def accepts(self, start, end):
+            return not np.array_equal(end, GOAL)
+
+    path, cost = np.linspace(START, GOAL, 5), PathCost(setup.robot, [])
+    assert shortcut(path, cost, Refusing(), lambda: False) is None
+    assert shortcut(path, cost, PathProof(setup.simplifier.motion), lambda: True) is None
+
+
+class Picky(PathProof):
+    """Refuses edges between which the first joint jumps."""
+
+    def accepts(self, start, end):
+        return abs(start[0] - end[0]) < 0.4
+
+
+def test_what_is_refused_is_held_back_without_kinks(setup):
+    known = np.zeros((9, 6))
+    known[:, 1] = np.linspace(0, 1.6, 9)
+    wanted = known.copy()
+    wanted[5:7, 0] = 0.5
+    found, back = Picky(setup.simplifier.motion).held_back(wanted, known)
+    np.testing.assert_array_equal(found[back], known[back])
+    assert back[4:8].all()
+    assert not back.all()
+    assert np.abs(np.diff(found[:, 0])).max() < 0.4
+
+
+def test_where_nothing_helps_all_goes_back(setup):
+    class Refusing(PathProof):
+        def accepts(self, start, end):
+            return start[0] == end[0] == 0
+
+    known = np.zeros((4, 6))
+    found, back = Refusing(setup.simplifier.motion).held_back(known + 0.1, known)
+    np.testing.assert_array_equal(found, known)
+    assert back.all()
+
+
+def test_the_least_clearance_over_a_path(setup, raw):
+    for path in raw:
+        found = least_clearance(path, setup.checker)
+        dense = PathReport.of(path, setup.checker).clearance.min
+        assert found == pytest.approx(dense, abs=5e-3)
+        assert found > 0
+
+
+@pytest.mark.parametrize("way_points", [[START, START], [START, START, START], [START, START + 0.01, START]])
+def test_where_start_is_goal_nothing_moves(setup, way_points):
+    np.testing.assert_array_equal(np.unique(simplify(setup, np.array(way_points)), axis=0), [START])
+
+
+def test_without_obstacles_there_is_no_least_clearance(ur5):
+    assert least_clearance(np.array([START, GOAL]), CollisionChecker(ur5, Scene())) == np.inf
+
+
+def test_continuous_joints_go_the_short_way(kinova, rng):
+    checker = CollisionChecker(kinova, Scene())
+    field = DangerField(kinova, [[0.5, 0.5, 0.5], [-0.5, 0.2, 0.8]])
+    turning = int(np.flatnonzero(kinova.continuous)[0])
+    ends = np.zeros((3, kinova.n)) + 0.5 * (np.maximum(kinova.lower, -2) + np.minimum(kinova.upper, 2))
+    ends[:, turning] = 3.0, 3.1, -3.0
+    motion = CertifiedMotion(checker)
+    if not all(motion.is_free(a, b) for a, b in pairwise(ends)):
+        pytest.fail("the test's own path is not free")
+    found = simplify_danger(ends, checker, field, motion)
+    assert sum(np.linalg.norm(kinova.difference(a, b)) for a, b in pairwise(found)) < 1.0
+
+
+# ---------------------------------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"time": 0.0}, "time"),
+        ({"weight": -1.0}, "weight"),
+        ({"exponent": 0.9}, "exponent"),
+        ({"clearance": -0.1}, "clearance"),
+        ({"length_factor": 0.9}, "length_factor"),
+        ({"spacing": 0.0}, "spacing"),
+        ({"spacing": "wide"}, "spacing"),
+    ],
+)
+def test_bad_options(setup, raw, options, message):
+    with pytest.raises(InputError, match=message):
+        simplify(setup, raw[0], **options)
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        (np.zeros((3, 5)), "shape"),
+        (np.full((2, 6), np.nan), "finite"),
+        (START[None], "two configurations"),
+        ([START, START * [0, 1, 1, 1, 1, 1], GOAL], "edge from way point 0"),
+    ],
+)
+def test_bad_paths(setup, path, message):
+    with pytest.raises(InputError, match=message):
+        simplify(setup, path)
+
+
+def test_the_simplifier_keeps_its_options(setup):
+    finer = Simplifier(setup.checker, setup.field, spacing=0.4).refined(2)
+    assert finer.spacing == 0.1

@@ -1,0 +1,115 @@
+"""Which joints of a URDF move, which are held and where, and what cannot be."""
+
+import logging
+
+import numpy as np
+import pytest
+from test_robot import pair_names
+
+from safe_ompl.errors import InputError
+from safe_ompl.robot.robot import Robot
+
+
+def test_gripper_is_held_with_the_finger_that_mimics(data_folder, caplog):
+    with caplog.at_level(logging.INFO):
+        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", locked={"grip": 0.02})
+    assert robot.joint_names == ("turn", "elbow")
+    assert "grip_mirror = 0.031" in caplog.text
+    fingers = {b.name: b.placement.translation for b in robot.collision_model.geometryObjects}
+    assert fingers["finger_1_0"][1] == pytest.approx(0.005 + 0.02)
+    assert fingers["finger_2_0"][1] == pytest.approx(-0.005 - (1.5 * 0.02 + 0.001))
+
+
+def test_a_mimic_joint_follows_even_where_the_tip_alone_would_lock_it(data_folder):
+    robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand", locked={"grip": 0.02})
+    fingers = {b.name: b.placement.translation for b in robot.collision_model.geometryObjects}
+    assert fingers["finger_2_0"][1] == pytest.approx(-0.005 - (1.5 * 0.02 + 0.001))
+
+
+def test_joints_that_do_not_move_the_tip_are_held_and_logged(data_folder, caplog):
+    with caplog.at_level(logging.INFO):
+        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
+    assert robot.joint_names == ("turn", "elbow")
+    assert "grip = 0, grip_mirror = 0.001" in caplog.text
+
+
+def test_a_free_joint_must_not_be_mimicked(data_folder):
+    with pytest.raises(InputError, match="joint 'grip_mirror' mimics 'grip', which is free: lock 'grip'"):
+        Robot.from_urdf(data_folder / "gripper_arm.urdf")
+
+
+def test_a_chain_of_mimics_follows(edited):
+    text = '<mimic joint="grip_mirror" multiplier="2"/>'
+    third = (
+        '<link name="finger_3"/><joint name="aaa" type="prismatic"><parent link="hand"/><child link="finger_3"/>'
+        f'<axis xyz="1 0 0"/><limit lower="0" upper="1" effort="1" velocity="1"/>{text}</joint></robot>'
+    )
+    robot = Robot.from_urdf(edited("gripper_arm.urdf", "</robot>", third), tip="hand", locked={"grip": 0.02})
+    frame = robot.model.frames[robot.model.getFrameId("finger_3")]
+    hand = robot.model.frames[robot.model.getFrameId("hand")]
+    assert (frame.placement.translation - hand.placement.translation)[0] == pytest.approx(2 * 0.031)
+
+
+def test_the_skeleton_passes_through_locked_joints(data_folder):
+    robot = Robot.from_urdf(data_folder / "twin_arm.urdf", tip="left_hand", locked={"left_elbow": 0.4})
+    assert robot.joint_names == ("lift", "left_shoulder")
+    assert robot.segment_names == ("left_shoulder", "left_elbow", "left_hand")
+
+
+@pytest.mark.parametrize("locked", ["turn", "elbow"])
+def test_a_joint_may_have_the_name_of_a_link(edited, locked):
+    urdf = edited("gripper_arm.urdf", '"elbow"', '"upper"')
+    robot = Robot.from_urdf(urdf, tip="hand", locked={locked.replace("elbow", "upper"): 0.3})
+    plain = Robot.from_urdf(
+        edited("gripper_arm.urdf", '"elbow"', '"elbow"'), tip="hand", locked={locked: 0.3}
+    )
+    np.testing.assert_allclose(robot.keypoints(np.array([0.2])), plain.keypoints(np.array([0.2])))
+    assert pair_names(robot) == pair_names(plain)
+
+
+def test_key_points_of_a_joint_with_the_name_of_a_link(edited, data_folder):
+    robot = Robot.from_urdf(edited("gripper_arm.urdf", '"elbow"', '"upper"'), tip="hand")
+    plain = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
+    assert robot.joint_names == ("turn", "upper")
+    q = np.array([0.4, -0.7])
+    np.testing.assert_allclose(robot.keypoints(q), plain.keypoints(q))
+
+
+# -------------------------------------------------------------------------------------------------------- errors
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tip": "nose"}, r"unknown tip frame 'nose'; known: base, turn, upper, elbow, lower, "),
+        ({"locked": {"knee": 0.0}}, r"unknown joint to lock 'knee'; known: turn, elbow, grip, grip_mirror"),
+        ({"locked": {"elbow": float("nan")}}, "locked joint 'elbow': nan is not finite"),
+        ({"locked": {"elbow": "bent"}}, "locked joint 'elbow': 'bent' is not a number"),
+        ({"locked": {"elbow": 3.0}}, r"locked joint 'elbow': 3 is outside its limits \[-2.5, 2.5\]"),
+        ({"limits": {"knee": (0, 1)}}, "unknown joint with limits 'knee'"),
+        ({"limits": {"elbow": (1, 0)}, "tip": "hand"}, r"joint 'elbow' has the limits \[1.0, 0.0\]"),
+        (
+            {"limits": {"elbow": (0, float("nan"))}, "tip": "hand"},
+            r"joint 'elbow' has the limits \[0.0, nan\]",
+        ),
+        ({"tip": "base"}, "no joint is free to move"),
+    ],
+)
+def test_bad_options(data_folder, options, message):
+    with pytest.raises(InputError, match=message):
+        Robot.from_urdf(data_folder / "gripper_arm.urdf", **options)
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+def test_joints_that_cannot_be_planned_for(edited, kind):
+    urdf = edited("gripper_arm.urdf", '"elbow" type="revolute"', f'"elbow" type="{kind}"')
+    with pytest.raises(InputError, match=r"joint 'elbow' is a JointModel.*: lock it"):
+        Robot.from_urdf(urdf, tip="hand")
+    with pytest.raises(InputError, match=r"locked joint 'elbow': a JointModel.* can be locked at 0 only"):
+        Robot.from_urdf(urdf, tip="hand", locked={"elbow": 1.0})
+    assert Robot.from_urdf(urdf, tip="hand", locked={"elbow": 0.0}).joint_names == ("turn",)
+
+
+def test_continuous_joints_have_no_limits_to_change(data_folder):
+    with pytest.raises(InputError, match="joint 'left_shoulder' is continuous: it has no limits"):
+        Robot.from_urdf(data_folder / "twin_arm.urdf", limits={"left_shoulder": (0.0, 1.0)})

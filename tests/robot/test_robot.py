@@ -1,0 +1,401 @@
+"""The robot: loading, self pairs, kinematics, and errors that say what would be right."""
+
+import logging
+import pickle
+import threading
+import xml.etree.ElementTree as ElementTree
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.convex import sample_configurations
+from safe_ompl.robot.examples import EXAMPLES, find_example, robots_folder
+from safe_ompl.robot.robot import Robot
+
+JOINTS = {"panda": 7, "ur3": 6, "ur5": 6, "ur10": 6, "xarm7": 7, "kinova": 6, "z1": 6, "so101": 5}
+KINDS = ["panda", "kinova", "twin_arm", "slider"]
+
+
+def random_configurations(robot, rng, count):
+    return rng.uniform(robot.lower, robot.upper, (count, robot.n))
+
+
+def pair_names(robot):
+    names = [body.name for body in robot.collision_model.geometryObjects]
+    return {frozenset((names[p.first], names[p.second])) for p in robot.collision_model.collisionPairs}
+
+
+# ------------------------------------------------------------------------------------------------ example robots
+
+
+def test_table_of_joint_numbers_covers_the_examples():
+    assert set(JOINTS) == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_every_example_robot_can_be_planned_for(robot_named, name):
+    robot = robot_named(name)
+    assert robot.n == len(robot.joint_names) == JOINTS[name]
+    assert (robot.lower < robot.upper).all()
+    assert robot.tip == EXAMPLES[name].tip
+    assert len(robot.segments) == len(robot.segment_names) >= 4
+    for body in robot.collision_model.geometryObjects:
+        assert not isinstance(body.geometry, coal.BVHModelBase), "meshes become convex hulls"
+    data, contacts = robot.model.createData(), pin.GeometryData(robot.collision_model)
+    free = [
+        not pin.computeCollisions(robot.model, data, robot.collision_model, contacts, q, True)
+        for q in sample_configurations(robot.model)[:200]
+    ]
+    assert np.mean(free) > 0.3, "no pair of links is always in contact"
+
+
+def test_joints_and_limits_of_the_panda(panda):
+    assert panda.joint_names == tuple(f"panda_joint{k}" for k in range(1, 8))
+    assert panda.lower[3] == pytest.approx(-3.0718)
+    assert panda.upper[3] == pytest.approx(-0.0698)
+    assert not panda.continuous.any()
+    assert not panda.prismatic.any()
+    assert panda.segment_names == (
+        "panda_joint3",
+        "panda_joint4",
+        "panda_joint5",
+        "panda_joint7",
+        "panda_hand_tcp",
+    ), "zero-length links, at joints 2 and 6, are left out"
+
+
+def test_kinds_of_joints(kinova, twin_arm):
+    assert kinova.continuous.tolist() == [True, False, False, True, False, True]
+    assert kinova.lower[kinova.continuous] == pytest.approx(-np.pi)
+    assert twin_arm.joint_names == (
+        "lift",
+        "left_shoulder",
+        "left_elbow",
+        "right_shoulder",
+        "right_slide",
+        "right_turn",
+    )
+    assert twin_arm.prismatic.tolist() == [True, False, False, False, True, False]
+    assert twin_arm.continuous.tolist() == [False, True, False, False, False, False]
+
+
+def test_unknown_example_lists_those_that_exist():
+    with pytest.raises(UnknownNameError, match=r"unknown example robot 'panda2'; known: kinova, panda, "):
+        Robot.from_example("panda2")
+
+
+def test_example_with_other_locked_joints():
+    robot = Robot.from_example("panda", locked={"panda_joint1": 0.5, "panda_finger_joint1": 0.01})
+    assert robot.joint_names == tuple(f"panda_joint{k}" for k in range(2, 8))
+
+
+# ---------------------------------------------------------------------------------------------------- kinematics
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_key_points_are_where_the_joints_and_the_tip_are(robot_named, rng, name):
+    robot = robot_named(name)
+    data = robot.model.createData()
+    for q in random_configurations(robot, rng, 5):
+        pin.framesForwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
+        points = robot.keypoints(q)
+        assert points[-1] == pytest.approx(data.oMf[robot.model.getFrameId(robot.tip)].translation, abs=1e-12)
+        assert points[-1] == pytest.approx(robot.tip_pose(q).translation, abs=1e-12)
+        for (_, distal), joint in zip(robot.segments, robot.segment_names, strict=True):
+            frame = robot.model.getFrameId(joint)
+            assert points[distal] == pytest.approx(data.oMf[frame].translation, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_batch_of_key_points_equals_single_ones(robot_named, rng, name):
+    robot = robot_named(name)
+    batch = random_configurations(robot, rng, 4)
+    singles = np.array([robot.keypoints(q) for q in batch])
+    np.testing.assert_allclose(robot.keypoints_batch(batch), singles, rtol=0, atol=1e-14)
+
+
+def test_key_points_are_copies(panda):
+    first = panda.keypoints(np.zeros(7))
+    kept = first.copy()
+    panda.keypoints(np.full(7, -0.5))
+    np.testing.assert_array_equal(first, kept)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_jacobians_against_finite_differences(robot_named, rng, name):
+    robot = robot_named(name)
+    for q in random_configurations(robot, rng, 3):
+        steps = 1e-6 * np.eye(robot.n)
+        slopes = [(robot.keypoints(q + h) - robot.keypoints(q - h)) / 2e-6 for h in steps]
+        np.testing.assert_allclose(robot.keypoint_jacobians(q), np.stack(slopes, axis=-1), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_tip_jacobian_against_finite_differences(robot_named, rng, name):
+    robot = robot_named(name)
+    q = random_configurations(robot, rng, 1)[0]
+    jacobian = robot.tip_jacobian(q)
+    for i, h in enumerate(1e-6 * np.eye(robot.n)):
+        before, after = robot.tip_pose(q - h), robot.tip_pose(q + h)
+        linear = (after.translation - before.translation) / 2e-6
+        angular = pin.log3(after.rotation @ before.rotation.T) / 2e-6
+        np.testing.assert_allclose(jacobian[:, i], np.concatenate([linear, angular]), atol=1e-7)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_pull_back_is_the_transposed_jacobian(robot_named, rng, name):
+    robot = robot_named(name)
+    batch = random_configurations(robot, rng, 3)
+    gradients = rng.normal(size=(3, len(robot.keypoints(batch[0])), 3))
+    expected = [
+        np.einsum("kci,kc->i", robot.keypoint_jacobians(q), g) for q, g in zip(batch, gradients, strict=True)
+    ]
+    np.testing.assert_allclose(robot.pull_back(batch, gradients), expected, atol=1e-12)
+    single = robot.pull_back(batch[1:2], gradients[1:2])
+    np.testing.assert_allclose(single, expected[1:2], atol=1e-12)
+
+
+def test_threads_do_not_disturb_each_other(panda, rng):
+    batch = random_configurations(panda, rng, 200)
+    alone = panda.keypoints_batch(batch)
+    wrong = []
+
+    def work():
+        together = np.array([panda.keypoints(q) for _ in range(5) for q in batch]).reshape(5, *alone.shape)
+        wrong.append(not np.array_equal(together, np.broadcast_to(alone, together.shape)))
+
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == [False] * 3
+
+
+def test_a_sliding_joint_makes_a_link_even_if_its_length_can_be_zero(twin_arm):
+    assert "right_slide" in twin_arm.segment_names
+    shoulder, slide = twin_arm.segments[twin_arm.segment_names.index("right_slide")]
+    q = np.zeros(6)
+    q[twin_arm.joint_names.index("right_slide")] = 0.3
+    points = twin_arm.keypoints(q)
+    assert np.linalg.norm(points[slide] - points[shoulder]) == pytest.approx(0.3)
+
+
+# ------------------------------------------------------------------------------------------------ configurations
+
+
+def test_continuous_joints_go_the_short_way(kinova):
+    start, end = np.full(6, 3.0), np.full(6, -3.0)
+    delta = kinova.difference(start, end)
+    np.testing.assert_allclose(delta[kinova.continuous], 2 * np.pi - 6)
+    np.testing.assert_allclose(delta[~kinova.continuous], -6)
+    batch = kinova.difference(np.stack([start, end]), end)
+    np.testing.assert_allclose(batch, [delta, np.zeros(6)])
+    np.testing.assert_array_equal(start, 3.0)
+
+
+def test_limits_bind_all_but_continuous_joints(kinova):
+    middle = (kinova.lower + kinova.upper) / 2
+    assert kinova.within_limits(middle).all()
+    assert kinova.within_limits(kinova.upper).all()
+    assert kinova.within_limits(kinova.upper + 0.01).tolist() == kinova.continuous.tolist()
+    assert kinova.within_limits(kinova.lower - 0.01).tolist() == kinova.continuous.tolist()
+
+
+def test_whole_turns_of_a_continuous_joint_change_nothing(kinova, rng):
+    q = random_configurations(kinova, rng, 1)[0]
+    turned = q + 2 * np.pi * kinova.continuous
+    np.testing.assert_allclose(kinova.keypoints(turned), kinova.keypoints(q), atol=1e-12)
+
+
+def test_sampled_configurations_are_valid(kinova, twin_arm):
+    for robot in (kinova, twin_arm):
+        samples = sample_configurations(robot.model)
+        for joint in list(robot.model.joints)[1:]:
+            columns = samples[:, joint.idx_q : joint.idx_q + joint.nq]
+            if joint.nq == 2:
+                np.testing.assert_allclose(np.linalg.norm(columns, axis=1), 1.0)
+            else:
+                low = robot.model.lowerPositionLimit[joint.idx_q]
+                high = robot.model.upperPositionLimit[joint.idx_q]
+                assert low <= columns.min() < low + 0.01 * (high - low)
+                assert high >= columns.max() > high - 0.01 * (high - low)
+
+
+# ---------------------------------------------------------------------------------------------- frozen, and copied
+
+
+def test_a_robot_cannot_be_changed_by_accident(panda):
+    for array in (panda.lower, panda.upper, panda.segments, panda.continuous, panda.prismatic):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = array[0]
+
+
+@pytest.mark.parametrize("name", ["panda", "twin_arm"])
+def test_pickle_round_trip(robot_named, rng, name):
+    robot = robot_named(name)
+    copy = pickle.loads(pickle.dumps(robot))
+    assert repr(copy) == repr(robot)
+    assert pair_names(copy) == pair_names(robot)
+    np.testing.assert_array_equal(copy.lower, robot.lower)
+    q = random_configurations(robot, rng, 1)[0]
+    np.testing.assert_array_equal(copy.keypoints(q), robot.keypoints(q))
+    np.testing.assert_array_equal(copy.displacement_radii, robot.displacement_radii)
+
+
+def test_other_limits_leave_the_rest_alone(panda):
+    narrow = panda.with_limits({"panda_joint2": (-0.5, 0.25)})
+    assert (narrow.lower[1], narrow.upper[1]) == (-0.5, 0.25)
+    np.testing.assert_array_equal(np.delete(narrow.upper, 1), np.delete(panda.upper, 1))
+    assert panda.upper[1] > 1
+    again = narrow.with_limits({"panda_joint1": (0.0, 1.0)})
+    assert (again.upper[0], again.upper[1]) == (1.0, 0.25)
+
+
+def test_meshes_can_be_kept(data_folder):
+    robot = Robot.from_urdf(data_folder / "twin_arm.urdf", hulls=False)
+    hand = next(b for b in robot.collision_model.geometryObjects if b.name == "left_hand_0")
+    assert isinstance(hand.geometry, coal.BVHModelBase)
+
+
+def test_visual_model_holds_the_same_joints(panda):
+    assert len(panda.visual_model.geometryObjects) > 8
+    assert max(part.parentJoint for part in panda.visual_model.geometryObjects) == 7
+
+
+# ---------------------------------------------------------------------------------------------------- self pairs
+
+
+def test_srdf_removes_exactly_the_pairs_that_it_names(panda):
+    srdf = ElementTree.parse(robots_folder() / find_example("panda").srdf)
+    disabled = {frozenset((tag.get("link1"), tag.get("link2"))) for tag in srdf.iter("disable_collisions")}
+    bodies = list(panda.collision_model.geometryObjects)
+    kept = {
+        frozenset((a.name, b.name))
+        for a in bodies
+        for b in bodies
+        if a.parentJoint != b.parentJoint
+        and frozenset((a.name.rsplit("_", 1)[0], b.name.rsplit("_", 1)[0])) not in disabled
+    }
+    assert pair_names(panda) == kept
+    assert len(kept) == 44
+
+
+def test_without_srdf_exactly_adjacent_links_are_not_checked(data_folder, caplog):
+    robot = Robot.from_urdf(data_folder / "twin_arm.urdf")
+    adjacent = [
+        ("base_0", "torso_0"),
+        ("torso_0", "left_arm_0"),
+        ("torso_0", "right_arm_0"),
+        ("left_arm_0", "left_forearm_0"),
+        ("left_arm_0", "left_forearm_1"),
+        ("right_arm_0", "right_rail_0"),
+        ("right_rail_0", "right_hand_0"),
+    ]
+    same_body = [("left_forearm_0", "left_forearm_1"), ("left_forearm_0", "left_hand_0")]
+    same_body += [("left_forearm_1", "left_hand_0")]
+    names = [body.name for body in robot.collision_model.geometryObjects]
+    every = {frozenset((a, b)) for a in names for b in names if a != b}
+    assert pair_names(robot) == every - {frozenset(pair) for pair in adjacent + same_body}
+    assert "no SRDF; dropped pairs of adjacent links: base_0–torso_0" in caplog.text
+    assert all(f"{a}–{b}" in caplog.text for a, b in adjacent)
+
+
+def test_a_tool_is_checked_against_the_link_before_the_last(data_folder):
+    robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
+    assert frozenset(("upper_0", "hand_0")) in pair_names(robot)
+    assert frozenset(("upper_0", "lower_0")) not in pair_names(robot)
+
+
+def test_pairs_that_always_touch_are_dropped_and_logged(edited, caplog):
+    urdf = edited("gripper_arm.urdf", '<box size="0.06 0.12 0.04"/>', '<sphere radius="0.5"/>')
+    robot = Robot.from_urdf(urdf, tip="hand")
+    assert frozenset(("upper_0", "hand_0")) not in pair_names(robot)
+    assert "dropped pairs in contact in over 95% of samples: upper_0–hand_0" in caplog.text
+
+
+@pytest.mark.parametrize("text", ["", '<disable_collisions link1="hand" link2="nowhere" reason="Never"/>'])
+def test_srdf_that_disables_nothing_is_said_so(data_folder, tmp_path, caplog, text):
+    srdf = tmp_path / "empty.srdf"
+    srdf.write_text(f'<robot name="gripper_arm">{text}</robot>')
+    robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", srdf, tip="hand")
+    assert "empty.srdf disables no pair; dropped pairs of adjacent links" in caplog.text
+    assert pair_names(robot) == pair_names(Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand"))
+
+
+def test_srdf_by_any_name(data_folder, tmp_path, caplog):
+    srdf = tmp_path / "pairs.xml"
+    srdf.write_text(
+        '<robot name="a"><disable_collisions link1="base" link2="upper" reason="Adjacent"/></robot>'
+    )
+    with caplog.at_level(logging.INFO):
+        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", srdf, tip="hand")
+    assert "1 self-collision pairs disabled by" in caplog.text
+    assert frozenset(("base_0", "upper_0")) not in pair_names(robot)
+    assert frozenset(("upper_0", "lower_0")) in pair_names(robot)
+
+
+# -------------------------------------------------------------------------------------------------------- errors
+
+
+def test_missing_urdf(tmp_path):
+    with pytest.raises(InputError, match=r"URDF file '.*nowhere.urdf' does not exist"):
+        Robot.from_urdf(tmp_path / "nowhere.urdf")
+
+
+def test_missing_srdf(data_folder, tmp_path):
+    with pytest.raises(InputError, match=r"SRDF file '.*nowhere.srdf' does not exist"):
+        Robot.from_urdf(data_folder / "gripper_arm.urdf", tmp_path / "nowhere.srdf", tip="hand")
+
+
+def test_missing_package_folder(data_folder, tmp_path):
+    with pytest.raises(InputError, match=r"package folder '.*nowhere' does not exist"):
+        Robot.from_urdf(data_folder / "gripper_arm.urdf", package_dirs=[tmp_path / "nowhere"], tip="hand")
+
+
+def test_missing_mesh_names_link_and_file(edited):
+    urdf = edited("twin_arm.urdf", "wedge.obj", "package://nowhere/wedge.obj")
+    with pytest.raises(
+        InputError, match=r"link 'left_hand': collision mesh 'package://nowhere/wedge.obj' not"
+    ):
+        Robot.from_urdf(urdf)
+
+
+def test_broken_mesh(edited, tmp_path):
+    urdf = edited("twin_arm.urdf", "wedge.obj", "broken.obj")
+    (tmp_path / "broken.obj").write_text("this is no mesh")
+    with pytest.raises(InputError, match=r"twin_arm.urdf: cannot read a mesh"):
+        Robot.from_urdf(urdf)
+
+
+def test_flat_mesh(edited, tmp_path):
+    urdf = edited("twin_arm.urdf", "wedge.obj", "flat.obj")
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
+    with pytest.raises(InputError, match="mesh of 'left_hand_0' is flat"):
+        Robot.from_urdf(urdf)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<robot name='x'><link", "not well-formed XML"),
+        ("<sdf/>", "not a URDF: the outermost tag is <sdf>, not <robot>"),
+        ("<robot name='x'/>", "not a valid URDF"),
+    ],
+)
+def test_malformed_urdf(tmp_path, text, message):
+    path = tmp_path / "bad.urdf"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        Robot.from_urdf(path)
+
+
+@pytest.mark.parametrize("text", ["<robot name='x'><disable_collisions", "no XML at all"])
+def test_malformed_srdf(data_folder, tmp_path, text):
+    path = tmp_path / "bad.srdf"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"bad.srdf: not a valid SRDF"):
+        Robot.from_urdf(data_folder / "gripper_arm.urdf", path, tip="hand")

@@ -1,0 +1,257 @@
+"""Shapes: danger points lie on the surface and cover it, collision and drawing agree with geometry."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.scene.shapes.anatomy import LIMBS
+from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Shape, Sphere
+from safe_ompl.scene.shapes.mesh import Mesh
+from safe_ompl.scene.shapes.person import Person
+
+LENGTH = st.floats(0.02, 1.0)
+PRIMITIVES = st.one_of(
+    st.builds(Box, st.tuples(LENGTH, LENGTH, LENGTH)),
+    st.builds(Sphere, LENGTH),
+    st.builds(Cylinder, LENGTH, LENGTH),
+    st.builds(Capsule, LENGTH, LENGTH),
+)
+
+CUBE_CORNERS = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+CUBE_QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+def signed_distance(shape: Shape, points: np.ndarray) -> np.ndarray:
+    """Distance to the surface in closed form, negative inside."""
+    if isinstance(shape, Sphere):
+        return np.linalg.norm(points, axis=1) - shape.radius
+    if isinstance(shape, Capsule):
+        axis = np.zeros_like(points)
+        axis[:, 2] = np.clip(points[:, 2], -shape.length / 2, shape.length / 2)
+        return np.linalg.norm(points - axis, axis=1) - shape.radius
+    if isinstance(shape, Box):
+        beyond = np.abs(points) - np.array(shape.size) / 2
+    else:
+        assert isinstance(shape, Cylinder)
+        radial = np.linalg.norm(points[:, :2], axis=1) - shape.radius
+        beyond = np.column_stack([radial, np.abs(points[:, 2]) - shape.length / 2])
+    return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
+
+
+def surface_samples(shape: Shape, count: int) -> np.ndarray:
+    """Feet of the perpendiculars from points all around a convex shape."""
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(count, 3))
+    points *= 2.0 / np.linalg.norm(points, axis=1)[:, None]
+    step = 1e-6
+    slope = [
+        (signed_distance(shape, points + d) - signed_distance(shape, points - d)) / (2 * step)
+        for d in step * np.eye(3)
+    ]
+    return points - signed_distance(shape, points)[:, None] * np.array(slope).T
+
+
+def distance_to_nearest(samples: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(samples[:, None] - points[None], axis=2).min(axis=1)
+
+
+def volume(shape: Shape, resolution: int) -> float:
+    vertices, faces = shape.triangles(resolution)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def write_cube(path: Path, height: float = 1.0) -> Path:
+    corners = [f"v {x} {y} {z * height}" for x, y, z in CUBE_CORNERS]
+    faces = ["f " + " ".join(str(k + 1) for k in quad) for quad in CUBE_QUADS]
+    path.write_text("\n".join(corners + faces) + "\n")
+    return path
+
+
+# ---------------------------------------------------------------------------------------------- primitives
+
+
+@settings(max_examples=60, deadline=None)
+@given(PRIMITIVES, st.floats(0.05, 0.6))
+def test_danger_points_lie_on_the_surface_and_cover_it(shape: Shape, spacing: float) -> None:
+    points = shape.danger_points(spacing)
+    assert np.abs(signed_distance(shape, points)).max() < 1e-9
+    assert distance_to_nearest(surface_samples(shape, 200), points).max() <= spacing + 1e-6
+    assert len(np.unique(points.round(9), axis=0)) == len(points)
+
+
+@settings(max_examples=30, deadline=None)
+@given(PRIMITIVES)
+def test_collision_geometry_has_the_same_surface(shape: Shape) -> None:
+    (part,) = shape.parts()
+    probes = np.random.default_rng(1).uniform(-1.5, 1.5, (20, 3))
+    for probe, expected in zip(probes, signed_distance(shape, probes), strict=True):
+        distance = coal.distance(
+            coal.Sphere(1e-4),
+            coal.Transform3s(np.eye(3), probe),
+            part.geometry,
+            coal.Transform3s(part.placement.rotation, part.placement.translation),
+            coal.DistanceRequest(),
+            coal.DistanceResult(),
+        )
+        if expected > 0:
+            assert distance == pytest.approx(expected - 1e-4, abs=1e-4)
+        else:
+            assert distance <= 0
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        (Box((0.2, 0.3, 0.4)), 0.024),
+        (Sphere(0.5), math.pi / 6),
+        (Cylinder(0.5, 2.0), math.pi / 2),
+        (Capsule(0.5, 2.0), math.pi * 2 / 3),
+    ],
+)
+def test_triangles_face_outwards_and_enclose_the_volume(shape: Shape, expected: float) -> None:
+    assert volume(shape, 96) == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Box((1, -0.2, 1)), "size: -0.2 must be > 0"),
+        (lambda: Box((1, 1)), "size: must be 3 numbers, not 2"),
+        (lambda: Box("big"), "size: must be a list, not str 'big'"),
+        (lambda: Sphere(0), "radius: 0 must be > 0"),
+        (lambda: Sphere(float("nan")), "radius: must be a finite number, not nan"),
+        (lambda: Sphere(True), "radius: must be a number, not True"),
+        (lambda: Cylinder(0.1, float("inf")), "length: must be a finite number"),
+        (lambda: Capsule("0.1 m", 1), "radius: must be a number, not '0.1 m'"),
+    ],
+)
+def test_impossible_sizes_are_refused(build, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        build()
+    assert message in str(caught.value)
+
+
+# -------------------------------------------------------------------------------------------------- meshes
+
+
+@pytest.mark.parametrize("convex", [True, False])
+def test_mesh_is_read_scaled_and_covered(tmp_path: Path, convex: bool) -> None:
+    mesh = Mesh(write_cube(tmp_path / "cube.obj"), (0.2, 0.3, 0.4), convex)
+    assert volume(mesh, 8) == pytest.approx(0.024)
+    points = mesh.danger_points(0.1)
+    box = Box((0.2, 0.3, 0.4))
+    centred = points - np.array(box.size) / 2
+    assert np.abs(signed_distance(box, centred)).max() < 1e-6
+    assert distance_to_nearest(surface_samples(box, 300), centred).max() <= 0.1
+
+
+def test_hull_is_solid_and_triangles_are_hollow(tmp_path: Path) -> None:
+    file = write_cube(tmp_path / "cube.obj")
+    inside = coal.Transform3s(np.eye(3), np.full(3, 0.5))
+    hits = []
+    for convex in (True, False):
+        (part,) = Mesh(file, convex=convex).parts()
+        request, result = coal.CollisionRequest(), coal.CollisionResult()
+        hits.append(
+            bool(coal.collide(part.geometry, coal.Transform3s(), coal.Sphere(0.01), inside, request, result))
+        )
+    assert hits == [True, False]
+
+
+def test_unusable_meshes_are_refused(tmp_path: Path) -> None:
+    flat = write_cube(tmp_path / "flat.obj", height=0.0)
+    with pytest.raises(InputError, match="flat"):
+        Mesh(flat)
+    with pytest.raises(InputError, match="does not exist"):
+        Mesh(tmp_path / "missing.stl")
+    with pytest.raises(InputError, match=r"must end in \.stl or \.obj or \.dae"):
+        Mesh(tmp_path / "cube.step")
+    broken = tmp_path / "broken.stl"
+    broken.write_text("this is no mesh")
+    with pytest.raises(InputError, match="cannot be read as a mesh"):
+        Mesh(broken)
+    with pytest.raises(InputError, match="scale: 0 must be > 0"):
+        Mesh(write_cube(tmp_path / "cube.obj"), (1, 0, 1))
+
+
+# -------------------------------------------------------------------------------------------------- people
+
+
+@pytest.mark.parametrize("height", [1.2, 1.75, 2.0])
+def test_a_person_is_as_tall_as_asked(height: float) -> None:
+    vertices, _ = Person(height).triangles(24)
+    assert vertices[:, 2].min() == pytest.approx(0.0, abs=0.01)
+    assert vertices[:, 2].max() == pytest.approx(height, rel=0.01)
+    assert np.ptp(vertices[:, 1]) == pytest.approx(0.3 * height, rel=0.15)
+    assert [part.name for part in Person(height).parts()] == list(LIMBS)
+
+
+@pytest.mark.parametrize("spacing", [0.04, 0.1, 0.25])
+def test_danger_points_of_a_person_lie_on_limbs_and_cover_the_body(spacing: float) -> None:
+    limbs = Person().limbs()
+    points = Person().danger_points(spacing)
+    depths = np.array([limb.depth(points) for limb in limbs])
+    assert np.abs(depths).min(axis=0).max() < 1e-9
+    assert depths.max() <= spacing
+    vertices, _ = Person().triangles(24)
+    skin = vertices[np.max([limb.depth(vertices) for limb in limbs], axis=0) < 1e-9]
+    assert distance_to_nearest(skin, points).max() <= spacing
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(["left", "right"]), st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
+def test_an_arm_reaches_a_given_wrist_with_its_own_lengths(side: str, x: float, y: float, z: float) -> None:
+    def length(person: Person, name: str) -> float:
+        return next(limb.length for limb in person.limbs() if limb.name == f"{side}_{name}")
+
+    direction = np.array([x, y, z + 1e-3]) / max(1.0, np.linalg.norm([x, y, z + 1e-3]))
+    shoulder = next(limb.start for limb in Person().limbs() if limb.name == f"{side}_upper_arm")
+    upper, fore = (length(Person(), name) for name in ("upper_arm", "forearm"))
+    reach = abs(upper - fore) + 1e-6 + (2 * min(upper, fore) - 2e-6) * np.linalg.norm(direction)
+    wrist = shoulder + reach * direction / np.linalg.norm(direction)
+    person = Person(keypoints={f"{side}_wrist": wrist})
+    for name in ("upper_arm", "forearm", "hand"):
+        assert length(person, name) == pytest.approx(length(Person(), name), rel=1e-6)
+
+
+def test_the_arm_follows_an_outstretched_hand() -> None:
+    hand = (0.6, -0.2, 1.2)
+    limbs = {limb.name: limb for limb in Person(keypoints={"right_hand": hand}).limbs()}
+    assert limbs["right_hand"].end == pytest.approx(hand)
+    assert limbs["right_hand"].length == pytest.approx(
+        next(limb.length for limb in Person().limbs() if limb.name == "right_hand"), rel=1e-6
+    )
+    assert limbs["right_forearm"].start == pytest.approx(limbs["right_upper_arm"].end)
+
+
+def test_a_hand_alone() -> None:
+    points = {"right_wrist": (0, 0, 0.1), "right_hand": (0.15, 0, 0.1)}
+    hand = Person(keypoints=points, only=["right_hand"])
+    (part,) = hand.parts()
+    assert part.name == ""
+    assert np.abs(hand.danger_points(0.05)).max() < 0.25
+
+
+@pytest.mark.parametrize(
+    ("fields", "kind", "message"),
+    [
+        ({"height": -1.8}, InputError, "height: -1.8 must be > 0"),
+        ({"keypoints": {"left_wrst": (0, 0, 1)}}, InputError, "left_wrst: unknown key; did you mean"),
+        ({"keypoints": {"head": (0, 0)}}, InputError, "keypoints.head: must be 3 numbers"),
+        ({"keypoints": {"left_hand": (2, 0, 1)}}, InputError, "keypoints.left_hand: the wrist is"),
+        ({"only": ["tail"]}, UnknownNameError, "unknown limb 'tail'; known: head, neck"),
+    ],
+)
+def test_impossible_people_are_refused(fields: dict, kind: type, message: str) -> None:
+    with pytest.raises(kind) as caught:
+        Person(**fields)
+    assert message in str(caught.value)
