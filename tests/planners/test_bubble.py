@@ -108,7 +108,7 @@ def test_without_guidance_consecutive_configurations_share_a_bubble(planar):
 def test_the_elastic_band_is_shorter_than_the_chain_of_bubbles_and_proven(planar):
     planner = planner_on(planar, guided=False, beta=1.0, slide=0.0)
     chain = planar.plan(planner, time=20.0)
-    band = planner._elastic(chain.path, lambda: False)
+    band = planner._band.settled(chain.path, planner.getRange(), lambda: False)
     report = planar.report(band)
     assert report.certified
     assert len(band) < len(chain.path)
@@ -119,8 +119,8 @@ def test_the_elastic_band_is_shorter_than_the_chain_of_bubbles_and_proven(planar
 def test_open_lists_stay_bounded(arm):
     planner = planner_on(arm, max_open=40)
     assert arm.plan(planner, time=20.0)
-    assert len(planner._start_tree.open) <= 40
-    assert len(planner._goal_tree.open) <= 40
+    assert len(planner._trees.start.open) <= 40
+    assert len(planner._trees.goal.open) <= 40
 
 
 def test_a_walled_in_goal_ends_at_the_time_limit(robot_named):
@@ -171,7 +171,7 @@ def test_solving_again_goes_on_with_the_trees(arm):
     assert planner.solve(20.0).asString() == "Exact solution"
     assert planner.counts.nodes >= nodes
     planner.clear()
-    assert len(planner._start_tree) == 0
+    assert len(planner._trees.start) == 0
 
 
 def test_it_needs_distances():

@@ -21,7 +21,9 @@ from plane import (
 
 from safe_ompl.errors import InputError
 from safe_ompl.planners import prm
-from safe_ompl.planners.parts.roadmap import Graph, LinkMetric, Roadmap, SpaceMetric
+from safe_ompl.planners.parts.roadmap import Roadmap
+from safe_ompl.planners.parts.roadmap_metric import LinkMetric, SpaceMetric
+from safe_ompl.planners.parts.search_graph import Graph
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.objective import StateCost
@@ -133,11 +135,11 @@ def test_the_search_is_the_papers_step_by_step(monkeypatch, objective, seed):
     Q, checked = task.roadmap.configurations, {}
 
     def is_free(i, j):
-        checked[i, j] = task.planner._motion_is_free(Q[i], Q[j])
+        checked[i, j] = task.planner._task.motion_is_free(Q[i], Q[j])
         return checked[i, j]
 
     def cost(q):
-        weight = task.planner.getAlpha() / task.planner._cost_scale if objective else 0.0
+        weight = task.planner._danger.weight if objective else 0.0
         return weight * HotSpot(task.si).values(q[None])[0] if weight else 0.0
 
     expected_order, expected_path = literal_search(Q, 0, 1, 12, cost, is_free)

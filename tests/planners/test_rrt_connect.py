@@ -235,4 +235,4 @@ def test_a_threshold_does_not_close_a_dangerous_passage():
 
     problem = Problem(hot_gap, SlopedHotSpot, seed=1, threshold_rise=0.01)
     assert problem.solve() == EXACT
-    assert problem.planner._threshold > 1.5 * np.exp(-4 * 0.8**2)
+    assert problem.planner._threshold.level > 1.5 * np.exp(-4 * 0.8**2)

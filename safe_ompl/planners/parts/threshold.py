@@ -1,0 +1,55 @@
+"""A threshold on the danger of new nodes that adapts itself."""
+
+from __future__ import annotations
+
+from safe_ompl.planners.parts.danger import WeightedDanger
+from safe_ompl.planners.parts.tree import Tree
+from safe_ompl.planners.parts.trees import Trees
+
+_PATIENCE = 5  # refusals of too dangerous nodes before the threshold rises
+
+
+class AdaptiveThreshold:
+    """The paper's CDF_Threshold, made adaptive.
+
+    It begins with the danger that start or goal force, and rises with the refusals, so that no passage stays closed.
+
+    Parameters
+    ----------
+    danger : WeightedDanger
+        It acts where that has weight.
+
+    Attributes
+    ----------
+    rise : float
+        Share by which it rises after five refusals; 0 for no threshold.
+    level : float
+        The danger above which no node is added now; 0 before the first was looked at.
+    """
+
+    def __init__(self, danger: WeightedDanger) -> None:
+        self._danger = danger
+        self.rise = 0.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self.level, self._refusals = 0.0, 0
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is a threshold."""
+        return self.rise > 0 and self._danger.weight > 0
+
+    def tolerates(self, cost: float, tree: Tree, old: int, trees: Trees) -> bool:
+        """Return whether a danger is no larger than the threshold, or than that of node `old` of a tree."""
+        if not self.acts:
+            return True
+        if not self.level:
+            self.level = trees.forced_cost()
+        if cost <= max(self.level, tree.costs[old]):
+            return True
+        self._refusals += 1
+        if self._refusals % _PATIENCE == 0:
+            self.level *= 1 + self.rise
+        return False
