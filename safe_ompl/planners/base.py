@@ -15,6 +15,7 @@ from safe_ompl.counts import Counts
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
+from safe_ompl.inputs import fraction, number, whole_number
 from safe_ompl.planners.parts.danger import WeightedDanger
 from safe_ompl.planners.parts.goals import first_goals, later_goals
 from safe_ompl.planners.parts.graph import PlannerGraph
@@ -85,9 +86,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def setSeed(self, seed: int) -> None:
         """Start the planner's random numbers anew; the same seed gives the same path."""
-        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-            raise InputError(f"seed must be a non-negative integer, got {seed!r}")
-        self._seed = int(seed)
+        self._seed = whole_number("seed", seed, at_least=0)
         self._rng = np.random.default_rng(self._seed)
 
     def getSeed(self) -> int:
@@ -96,7 +95,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def setRange(self, distance: float) -> None:
         """Set the largest length of one extension, before it slides [rad]; 0 takes 7.5 % of the space's extent."""
-        self._range = non_negative("range", distance)
+        self._range = number("range", distance, at_least=0)
 
     def getRange(self) -> float:
         """Return the largest length of one extension [rad]."""
@@ -107,7 +106,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
         It is in the units of the problem's danger objective. Trees grown under another limit are dropped.
         """
-        self._max_danger = non_negative("max danger", danger)
+        self._max_danger = number("max danger", danger, at_least=0)
         self._objective = _UNREAD
 
     def getMaxDanger(self) -> float:
@@ -291,9 +290,14 @@ class WeighingPlanner(SafePlanner):
         self._danger = WeightedDanger(self._task)
         self._slide = Slide(self._bridge, self._danger)
 
+    def setup(self) -> None:
+        """Prepare for `solve`: read the problem's objective, and measure its scale if danger has weight."""
+        super().setup()
+        self._danger.prepare()
+
     def setAlpha(self, alpha: float) -> None:
         """Set the weight of danger α, in the robot's own scale; 0 plans classically."""
-        self._danger.alpha = non_negative("alpha", alpha)
+        self._danger.alpha = number("alpha", alpha, at_least=0)
 
     def getAlpha(self) -> float:
         """Return the weight of danger α."""
@@ -306,35 +310,3 @@ class WeighingPlanner(SafePlanner):
     def getSlide(self) -> float:
         """Return the largest sideways slide of a way point, as a fraction of the range."""
         return self._slide.share
-
-
-def non_negative(name: str, value: float) -> float:
-    """Return `value` as a float, or raise InputError if it is not a finite number ≥ 0."""
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, (int, float, np.number))
-        or not (np.isfinite(value) and value >= 0)
-    ):
-        raise InputError(f"{name} must be a finite number >= 0, got {value!r}")
-    return float(value)
-
-
-def fraction(name: str, value: float) -> float:
-    """Return `value` as a float, or raise InputError if it is not in [0, 1]."""
-    if non_negative(name, value) > 1:
-        raise InputError(f"{name} must be in [0, 1], got {value!r}")
-    return float(value)
-
-
-def whole_number(name: str, value: int, least: int) -> int:
-    """Return `value` as an int, or raise InputError if it is not a whole number ≥ `least`."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise InputError(f"{name} must be an integer >= {least}, got {value!r}")
-    return int(value)
-
-
-def boolean(name: str, value: bool) -> bool:
-    """Return `value` as a bool, or raise InputError if it is something else: 1, "off" and the like are no answers."""
-    if not isinstance(value, (bool, np.bool_)):
-        raise InputError(f"{name} must be True or False, got {value!r}")
-    return bool(value)

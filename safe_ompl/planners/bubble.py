@@ -12,9 +12,10 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.bubble import INSIDE, Bubble
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.inputs import flag, fraction, number, whole_number
 from safe_ompl.maths.bubbles import SHAPES
 from safe_ompl.maths.halton import halton_point
-from safe_ompl.planners.base import WeighingPlanner, boolean, fraction, non_negative, whole_number
+from safe_ompl.planners.base import WeighingPlanner
 from safe_ompl.planners.parts.elastic_band import ElasticBand
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.planners.parts.volume_tree import JointMetric, VolumeTree, VolumeTrees
@@ -110,7 +111,7 @@ class BubblePlanner(WeighingPlanner):
 
     def setBeta(self, beta: float) -> None:
         """Set the weight β of the diversity."""
-        self._beta = non_negative("beta", beta)
+        self._beta = number("beta", beta, at_least=0)
 
     def getBeta(self) -> float:
         """Return the weight β of the diversity."""
@@ -136,7 +137,7 @@ class BubblePlanner(WeighingPlanner):
 
     def setNormalized(self, normalized: bool) -> None:
         """Set whether the terms of f are normalised."""
-        self._normalized = boolean("normalized", normalized)
+        self._normalized = flag("normalized", normalized)
 
     def getNormalized(self) -> bool:
         """Return whether the terms of f are normalised."""
@@ -144,7 +145,7 @@ class BubblePlanner(WeighingPlanner):
 
     def setGuided(self, guided: bool) -> None:
         """Set whether the search is guided."""
-        self._guided = boolean("guided", guided)
+        self._guided = flag("guided", guided)
 
     def getGuided(self) -> bool:
         """Return whether the search is guided."""
@@ -152,7 +153,7 @@ class BubblePlanner(WeighingPlanner):
 
     def setMaxOpen(self, count: int) -> None:
         """Set the largest number of points in each Open list; 0 for no limit."""
-        self._max_open = whole_number("max_open", count, 0)
+        self._max_open = whole_number("max_open", count, at_least=0)
 
     def getMaxOpen(self) -> int:
         """Return the largest number of points in each Open list; 0 for no limit."""

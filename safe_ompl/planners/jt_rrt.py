@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError
-from safe_ompl.planners.base import WeighingPlanner, boolean, fraction, non_negative
+from safe_ompl.inputs import flag, fraction, number
+from safe_ompl.planners.base import WeighingPlanner
 from safe_ompl.planners.parts.approach import Approach
 from safe_ompl.planners.parts.growing import Extension, SafeStep
 from safe_ompl.planners.parts.selection import SafeSelection
@@ -114,7 +114,7 @@ class SafeJTRRT(WeighingPlanner):
 
     def setThresholdRise(self, share: float) -> None:
         """Set by what share the adaptive threshold on danger rises after five refusals; 0 for no threshold."""
-        self._threshold.rise = non_negative("threshold_rise", share)
+        self._threshold.rise = number("threshold_rise", share, at_least=0)
 
     def getThresholdRise(self) -> float:
         """Return by what share the adaptive threshold on danger rises."""
@@ -122,9 +122,7 @@ class SafeJTRRT(WeighingPlanner):
 
     def setStep(self, step: float) -> None:
         """Set the largest length of one step towards the goal [rad]."""
-        if not non_negative("step", step) > 0:
-            raise InputError(f"step must be positive, got {step!r}")
-        self._step = float(step)
+        self._step = number("step", step, above=0)
 
     def getStep(self) -> float:
         """Return the largest length of one step towards the goal [rad]."""
@@ -140,7 +138,7 @@ class SafeJTRRT(WeighingPlanner):
 
     def setNullSpaceGain(self, k1: float) -> None:
         """Set the gain k₁ of the posture motion; 0 leaves the posture alone."""
-        self._null_space_gain = non_negative("null_space_gain", k1)
+        self._null_space_gain = number("null_space_gain", k1, at_least=0)
 
     def getNullSpaceGain(self) -> float:
         """Return the gain k₁ of the posture motion."""
@@ -148,9 +146,8 @@ class SafeJTRRT(WeighingPlanner):
 
     def setDangerThreshold(self, danger: float) -> None:
         """Set the danger from which on no node is added; `math.inf` for none."""
-        if not (isinstance(danger, (int, float, np.number)) and danger > 0):
-            raise InputError(f"danger_threshold must be positive, got {danger!r}")
-        self._danger_threshold = float(danger)
+        unlimited = isinstance(danger, float) and danger == np.inf
+        self._danger_threshold = danger if unlimited else number("danger_threshold", danger, above=0)
 
     def getDangerThreshold(self) -> float:
         """Return the danger from which on no node is added."""
@@ -158,7 +155,7 @@ class SafeJTRRT(WeighingPlanner):
 
     def setTranspose(self, transpose: bool) -> None:
         """Set whether to take Jᵀ in place of J†, without posture motion."""
-        self._transpose = boolean("transpose", transpose)
+        self._transpose = flag("transpose", transpose)
 
     def getTranspose(self) -> bool:
         """Return whether Jᵀ takes the place of J†."""

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.planners.base import WeighingPlanner, whole_number
+from safe_ompl.inputs import whole_number
+from safe_ompl.planners.base import WeighingPlanner
 from safe_ompl.planners.parts.elastic_band import ElasticBand
 from safe_ompl.planners.parts.roadmap import Roadmap
 from safe_ompl.planners.parts.roadmap_metric import LinkMetric, RoadmapMetric, SpaceMetric
@@ -98,7 +99,7 @@ class SafePRM(WeighingPlanner):
 
     def setNeighbors(self, k: int) -> None:
         """Set the number K of milestones that count as neighbours."""
-        self._neighbor_count = whole_number("neighbors", k, 1)
+        self._neighbor_count = whole_number("neighbors", k, at_least=1)
 
     def getNeighbors(self) -> int:
         """Return the number K of milestones that count as neighbours."""
@@ -106,7 +107,7 @@ class SafePRM(WeighingPlanner):
 
     def setSamples(self, count: int) -> None:
         """Set the number of milestones to begin with."""
-        self._samples = whole_number("samples", count, 1)
+        self._samples = whole_number("samples", count, at_least=1)
 
     def getSamples(self) -> int:
         """Return the number of milestones to begin with."""

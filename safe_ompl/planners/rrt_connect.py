@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.planners.base import WeighingPlanner, boolean, fraction, non_negative
+from safe_ompl.inputs import flag, fraction, number
+from safe_ompl.planners.base import WeighingPlanner
 from safe_ompl.planners.parts.growing import Extension, SafeStep
 from safe_ompl.planners.parts.selection import SafeSelection
 from safe_ompl.planners.parts.threshold import AdaptiveThreshold
@@ -92,7 +93,7 @@ class SafeRRTConnect(WeighingPlanner):
 
     def setThresholdRise(self, share: float) -> None:
         """Set by what share the adaptive threshold on danger rises after five refusals; 0 for no threshold."""
-        self._threshold.rise = non_negative("threshold_rise", share)
+        self._threshold.rise = number("threshold_rise", share, at_least=0)
 
     def getThresholdRise(self) -> float:
         """Return by what share the adaptive threshold on danger rises."""
@@ -100,7 +101,7 @@ class SafeRRTConnect(WeighingPlanner):
 
     def setShortSteps(self, short_steps: bool) -> None:
         """Set whether a shorter step is tried where a whole one is trapped."""
-        self._short_steps = boolean("short_steps", short_steps)
+        self._short_steps = flag("short_steps", short_steps)
 
     def getShortSteps(self) -> bool:
         """Return whether a shorter step is tried where a whole one is trapped."""

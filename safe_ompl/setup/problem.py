@@ -19,8 +19,8 @@ from safe_ompl.counts import Counts
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CollisionError, InputError
+from safe_ompl.inputs import number
 from safe_ompl.paths.report import PathReport
-from safe_ompl.planners.base import non_negative
 from safe_ompl.planners.registry import accepts
 from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
@@ -133,7 +133,7 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         if self.field is None:
             raise InputError("max danger needs a danger field; this setup plans without danger")
         before = self._danger_limit
-        self._keep_to(DangerLimit(self.field, limit) if non_negative("max danger", limit) else None)
+        self._keep_to(DangerLimit(self.field, limit) if number("max danger", limit, at_least=0) else None)
         try:
             self._check_given()
         except BaseException:

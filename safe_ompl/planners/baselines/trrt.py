@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.planners.base import SafePlanner, fraction
+from safe_ompl.inputs import fraction
+from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.baselines.transition import TransitionStep, TransitionTest, usual_cost
 from safe_ompl.planners.parts.growing import Extension
 from safe_ompl.planners.parts.tree import Tree

@@ -40,3 +40,8 @@ class WeightedDanger:
         if not self.alpha:  # the slope need not be known
             return 0.0
         return self.alpha / self.slope if self.slope else 0.0
+
+    def prepare(self) -> None:
+        """Measure the slope if it will be needed, so that planning need not."""
+        if self.alpha:
+            _ = self._task.slope
