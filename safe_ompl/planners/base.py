@@ -15,11 +15,9 @@ from safe_ompl.counts import Counts
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.inputs import fraction, number, whole_number
-from safe_ompl.planners.parts.danger import WeightedDanger
+from safe_ompl.inputs import number, whole_number
 from safe_ompl.planners.parts.goals import first_goals, later_goals
 from safe_ompl.planners.parts.graph import PlannerGraph
-from safe_ompl.planners.parts.slide import Slide
 from safe_ompl.planners.parts.task import Task
 
 _log = logging.getLogger(__name__)
@@ -274,39 +272,3 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         for q in path:
             solution.append(self._task.state(q))
         self.getProblemDefinition().addSolutionPath(solution, False, 0.0, self.getName())
-
-
-class WeighingPlanner(SafePlanner):
-    """Base of the planners that weigh danger against lengths by α, and whose motions slide away from it.
-
-    Parameters
-    ----------
-    si, name
-        As for `SafePlanner`.
-    """
-
-    def __init__(self, si: Any, name: str) -> None:
-        super().__init__(si, name)
-        self._danger = WeightedDanger(self._task)
-        self._slide = Slide(self._bridge, self._danger)
-
-    def setup(self) -> None:
-        """Prepare for `solve`: read the problem's objective, and measure its scale if danger has weight."""
-        super().setup()
-        self._danger.prepare()
-
-    def setAlpha(self, alpha: float) -> None:
-        """Set the weight of danger α, in the robot's own scale; 0 plans classically."""
-        self._danger.alpha = number("alpha", alpha, at_least=0)
-
-    def getAlpha(self) -> float:
-        """Return the weight of danger α."""
-        return self._danger.alpha
-
-    def setSlide(self, slide: float) -> None:
-        """Set the largest sideways slide of a way point, in [0, 1], as a fraction of the range."""
-        self._slide.share = fraction("slide", slide)
-
-    def getSlide(self) -> float:
-        """Return the largest sideways slide of a way point, as a fraction of the range."""
-        return self._slide.share

@@ -15,10 +15,10 @@ from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.inputs import flag, fraction, number, whole_number
 from safe_ompl.maths.bubbles import SHAPES
 from safe_ompl.maths.halton import halton_point
-from safe_ompl.planners.base import WeighingPlanner
 from safe_ompl.planners.parts.elastic_band import ElasticBand
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.planners.parts.volume_tree import JointMetric, VolumeTree, VolumeTrees
+from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _LEAST_CLEARANCE = 1e-3  # [m]; smaller bubbles lead nowhere

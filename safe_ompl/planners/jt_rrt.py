@@ -10,12 +10,12 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.inputs import flag, fraction, number
-from safe_ompl.planners.base import WeighingPlanner
 from safe_ompl.planners.parts.approach import Approach
 from safe_ompl.planners.parts.growing import Extension, SafeStep
 from safe_ompl.planners.parts.selection import SafeSelection
 from safe_ompl.planners.parts.threshold import AdaptiveThreshold
 from safe_ompl.planners.parts.trees import Trees
+from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.robot.kinematics import Limits, Place, limited_step, pseudoinverse_step, transpose_step
 

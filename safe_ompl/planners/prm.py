@@ -9,12 +9,12 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.inputs import whole_number
-from safe_ompl.planners.base import WeighingPlanner
 from safe_ompl.planners.parts.elastic_band import ElasticBand
 from safe_ompl.planners.parts.roadmap import Roadmap
 from safe_ompl.planners.parts.roadmap_metric import LinkMetric, RoadmapMetric, SpaceMetric
 from safe_ompl.planners.parts.search_graph import Graph
 from safe_ompl.planners.parts.tree import ROOT
+from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …

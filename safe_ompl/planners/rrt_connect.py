@@ -8,12 +8,12 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.inputs import flag, fraction, number
-from safe_ompl.planners.base import WeighingPlanner
 from safe_ompl.planners.parts.growing import Extension, SafeStep
 from safe_ompl.planners.parts.selection import SafeSelection
 from safe_ompl.planners.parts.threshold import AdaptiveThreshold
 from safe_ompl.planners.parts.tree import Tree
 from safe_ompl.planners.parts.trees import Trees
+from safe_ompl.planners.weighing import WeighingPlanner
 
 _SHORTEST_STEP = 0.05  # of the range
 
