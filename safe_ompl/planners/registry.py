@@ -28,6 +28,19 @@ _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "ClassicBubble": (BubblePlanner, {"alpha": 0.0}),
 }
 
+# RRT-Connect as the papers print it: α and the range are free.
+_RRT_CONNECT_AS_PRINTED = {
+    "nearest_fraction": 0.0,
+    "slide": 0.0,
+    "threshold_rise": 0.0,
+    "short_steps": False,
+    "raw_alpha": True,
+}
+_AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
+    "PaperSafeRRTConnect": (SafeRRTConnect, _RRT_CONNECT_AS_PRINTED),
+    "PaperRRTConnect": (SafeRRTConnect, {**_RRT_CONNECT_AS_PRINTED, "alpha": 0.0}),
+}
+
 # Danger-aware planners of others that OMPL's wheel lacks, to compare with.
 _BASELINES = {"TRRT": TRRT, "BiTRRT": BiTRRT, "GradienTRRT": GradienTRRT}
 
@@ -54,12 +67,12 @@ _REFUSED = {
 
 
 def planner_names() -> list[str]:
-    """Return the names that `make_planner` knows: ours first, then the baselines, then OMPL's."""
-    return [*_OURS, *_BASELINES, *_OMPL]
+    """Return the names that `make_planner` knows: ours first, then those as printed, the baselines, and OMPL's."""
+    return [*_OURS, *_AS_PRINTED, *_BASELINES, *_OMPL]
 
 
 def is_ours(name: str) -> bool:
-    """Return whether the planner called `name` is one of this package."""
+    """Return whether the planner called `name` is one of this package, in the form that is meant for use."""
     return name in _OURS
 
 
@@ -93,8 +106,8 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
         If a value is refused, if it is fixed for this planner (α of the classical ones), or for a seed: that is
         the run's.
     """
-    if name in _OURS:
-        kind, fixed = _OURS[name]
+    if name in _OURS or name in _AS_PRINTED:
+        kind, fixed = {**_OURS, **_AS_PRINTED}[name]
         planner = kind(si, name)
     elif name in _BASELINES:
         fixed, planner = {}, _BASELINES[name](si, name)

@@ -50,6 +50,18 @@ class SafeRRTConnect(WeighingPlanner):
     short_steps : bool
         Where the step towards a random configuration is trapped, try a shorter one, of 5 to 100 % of the range: it
         leads out of narrow places.
+    raw_alpha : bool
+        Take α as it is, in length per danger, instead of relative.
+
+    Notes
+    -----
+    The planner as it is printed in [1] is called `PaperSafeRRTConnect`, and RRT-Connect as printed in [2]
+    `PaperRRTConnect`. What is ours, and what it buys:
+
+    * a share of the choices ignores danger (`nearest_fraction`): no passage stays closed;
+    * steps slide and keep to a threshold (`slide`, `threshold_rise`): lower danger;
+    * a shorter step is tried (`short_steps`): fewer nodes in narrow places, more checks elsewhere;
+    * α is relative (`raw_alpha`): one default for all robots.
 
     References
     ----------
@@ -68,6 +80,7 @@ class SafeRRTConnect(WeighingPlanner):
         slide: float = 0.8,
         threshold_rise: float = 0.05,
         short_steps: bool = True,
+        raw_alpha: bool = False,
     ) -> None:
         super().__init__(si, name)
         self._selection = SafeSelection(self._danger)
@@ -82,6 +95,7 @@ class SafeRRTConnect(WeighingPlanner):
         self.setSlide(slide)
         self.setThresholdRise(threshold_rise)
         self.setShortSteps(short_steps)
+        self.setRawAlpha(raw_alpha)
 
     def setNearestFraction(self, epsilon: float) -> None:
         """Set the share ε in [0, 1] of selections by distance alone."""
@@ -106,6 +120,14 @@ class SafeRRTConnect(WeighingPlanner):
     def getShortSteps(self) -> bool:
         """Return whether a shorter step is tried where a whole one is trapped."""
         return self._short_steps
+
+    def setRawAlpha(self, raw: bool) -> None:
+        """Set whether α is taken as it is, in length per danger."""
+        self._danger.is_raw = flag("raw_alpha", raw)
+
+    def getRawAlpha(self) -> bool:
+        """Return whether α is taken as it is."""
+        return self._danger.is_raw
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 

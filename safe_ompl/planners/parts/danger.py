@@ -18,11 +18,15 @@ class WeightedDanger:
     ----------
     alpha : float
         α; 0 plans classically.
+    is_raw : bool
+        Whether α multiplies the danger as it is, in length per danger, as the paper writes it; else in the robot's
+        own scale, the usual slope of the danger.
     """
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self.alpha = 1.0
+        self.is_raw = False
 
     @property
     def cost(self) -> StateCost:
@@ -39,9 +43,11 @@ class WeightedDanger:
         """α in units of length per danger; 0 where there is no danger to heed."""
         if not self.alpha:  # the slope need not be known
             return 0.0
+        if self.is_raw:
+            return self.alpha
         return self.alpha / self.slope if self.slope else 0.0
 
     def prepare(self) -> None:
         """Measure the slope if it will be needed, so that planning need not."""
-        if self.alpha:
+        if self.alpha and not self.is_raw:
             _ = self._task.slope

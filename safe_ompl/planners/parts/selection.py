@@ -29,5 +29,5 @@ class SafeSelection:
 
     def best(self, tree: Tree, q: FloatArray, rng: np.random.Generator) -> int:
         """Return argmin of ρ(node, q) + α·CDF(node)."""
-        ignore_danger = rng.random() < self.nearest_fraction
+        ignore_danger = self.nearest_fraction > 0 and rng.random() < self.nearest_fraction
         return tree.best(q, 0.0 if ignore_danger else self._danger.weight)
