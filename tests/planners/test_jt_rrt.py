@@ -307,12 +307,12 @@ def test_an_invalid_start_is_reported(setup):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"step": 0.0}, "step must be positive, got 0.0"),
-        ({"step": np.nan}, "step must be a finite number"),
-        ({"goal_bias": 1.5}, r"goal_bias must be in \[0, 1\], got 1.5"),
+        ({"step": 0.0}, "step must be a positive number, got 0.0"),
+        ({"step": np.nan}, "step must be a positive number, got nan"),
+        ({"goal_bias": 1.5}, r"goal_bias must be a finite number in \[0, 1\], got 1.5"),
         ({"null_space_gain": -1.0}, "null_space_gain must be a finite number >= 0, got -1.0"),
-        ({"danger_threshold": 0.0}, "danger_threshold must be positive, got 0.0"),
-        ({"danger_threshold": np.nan}, "danger_threshold must be positive, got nan"),
+        ({"danger_threshold": 0.0}, "danger_threshold must be a positive number, got 0.0"),
+        ({"danger_threshold": np.nan}, "danger_threshold must be a positive number, got nan"),
     ],
 )
 def test_parameters_that_make_no_sense(setup, options, message):
