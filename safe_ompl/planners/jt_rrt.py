@@ -13,7 +13,7 @@ from safe_ompl.inputs import flag, fraction, number
 from safe_ompl.planners.parts.approach import Approach
 from safe_ompl.planners.parts.growing import Extension, SafeStep
 from safe_ompl.planners.parts.selection import SafeSelection
-from safe_ompl.planners.parts.threshold import AdaptiveThreshold
+from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
 from safe_ompl.planners.parts.trees import Trees
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.goals import WorkspaceGoal
@@ -86,8 +86,9 @@ class SafeJTRRT(WeighingPlanner):
         super().__init__(si, name)
         self._selection = SafeSelection(self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
+        self._fixed_threshold = FixedThreshold(self._task)
         self._random_step = SafeStep(
-            self._bridge, self._danger, self._slide, self._threshold, self._motion_is_free
+            self._bridge, self._danger, self._slide, self._threshold, self._fixed_threshold.motion_is_free
         )
         self._goal: Any = None
         self._place: Place
@@ -147,11 +148,11 @@ class SafeJTRRT(WeighingPlanner):
     def setDangerThreshold(self, danger: float) -> None:
         """Set the danger from which on no node is added; `math.inf` for none."""
         unlimited = isinstance(danger, float) and danger == np.inf
-        self._danger_threshold = danger if unlimited else number("danger_threshold", danger, above=0)
+        self._fixed_threshold.level = danger if unlimited else number("danger_threshold", danger, above=0)
 
     def getDangerThreshold(self) -> float:
         """Return the danger from which on no node is added."""
-        return self._danger_threshold
+        return self._fixed_threshold.level
 
     def setTranspose(self, transpose: bool) -> None:
         """Set whether to take Jᵀ in place of J†, without posture motion."""
@@ -186,7 +187,9 @@ class SafeJTRRT(WeighingPlanner):
             q_new = self._bridge.inside(q_old + self._step_towards_goal(old, downhill))
             if self._place.distance(q_new) > _STALLED * self._approach.distances[old]:
                 return
-            if not self._motion_is_free(q_old, q_new):  # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
+            if not self._fixed_threshold.motion_is_free(
+                q_old, q_new
+            ):  # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
                 return
             old = self._trees.add(tree, q_new, old)
             self._approach.measure(tree)
@@ -233,15 +236,6 @@ class SafeJTRRT(WeighingPlanner):
         slope = self._trees.start.gradient(old) / self._task.slope
         steepness = float(np.sqrt(slope @ slope))
         return -slope / max(1.0, steepness) if steepness < np.inf else None
-
-    def _motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
-        """Return whether a motion is free, and its end less dangerous than the threshold or than its start."""
-        if not self._task.motion_is_free(start, end):
-            return False
-        if np.isinf(self._danger_threshold):
-            return True
-        before, after = self._task.cost.values(np.array([start, end]))
-        return bool(after < max(self._danger_threshold, before))
 
     # ---------------------------------------------------------------------------------------- tree and goal
 

@@ -1,8 +1,12 @@
-"""A threshold on the danger of new nodes that adapts itself."""
+"""Thresholds on the danger of new nodes: one that adapts itself, and a fixed one."""
 
 from __future__ import annotations
 
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
 from safe_ompl.planners.parts.danger import WeightedDanger
+from safe_ompl.planners.parts.task import Task
 from safe_ompl.planners.parts.tree import Tree
 from safe_ompl.planners.parts.trees import Trees
 
@@ -53,3 +57,31 @@ class AdaptiveThreshold:
         if self._refusals % _PATIENCE == 0:
             self.level *= 1 + self.rise
         return False
+
+
+class FixedThreshold:
+    """The paper's CDF_Threshold as it is, on the end of a motion.
+
+    Parameters
+    ----------
+    task : Task
+        Says which motions are free, and what configurations cost.
+
+    Attributes
+    ----------
+    level : float
+        The danger from which on no node is added, unless it is safer than the node that it grows from.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self.level = np.inf
+
+    def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
+        """Return whether a motion is free, and its end less dangerous than the threshold or than its start."""
+        if not self._task.motion_is_free(start, end):
+            return False
+        if np.isinf(self.level):
+            return True
+        before, after = self._task.cost.values(np.array([start, end]))
+        return bool(after < max(self.level, before))
