@@ -187,9 +187,8 @@ class SafeJTRRT(WeighingPlanner):
             q_new = self._bridge.inside(q_old + self._step_towards_goal(old, downhill))
             if self._place.distance(q_new) > _STALLED * self._approach.distances[old]:
                 return
-            if not self._fixed_threshold.motion_is_free(
-                q_old, q_new
-            ):  # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
+            # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
+            if not self._fixed_threshold.motion_is_free(q_old, q_new):
                 return
             old = self._trees.add(tree, q_new, old)
             self._approach.measure(tree)
