@@ -138,3 +138,26 @@ class PlaneProblem:
 def dense(path):
     """Return 400 configurations on each edge of a path."""
     return np.concatenate([a + np.linspace(0, 1, 400)[:, None] * (b - a) for a, b in pairwise(path)])
+
+
+class Stop:
+    """A termination condition that fires when it was asked so often; says how much was checked after that."""
+
+    def __init__(self, walls, questions):
+        self._walls, self._left, self._checked = walls, questions, 0
+
+    @property
+    def condition(self):
+        return ob.PlannerTerminationCondition(self._fires)  # kept here it would never be freed
+
+    def _fires(self):
+        self._left -= 1
+        if self._left == 0:
+            self._checked = len(self._walls.asked)
+        return self._left <= 0
+
+    @property
+    def checked_too_late(self):
+        """How many states were checked after it fired."""
+        assert self._left <= 0, "it never fired"
+        return len(self._walls.asked) - self._checked

@@ -18,6 +18,8 @@ from safe_ompl.scenario.scenario import Scenario, find_scenario
 
 _Number = TypeVar("_Number", int, float)
 
+_BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+
 # -------------------------------------------------------------------------------------------------- values
 
 
@@ -63,14 +65,14 @@ def positions(text: str) -> slice:
 
 
 def parameter(text: str) -> tuple[str, Any]:
-    """Read ``name=value`` with a number, true, false, or else text."""
+    """Read ``name=value`` with a number, true, yes, on, false, no, off, or else text."""
     name, value = _assignment(text, "name=value")
     for kind in (int, float):
         try:
             return name, kind(value)
         except ValueError:
             pass
-    return name, {"true": True, "false": False}.get(value.lower(), value)
+    return name, _BOOLEANS.get(value.lower(), value)
 
 
 def joint_value(text: str) -> tuple[str, float]:

@@ -1,11 +1,10 @@
-"""What the planners share: OMPL's life cycle, seeds, start and goal states, motions, and the cost scale."""
+"""OMPL's life cycle of our planners: seeds, start and goal states, the objective, and the path that is found."""
 
 from __future__ import annotations
 
 import logging
 from abc import abstractmethod
-from itertools import islice
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from ompl import base as ob
@@ -16,19 +15,38 @@ from safe_ompl.counts import Counts
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
+from safe_ompl.inputs import number, whole_number
+from safe_ompl.planners.parts.goals import first_goals, later_goals
 from safe_ompl.planners.parts.graph import PlannerGraph
-from safe_ompl.plugins.objective import StateCost
-from safe_ompl.plugins.states import ScratchState, StateBridge
+from safe_ompl.planners.parts.task import Task
 
 _log = logging.getLogger(__name__)
 
 _UNREAD = object()  # stands for an objective until the problem's is read
-_SCALE_SAMPLES = 50
-_SCALE_SEED = 0  # the scale belongs to robot and scene: it must not change with the planner's seed
-_FIRST_GOALS = 100  # taken before planning begins
 _RANGE_FRACTION = (
     0.075  # of the space's extent: 1.1 rad on an arm; longer steps are trapped, shorter ones crawl
 )
+
+
+class Grown(Protocol):
+    """What a planner has built from starts and goals: trees, or a roadmap."""
+
+    def add_start(self, q: FloatArray) -> None:
+        """Take a valid start configuration (n,)."""
+
+    def add_goal(self, q: FloatArray) -> None:
+        """Take a valid goal configuration (n,)."""
+
+    @property
+    def has_starts(self) -> bool:
+        """Whether there is a start."""
+
+    @property
+    def has_goals(self) -> bool:
+        """Whether there is a goal."""
+
+    def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
 
 
 class SafePlanner(ob.Planner):  # type: ignore[misc]
@@ -40,20 +58,25 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         Any space of real vectors and SO(2) parts, with any validity checker and motion validator.
     name : str
         Name in logs and benchmarks.
+
+    Attributes
+    ----------
+    plans_to : type
+        What goals the planner plans to: by default those that offer configurations.
+    counts : Counts
+        Counts the nodes.
     """
+
+    plans_to: ClassVar[Any] = ob.GoalSampleableRegion
 
     def __init__(self, si: Any, name: str) -> None:
         super().__init__(si, name)
         self.counts = Counts()
         self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]))
-        self._bridge = StateBridge(si.getStateSpace())
-        self._from, self._to = ScratchState(self._bridge), ScratchState(self._bridge)
+        self._task = Task(si)
+        self._bridge = self._task.bridge
         self._objective: Any = _UNREAD
         self._max_danger = 0.0
-        self._danger_limit: DangerLimit | None = None
-        self._cost = StateCost(None, self._bridge)
-        self._cost_scale = 0.0
-        self._alpha = 1.0
         self._range = 0.0
         self._default_range = _RANGE_FRACTION * self._bridge.extent
 
@@ -61,26 +84,16 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def setSeed(self, seed: int) -> None:
         """Start the planner's random numbers anew; the same seed gives the same path."""
-        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-            raise InputError(f"seed must be a non-negative integer, got {seed!r}")
-        self._seed = int(seed)
+        self._seed = whole_number("seed", seed, at_least=0)
         self._rng = np.random.default_rng(self._seed)
 
     def getSeed(self) -> int:
         """Return the seed."""
         return self._seed
 
-    def setAlpha(self, alpha: float) -> None:
-        """Set the weight of danger α, in the robot's own scale; 0 plans classically."""
-        self._alpha = non_negative("alpha", alpha)
-
-    def getAlpha(self) -> float:
-        """Return the weight of danger α."""
-        return self._alpha
-
     def setRange(self, distance: float) -> None:
         """Set the largest length of one extension, before it slides [rad]; 0 takes 7.5 % of the space's extent."""
-        self._range = non_negative("range", distance)
+        self._range = number("range", distance, at_least=0)
 
     def getRange(self) -> float:
         """Return the largest length of one extension [rad]."""
@@ -91,7 +104,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
         It is in the units of the problem's danger objective. Trees grown under another limit are dropped.
         """
-        self._max_danger = non_negative("max danger", danger)
+        self._max_danger = number("max danger", danger, at_least=0)
         self._objective = _UNREAD
 
     def getMaxDanger(self) -> float:
@@ -100,8 +113,12 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     # ------------------------------------------------------------------------------------------- life cycle
 
+    def accepts(self, goal: Any) -> bool:
+        """Return whether the planner can plan to a goal."""
+        return isinstance(goal, self.plans_to)
+
     def setup(self) -> None:
-        """Prepare for `solve`: read the problem's objective and measure its scale."""
+        """Prepare for `solve`: read the problem's objective."""
         ob.Planner.setup(self)
         if self.getProblemDefinition() is not None:
             self._read_objective()
@@ -141,7 +158,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         ends = configurations[edges]
         return PlannerGraph(
             configurations,
-            self._cost.values(configurations),
+            self._task.cost.values(configurations),
             edges,
             np.linalg.norm(self._bridge.difference(ends[:, 0], ends[:, 1]), axis=1),
             starts,
@@ -157,77 +174,26 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     # ------------------------------------------------------------------------- what a planner must implement
 
-    def _accepts(self, goal: Any) -> bool:
-        """Return whether the planner can plan to such a goal; by default one that offers configurations."""
-        return isinstance(goal, ob.GoalSampleableRegion)
+    @property
+    @abstractmethod
+    def _grown(self) -> Grown:
+        """What has been built so far."""
 
     @abstractmethod
     def _forget(self) -> None:
-        """Drop all trees and graphs."""
-
-    @abstractmethod
-    def _add_start(self, q: FloatArray) -> None:
-        """Take a valid start configuration (n,)."""
-
-    @abstractmethod
-    def _add_goal(self, q: FloatArray) -> None:
-        """Take a valid goal configuration (n,)."""
-
-    @abstractmethod
-    def _has_starts(self) -> bool: ...
-
-    @abstractmethod
-    def _has_goals(self) -> bool: ...
+        """Drop what has been built, and begin anew without starts and goals."""
 
     @abstractmethod
     def _search(self, ptc: Any) -> FloatArray | None:
-        """Return a path (N, n) whose edges `_motion_is_free` accepts, or None when `ptc` fires."""
+        """Return a path (N, n) whose motions are free, or None when `ptc` fires."""
 
-    @abstractmethod
+    # ------------------------------------------------------------------------------------- starts and goals
+
+    def _has_goals(self) -> bool:
+        return self._grown.has_goals
+
     def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
-
-    # --------------------------------------------------------------------------------- what planners can ask
-
-    @property
-    def _danger_weight(self) -> float:
-        """α in units of length per danger; 0 where there is no danger to heed."""
-        return self._alpha / self._cost_scale if self._cost_scale else 0.0
-
-    def _random_configuration(self) -> FloatArray:
-        return self._bridge.between_bounds(self._rng.random(self._bridge.n))
-
-    def _is_valid(self, q: FloatArray) -> bool:
-        if not self.getSpaceInformation().isValid(self._from.set(q)):
-            return False
-        return self._danger_limit is None or self._danger_limit.allows(q)
-
-    def _motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
-        if not self.getSpaceInformation().checkMotion(self._from.set(start), self._to.set(end)):
-            return False
-        return self._danger_limit is None or self._danger_limit.allows_motion(start, end)
-
-    def _take_goals(self, ptc: Any) -> None:
-        """Take the goals that the problem offers: all at first, later one now and then.
-
-        Where there is none yet, this waits for the first until `ptc` fires; later calls never wait. Goals taken
-        while planning stay fewer than half of the nodes, as in OMPL: a region may have goals without end.
-        """
-        inputs, goal = self.getPlannerInputStates(), self.getProblemDefinition().getGoal()
-        if self._has_goals():
-            if 2 * inputs.getSampledGoalsCount() < self.counts.nodes:
-                self._take_goal(inputs.nextGoal())
-            return
-        if not goal.maxSampleCount():
-            self._take_goal(inputs.nextGoal(ptc))
-        for _ in range(_FIRST_GOALS):
-            if ptc() or not inputs.haveMoreGoalStates():
-                return
-            self._take_goal(inputs.nextGoal())
-
-    def _take_goal(self, state: Any) -> None:
-        if state is not None and not self._too_dangerous("goal", q := self._bridge.read(state)):
-            self._add_goal(q)
+        return self._grown.graph()
 
     def _take_starts(self) -> None:
         inputs = self.getPlannerInputStates()
@@ -237,10 +203,20 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
                 return
             q = self._bridge.read(state)
             if not self._too_dangerous("start", q):
-                self._add_start(q)
+                self._grown.add_start(q)
+
+    def _take_goals(self, ptc: Any) -> None:
+        """Take the goals that the problem offers: all at first, later one now and then."""
+        inputs, goal = self.getPlannerInputStates(), self.getProblemDefinition().getGoal()
+        found = (
+            later_goals(inputs, self.counts.nodes) if self._has_goals() else first_goals(inputs, goal, ptc)
+        )
+        for state in found:
+            if state is not None and not self._too_dangerous("goal", q := self._bridge.read(state)):
+                self._grown.add_goal(q)
 
     def _too_dangerous(self, name: str, q: FloatArray) -> bool:
-        limit = self._danger_limit
+        limit = self._task.limit
         if limit is None or limit.allows(q):
             return False
         _log.warning(
@@ -254,10 +230,14 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         problem = self.getProblemDefinition()
         if problem.getOptimizationObjective() is not self._objective:
             self._read_objective()
-        if not self._accepts(problem.getGoal()):
+        if not self.accepts(goal := problem.getGoal()):
+            _log.error(
+                "%s plans to a %s, not to a %s: set one, or take another planner",
+                *(self.getName(), self.plans_to.__name__, type(goal).__name__),
+            )
             return ob.PlannerStatus.UNRECOGNIZED_GOAL_TYPE
         self._take_starts()
-        if not self._has_starts():
+        if not self._grown.has_starts:
             return ob.PlannerStatus.INVALID_START
         self._take_goals(ptc)
         if not self._has_goals():
@@ -272,13 +252,10 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Read the problem's objective; what was built under another one is dropped, its costs are stale."""
         self._objective = _UNREAD  # also where an error ends this half-way
         objective = self.getProblemDefinition().getOptimizationObjective()
-        self._cost = StateCost(objective, self._bridge)
-        self._danger_limit = None  # the scale belongs to robot and scene, whatever the limit
-        self._cost_scale = 0.0 if self._cost.is_zero else self._measure_scale()
-        if self._cost.is_zero:
+        limit = DangerLimit(self._danger_field(objective), self._max_danger) if self._max_danger else None
+        self._task.take(objective, limit)
+        if self._task.cost.is_zero:
             _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
-        if self._max_danger:
-            self._danger_limit = DangerLimit(self._danger_field(objective), self._max_danger)
         self._forget()
         self.getPlannerInputStates().restart()
         self._objective = objective
@@ -290,31 +267,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             raise InputError(f"{self.getName()}: max danger {self._max_danger:g} needs a DangerObjective")
         return field
 
-    def _measure_scale(self) -> float:
-        """Return the median of ‖∇c‖ over valid configurations: what α is measured in (`math.md` §2)."""
-        rng = np.random.default_rng(_SCALE_SEED)
-        candidates = self._bridge.between_bounds(rng.random((8 * _SCALE_SAMPLES, self._bridge.n)))
-        valid = list(islice((q for q in candidates if self._is_valid(q)), _SCALE_SAMPLES))
-        norms = self._cost.gradient_norms(np.array(valid or candidates))
-        norms = norms[np.isfinite(norms)]
-        return float(np.median(norms)) if len(norms) else 0.0
-
     def _publish(self, path: FloatArray) -> None:
         solution = og.PathGeometric(self.getSpaceInformation())
         for q in path:
-            solution.append(self._from.set(q))
+            solution.append(self._task.state(q))
         self.getProblemDefinition().addSolutionPath(solution, False, 0.0, self.getName())
-
-
-def non_negative(name: str, value: float) -> float:
-    """Return `value` as a float, or raise InputError if it is not a finite number ≥ 0."""
-    if not (isinstance(value, (int, float, np.number)) and np.isfinite(value) and value >= 0):
-        raise InputError(f"{name} must be a finite number >= 0, got {value!r}")
-    return float(value)
-
-
-def fraction(name: str, value: float) -> float:
-    """Return `value` as a float, or raise InputError if it is not in [0, 1]."""
-    if non_negative(name, value) > 1:
-        raise InputError(f"{name} must be in [0, 1], got {value!r}")
-    return float(value)

@@ -8,26 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.bubble import INSIDE, Bubble
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.inputs import flag, fraction, number, whole_number
 from safe_ompl.maths.bubbles import SHAPES
 from safe_ompl.maths.halton import halton_point
-from safe_ompl.planners.base import fraction, non_negative
-from safe_ompl.planners.parts.graph import two_trees
-from safe_ompl.planners.parts.sliding import SlidingPlanner
-from safe_ompl.planners.parts.volume_tree import ROOT, Metric, VolumeTree
+from safe_ompl.planners.parts.elastic_band import ElasticBand
+from safe_ompl.planners.parts.tree import ROOT
+from safe_ompl.planners.parts.volume_tree import JointMetric, VolumeTree, VolumeTrees
+from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _LEAST_CLEARANCE = 1e-3  # [m]; smaller bubbles lead nowhere
 _PATH_SHARE = 0.1  # weight of g where f is normalised: greedy, as in weighted A*
 _LEAST_GAIN = 2e-3  # [m] a turn ends where the tree comes less near to its goal in a step than this, …
 _GAIN_SHARE = 0.2  # … or than this share of its best step
-_SCALE_POINTS = 100
 
 
-class BubblePlanner(SlidingPlanner):
+class BubblePlanner(WeighingPlanner):
     """Two volume trees of bubbles, from start and goal, grown by A* until they intersect (BUBBLE_PLANNER).
 
     One distance query at a configuration gives a whole bubble of free configurations around it. Its end points
@@ -98,7 +98,7 @@ class BubblePlanner(SlidingPlanner):
                 f"come from; got {type(validity).__name__}"
             )
         self._checker: CollisionChecker = validity.checker
-        self._usual_cost = 0.0
+        self._band = ElasticBand(self._task, self._danger, self._slide)
         self.setAlpha(alpha)
         self.setBeta(beta)
         self.setNearestFraction(nearest_fraction)
@@ -111,7 +111,7 @@ class BubblePlanner(SlidingPlanner):
 
     def setBeta(self, beta: float) -> None:
         """Set the weight β of the diversity."""
-        self._beta = non_negative("beta", beta)
+        self._beta = number("beta", beta, at_least=0)
 
     def getBeta(self) -> float:
         """Return the weight β of the diversity."""
@@ -137,7 +137,7 @@ class BubblePlanner(SlidingPlanner):
 
     def setNormalized(self, normalized: bool) -> None:
         """Set whether the terms of f are normalised."""
-        self._normalized = bool(normalized)
+        self._normalized = flag("normalized", normalized)
 
     def getNormalized(self) -> bool:
         """Return whether the terms of f are normalised."""
@@ -145,7 +145,7 @@ class BubblePlanner(SlidingPlanner):
 
     def setGuided(self, guided: bool) -> None:
         """Set whether the search is guided."""
-        self._guided = bool(guided)
+        self._guided = flag("guided", guided)
 
     def getGuided(self) -> bool:
         """Return whether the search is guided."""
@@ -153,9 +153,7 @@ class BubblePlanner(SlidingPlanner):
 
     def setMaxOpen(self, count: int) -> None:
         """Set the largest number of points in each Open list; 0 for no limit."""
-        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
-            raise InputError(f"max_open must be a non-negative integer, got {count!r}")
-        self._max_open = int(count)
+        self._max_open = whole_number("max_open", count, at_least=0)
 
     def getMaxOpen(self) -> int:
         """Return the largest number of points in each Open list; 0 for no limit."""
@@ -164,14 +162,15 @@ class BubblePlanner(SlidingPlanner):
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        tree, other = self._start_tree, self._goal_tree
+        """BUBBLE_PLANNER."""
+        tree, other = self._trees.start, self._trees.goal
         while not ptc() and (len(tree.open) or len(other.open)):
             self._take_goals(ptc)
             for current_goal in self._headings(other):
                 path = self._expand(tree, other, current_goal, ptc)
                 if path is not None:
-                    return self._elastic(path, ptc) if self._guided else path
-            tree, other = other, tree
+                    return self._band.settled(path, self.getRange(), ptc) if self._guided else path
+            tree, other = other, tree  # SWAP
             self._turns += 1
         return None
 
@@ -191,7 +190,7 @@ class BubblePlanner(SlidingPlanner):
             if path is not None:
                 return path
             points = self._bubble_endpoints(bubble, goal)
-            tree.add(points, new, self._danger(points))
+            tree.add(points, new, self._danger_term(points))
             self._bound_open(tree, goal)
             before, after = (self._metric.lengths(rows, goal).min() for rows in (x.q, points))
             if not (self._guided and progress.goes_on(float(before), float(after))):
@@ -203,8 +202,8 @@ class BubblePlanner(SlidingPlanner):
         rows = tree.open
         f = self._metric.lengths(rows["q"], goal)
         f += (_PATH_SHARE if self._normalized else 1.0) * rows["path_length"]
-        if self._alpha and not self._careless:
-            f += self._alpha * rows["cost"]
+        if self.getAlpha() and not self._careless:
+            f += self.getAlpha() * rows["cost"]
         if self._beta:
             f -= self._beta * rows["diversity"]
         return f
@@ -238,7 +237,7 @@ class BubblePlanner(SlidingPlanner):
         there, back = tree.branch(new), other.branch(met)[::-1]
         path = np.vstack([tree.closed["center"][there], meeting, other.closed["center"][back]])
         for k, (start, end) in enumerate(pairwise(self._bridge.wrapped(path))):
-            if not self._motion_is_free(start, end):
+            if not self._task.motion_is_free(start, end):
                 if k < len(there):
                     tree.cut(there[min(k + 1, len(there) - 1)])
                 else:
@@ -277,56 +276,32 @@ class BubblePlanner(SlidingPlanner):
             half = max(1, self._max_open // 2)
             tree.open.keep(np.argpartition(self._f(tree, goal), half)[:half])
 
-    def _danger(self, points: FloatArray) -> FloatArray:
+    def _danger_term(self, points: FloatArray) -> FloatArray:
         """Return the danger (K,) as f takes it: in metres where f is normalised."""
-        if not self._alpha or self._cost.is_zero:
+        cost = self._task.cost
+        if not self.getAlpha() or cost.is_zero:
             return np.zeros(len(points))
-        costs = self._cost.values(points)
+        costs = cost.values(points)
         if not self._normalized:
             return costs
-        usual, slope = self._usual_cost, self._cost_scale
+        usual, slope = cost.usual_value, self._task.slope
         if not (usual > 0 and slope > 0):
             return costs * 0.0
         metres = float(np.sqrt(np.mean(self._checker.robot.arm_rates**2))) / slope
         scaled: FloatArray = metres * usual * np.log1p(costs / usual)
         return scaled
 
-    # --------------------------------------------------------------------------------------------- the scales
-
-    def _spread(self) -> FloatArray:
-        """Return configurations (N, n) from all over the space."""
-        shares = [halton_point(k, self._bridge.n) for k in range(1, 1 + _SCALE_POINTS)]
-        return self._bridge.between_bounds(np.array(shares))
-
-    def _measure_scale(self) -> float:
-        self._usual_cost = float(np.median(self._cost.values(self._spread())))
-        return super()._measure_scale()
-
     # -------------------------------------------------------------------------------------------- the trees
+
+    @property
+    def _grown(self) -> VolumeTrees:
+        return self._trees
 
     def _forget(self) -> None:
         rates = self._checker.robot.arm_rates if self._normalized else np.ones(self._bridge.n)
-        self._metric = Metric(self._bridge, rates, taxicab=not self._normalized)
-        self._start_tree, self._goal_tree = (
-            VolumeTree(self._bridge, self._metric, from_start=from_start, diverse=self._beta > 0)
-            for from_start in (True, False)
-        )
+        self._metric = JointMetric(self._bridge, rates, taxicab=not self._normalized)
+        self._trees = VolumeTrees(self._bridge, self._metric, diverse=self._beta > 0)
         self._turns = self._places = 0
-
-    def _add_start(self, q: FloatArray) -> None:
-        self._start_tree.add_root(q)
-
-    def _add_goal(self, q: FloatArray) -> None:
-        self._goal_tree.add_root(q)
-
-    def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        return two_trees(*(tree.bubbles() for tree in (self._start_tree, self._goal_tree)))
-
-    def _has_starts(self) -> bool:
-        return len(self._start_tree) > 0
-
-    def _has_goals(self) -> bool:
-        return len(self._goal_tree) > 0
 
 
 class _Progress:

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import logging
-from heapq import heapify, heappop, heappush
 from itertools import count
 from typing import Any
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError
-from safe_ompl.planners.base import fraction, non_negative
-from safe_ompl.planners.parts.growing import Extension
-from safe_ompl.planners.parts.rrt import SafeRRT
+from safe_ompl.inputs import flag, fraction, number
+from safe_ompl.planners.parts.approach import Approach
+from safe_ompl.planners.parts.growing import Extension, SafeStep
+from safe_ompl.planners.parts.selection import SafeSelection
+from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
+from safe_ompl.planners.parts.trees import Trees
+from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.robot.kinematics import Limits, Place, limited_step, pseudoinverse_step, transpose_step
 
 _log = logging.getLogger(__name__)
 
 _STALLED = 0.995  # a step that leaves more than this share of the distance makes no progress
-_AT_RANDOM = 0.3  # share of the starts towards the goal from any node: the best may lie in one dead end
 _SAME_SLOPE = 4  # steps for which the gradient of the danger, the dearest part of a step, is kept
 
 
-class SafeJTRRT(SafeRRT):
+class SafeJTRRT(WeighingPlanner):
     """One tree from the start that grows towards a place of the tip, a goal in the workspace (SAFE_JT-RRT).
 
     Some extensions go towards a random configuration, as in SafeRRTConnect. The others start from a safe node
@@ -64,6 +65,8 @@ class SafeJTRRT(SafeRRT):
        without inverse kinematics. Humanoids 2007.
     """
 
+    plans_to = WorkspaceGoal
+
     def __init__(
         self,
         si: Any,
@@ -80,11 +83,17 @@ class SafeJTRRT(SafeRRT):
         danger_threshold: float = np.inf,
         transpose: bool = False,
     ) -> None:
+        super().__init__(si, name)
+        self._selection = SafeSelection(self._danger)
+        self._threshold = AdaptiveThreshold(self._danger)
+        self._fixed_threshold = FixedThreshold(self._task)
+        self._random_step = SafeStep(
+            self._bridge, self._danger, self._slide, self._threshold, self._fixed_threshold.motion_is_free
+        )
         self._goal: Any = None
         self._place: Place
         self._limits: Limits
-        self._arrived: int | None = None  # the first node at the goal
-        super().__init__(si, name)
+        self._forget()
         self.setRange(range)
         self.setAlpha(alpha)
         self.setNearestFraction(nearest_fraction)
@@ -96,11 +105,25 @@ class SafeJTRRT(SafeRRT):
         self.setDangerThreshold(danger_threshold)
         self.setTranspose(transpose)
 
+    def setNearestFraction(self, epsilon: float) -> None:
+        """Set the share ε in [0, 1] of selections by distance alone."""
+        self._selection.nearest_fraction = fraction("nearest_fraction", epsilon)
+
+    def getNearestFraction(self) -> float:
+        """Return the share ε of selections by distance alone."""
+        return self._selection.nearest_fraction
+
+    def setThresholdRise(self, share: float) -> None:
+        """Set by what share the adaptive threshold on danger rises after five refusals; 0 for no threshold."""
+        self._threshold.rise = number("threshold_rise", share, at_least=0)
+
+    def getThresholdRise(self) -> float:
+        """Return by what share the adaptive threshold on danger rises."""
+        return self._threshold.rise
+
     def setStep(self, step: float) -> None:
         """Set the largest length of one step towards the goal [rad]."""
-        if not non_negative("step", step) > 0:
-            raise InputError(f"step must be positive, got {step!r}")
-        self._step = float(step)
+        self._step = number("step", step, above=0)
 
     def getStep(self) -> float:
         """Return the largest length of one step towards the goal [rad]."""
@@ -116,7 +139,7 @@ class SafeJTRRT(SafeRRT):
 
     def setNullSpaceGain(self, k1: float) -> None:
         """Set the gain k₁ of the posture motion; 0 leaves the posture alone."""
-        self._null_space_gain = non_negative("null_space_gain", k1)
+        self._null_space_gain = number("null_space_gain", k1, at_least=0)
 
     def getNullSpaceGain(self) -> float:
         """Return the gain k₁ of the posture motion."""
@@ -124,17 +147,16 @@ class SafeJTRRT(SafeRRT):
 
     def setDangerThreshold(self, danger: float) -> None:
         """Set the danger from which on no node is added; `math.inf` for none."""
-        if not (isinstance(danger, (int, float, np.number)) and danger > 0):
-            raise InputError(f"danger_threshold must be positive, got {danger!r}")
-        self._danger_threshold = float(danger)
+        unlimited = isinstance(danger, float) and danger == np.inf
+        self._fixed_threshold.level = danger if unlimited else number("danger_threshold", danger, above=0)
 
     def getDangerThreshold(self) -> float:
         """Return the danger from which on no node is added."""
-        return self._danger_threshold
+        return self._fixed_threshold.level
 
     def setTranspose(self, transpose: bool) -> None:
         """Set whether to take Jᵀ in place of J†, without posture motion."""
-        self._transpose = bool(transpose)
+        self._transpose = flag("transpose", transpose)
 
     def getTranspose(self) -> bool:
         """Return whether Jᵀ takes the place of J†."""
@@ -143,12 +165,13 @@ class SafeJTRRT(SafeRRT):
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        while self._arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
+        """SAFE_JT-RRT."""
+        while self._approach.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
             if self._rng.random() < self._goal_bias:
                 self._extend_towards_goal(ptc)
             else:
                 self._extend_randomly()
-        return None if self._arrived is None else self._start_tree.branch(self._arrived)
+        return None if self._approach.arrived is None else self._trees.start.branch(self._approach.arrived)
 
     def _extend_towards_goal(self, ptc: Any) -> None:
         """EXTEND_TOWARDS_GOAL: from the best node not chosen before, step by step as long as it goes well."""
@@ -156,49 +179,36 @@ class SafeJTRRT(SafeRRT):
         if old is None:
             self._extend_randomly()
             return
+        tree = self._trees.start
         for k in count():
             if k % _SAME_SLOPE == 0:
                 downhill = self._downhill(old)
-            q_old = self._start_tree.configurations[old]
+            q_old = tree.configurations[old]
             q_new = self._bridge.inside(q_old + self._step_towards_goal(old, downhill))
-            if self._place.distance(q_new) > _STALLED * self._distances[old]:
+            if self._place.distance(q_new) > _STALLED * self._approach.distances[old]:
                 return
-            if not self._motion_is_free(q_old, q_new):  # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
+            # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
+            if not self._fixed_threshold.motion_is_free(q_old, q_new):
                 return
-            old = self._grow(old, q_new)
-            if self._arrived is not None or ptc():
+            old = self._trees.add(tree, q_new, old)
+            self._approach.measure(tree)
+            if self._approach.arrived is not None or ptc():
                 return
 
     def _extend_randomly(self) -> None:
         """EXTEND_RANDOMLY: one step towards a random configuration from the node with the least ρ + α·CDF."""
-        q_rand = self._random_configuration()
-        outcome, new = self._extend(self._start_tree, self._select(self._start_tree, q_rand), q_rand)
+        q_rand = self._task.random_configuration(self._rng)
+        tree = self._trees.start
+        old = self._selection.best(tree, q_rand, self._rng)
+        outcome, new = self._random_step.extend(self._trees, tree, old, q_rand, self.getRange())
         if outcome is not Extension.TRAPPED:
-            self._measure_new_nodes()
-            self._untried.append(new)
+            self._approach.measure(tree)
+            self._approach.untried.append(new)
 
     def _best_for_goal(self) -> int | None:
-        """Return argmin of WS_DISTANCE + α·CDF over the nodes not chosen before; None if there is none.
-
-        Nodes that a step towards the goal has added count as chosen: going on from them is what was done. Now and
-        then any node is chosen, or the best ones, all in the same dead end, would have to be tried one by one.
-        """
-        self._rank()
-        if not self._ranked:
-            return None
-        if self._rng.random() >= _AT_RANDOM:
-            return heappop(self._ranked)[1]
-        _, node = self._ranked.pop(int(self._rng.integers(len(self._ranked))))
-        heapify(self._ranked)
-        return node
-
-    def _rank(self) -> None:
-        """Put the new nodes among those ranked by WS_DISTANCE + α·CDF."""
-        weight = self._danger_weight * self._place.lever
-        danger = self._start_tree.costs if weight and self._untried else np.zeros(len(self._start_tree))
-        for node in self._untried:
-            heappush(self._ranked, (self._distances[node] + weight * float(danger[node]), node))
-        self._untried.clear()
+        """Return argmin of WS_DISTANCE + α·CDF over the nodes not chosen before; None if there is none."""
+        weight = self._danger.weight * self._place.lever
+        return self._approach.best(self._trees.start, weight, self._rng)
 
     def _step_towards_goal(self, old: int, downhill: FloatArray | None) -> FloatArray:
         """Return Δq = k₂ [J†Δx + (I − J†J)Δq₀] at node `old`; classical: JᵀΔx.
@@ -207,10 +217,10 @@ class SafeJTRRT(SafeRRT):
         motions in the null space move it to second order.
         """
         rule = transpose_step if self._transpose else pseudoinverse_step
-        wanted = self._null_space_gain * self._distances[old] / self._place.lever
+        wanted = self._null_space_gain * self._approach.distances[old] / self._place.lever
         posture = None if downhill is None else wanted * downhill
         return limited_step(
-            rule, self._place, self._start_tree.configurations[old], self._limits, self._step, posture
+            rule, self._place, self._trees.start.configurations[old], self._limits, self._step, posture
         )
 
     def _downhill(self, old: int) -> FloatArray | None:
@@ -220,46 +230,26 @@ class SafeJTRRT(SafeRRT):
         """
         if self._transpose or not (self._null_space_gain and self._place.redundancy):
             return None
-        if not (self._cost_scale and self._cost.has_gradients):
+        if not (self._task.cost.has_gradients and self._task.slope):
             return None
-        slope = self._start_tree.gradient(old) / self._cost_scale
+        slope = self._trees.start.gradient(old) / self._task.slope
         steepness = float(np.sqrt(slope @ slope))
         return -slope / max(1.0, steepness) if steepness < np.inf else None
 
-    def _motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
-        """Return whether a motion is free, and its end less dangerous than the threshold or than its start."""
-        if not super()._motion_is_free(start, end):
-            return False
-        if np.isinf(self._danger_threshold):
-            return True
-        before, after = self._cost.values(np.array([start, end]))
-        return bool(after < max(self._danger_threshold, before))
-
     # ---------------------------------------------------------------------------------------- tree and goal
-
-    def _accepts(self, goal: Any) -> bool:
-        if isinstance(goal, WorkspaceGoal):
-            return True
-        _log.error(
-            "%s plans to a WorkspaceGoal, not to a %s: set one, or plan with SafeRRTConnect",
-            self.getName(),
-            type(goal).__name__,
-        )
-        return False
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the place from the problem; no goal configurations are drawn."""
         goal = self.getProblemDefinition().getGoal()
         if goal is not self._goal:
             self._aim(goal)
-        self._untried += range(len(self._distances), len(self._start_tree))
-        self._measure_new_nodes()
+        self._approach.take_new(self._trees.start)
 
     def _aim(self, goal: WorkspaceGoal) -> None:
         """Turn to another goal; the tree stays, and all of its nodes may be tried for it."""
         self._goal, self._place = goal, goal.place
         self._limits = Limits.of_motion(self._place.robot)
-        self._forget_goal()
+        self._approach = Approach(self._goal)
         if not self._place.redundancy and not self._transpose:
             _log.info(
                 "%s: the goal takes all %d joints and leaves no null space: on the way to it the posture "
@@ -268,37 +258,19 @@ class SafeJTRRT(SafeRRT):
                 self._place.robot.n,
             )
 
-    def _grow(self, old: int, q_new: FloatArray) -> int:
-        self.counts.nodes += 1
-        new = self._start_tree.add(q_new, old)
-        self._measure_new_nodes()
-        return new
-
-    def _measure_new_nodes(self) -> None:
-        """Note how far the tip is from the goal at new nodes, and whether it is there."""
-        for node in range(len(self._distances), len(self._start_tree)):
-            self._distances.append(self._place.distance(self._start_tree.configurations[node]))
-            if self._arrived is None and self._distances[node] < self._goal.tolerance:
-                self._arrived = node
+    @property
+    def _grown(self) -> Trees:
+        return self._trees
 
     def _forget(self) -> None:
-        super()._forget()
-        self._forget_goal()
+        self._trees = Trees(self._bridge, self._task.cost, self.counts)
+        self._threshold.reset()
+        self._approach = Approach(self._goal)
 
     def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
         vertices, edges, starts, _ = super()._graph()
-        return (
-            vertices,
-            edges,
-            starts,
-            np.array([] if self._arrived is None else [self._arrived], dtype=np.intp),
-        )
-
-    def _forget_goal(self) -> None:
-        self._distances: list[float] = []  # of the tip from the goal, for each node
-        self._untried: list[int] = []  # nodes not yet ranked,
-        self._ranked: list[tuple[float, int]] = []  # and those that are, a heap
-        self._arrived = None
+        arrived = self._approach.arrived
+        return vertices, edges, starts, np.array([] if arrived is None else [arrived], dtype=np.intp)
 
     def _has_goals(self) -> bool:
         return self._goal is not None

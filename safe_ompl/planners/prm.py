@@ -8,9 +8,13 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError
-from safe_ompl.planners.parts.roadmap import ROOT, Graph, LinkMetric, Metric, Roadmap, SpaceMetric
-from safe_ompl.planners.parts.sliding import SlidingPlanner
+from safe_ompl.inputs import whole_number
+from safe_ompl.planners.parts.elastic_band import ElasticBand
+from safe_ompl.planners.parts.roadmap import Roadmap
+from safe_ompl.planners.parts.roadmap_metric import LinkMetric, RoadmapMetric, SpaceMetric
+from safe_ompl.planners.parts.search_graph import Graph
+from safe_ompl.planners.parts.tree import ROOT
+from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …
@@ -21,7 +25,7 @@ _LARGEST_FRINGE = 1000  # milestones of a stuck graph that it grows out of
 _LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
 
 
-class SafePRM(SlidingPlanner):
+class SafePRM(WeighingPlanner):
     """Two graphs over the same random milestones, grown by A* from start and goal until they meet (SAFE_PRM_PLANNER).
 
     The milestone that leaves Open next minimises f = g + h + α·CDF: the length of the way to it, the distance to the
@@ -86,6 +90,7 @@ class SafePRM(SlidingPlanner):
         slide: float = 0.8,
     ) -> None:
         super().__init__(si, name)
+        self._band = ElasticBand(self._task, self._danger, self._slide)
         self.setAlpha(alpha)
         self.setNeighbors(neighbors)
         self.setSamples(samples)
@@ -94,7 +99,7 @@ class SafePRM(SlidingPlanner):
 
     def setNeighbors(self, k: int) -> None:
         """Set the number K of milestones that count as neighbours."""
-        self._neighbor_count = _positive_integer("neighbors", k)
+        self._neighbor_count = whole_number("neighbors", k, at_least=1)
 
     def getNeighbors(self) -> int:
         """Return the number K of milestones that count as neighbours."""
@@ -102,7 +107,7 @@ class SafePRM(SlidingPlanner):
 
     def setSamples(self, count: int) -> None:
         """Set the number of milestones to begin with."""
-        self._samples = _positive_integer("samples", count)
+        self._samples = whole_number("samples", count, at_least=1)
 
     def getSamples(self) -> int:
         """Return the number of milestones to begin with."""
@@ -111,18 +116,17 @@ class SafePRM(SlidingPlanner):
     def clearQuery(self) -> None:
         """Forget start and goal, but keep the roadmap and all that is known of it."""
         self.getPlannerInputStates().restart()
-        self._starts.clear()
-        self._goals.clear()
+        self._roadmap.forget_ends()
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        roots = len(self._starts) + len(self._goals)
+        roots = len(self._roadmap.starts) + len(self._roadmap.goals)
         self._random_set(self._samples + roots - len(self._roadmap))
         while not ptc():
             self._take_goals(ptc)
-            graph = Graph(len(self._roadmap), self._starts, from_start=True)
-            other = Graph(len(self._roadmap), self._goals, from_start=False)
+            graph = Graph(len(self._roadmap), self._roadmap.starts, from_start=True)
+            other = Graph(len(self._roadmap), self._roadmap.goals, from_start=False)
             path = self._safe_prm_planner(graph, other, ptc)
             if path is not None and self._can_be_driven(path):
                 return self._driven(path, ptc)
@@ -132,7 +136,7 @@ class SafePRM(SlidingPlanner):
 
     def _safe_prm_planner(self, graph: Graph, other: Graph, ptc: Any) -> list[int] | None:
         """SAFE_PRM_PLANNER on the present samples; None where they do not suffice, or when `ptc` fires."""
-        current_goal = self._goals[0]
+        current_goal = self._roadmap.goals[0]
         while (new := self._best_of_open(graph, current_goal, ptc)) is not None:
             # CONNECTED: only q_new can have become common to Closed(1) and Closed(2).
             if other.closed[new]:
@@ -162,8 +166,8 @@ class SafePRM(SlidingPlanner):
     def _f(self, graph: Graph, current_goal: int) -> FloatArray:
         """Return f = g + h + α·CDF, without diversity term (10), for the offers in Open(1)."""
         f = graph.g + self._lengths_from(current_goal)[graph.milestones]
-        if self._danger_weight:
-            f += self._danger_weight * self._roadmap.costs(graph.milestones)
+        if self._danger.weight:
+            f += self._danger.weight * self._roadmap.costs(graph.milestones)
         return f
 
     def _neighbors(self, graph: Graph, new: int, ptc: Any) -> IntArray:
@@ -221,7 +225,9 @@ class SafePRM(SlidingPlanner):
         """Whether a milestone is valid, asked once."""
         roadmap = self._roadmap
         if not (roadmap.valid[milestone] or roadmap.invalid[milestone]):
-            found = roadmap.valid if self._is_valid(roadmap.configurations[milestone]) else roadmap.invalid
+            found = (
+                roadmap.valid if self._task.is_valid(roadmap.configurations[milestone]) else roadmap.invalid
+            )
             found[milestone] = True
         return bool(roadmap.valid[milestone])
 
@@ -238,7 +244,7 @@ class SafePRM(SlidingPlanner):
 
     def _check(self, start: int, end: int) -> bool:
         configurations = self._roadmap.configurations
-        verdict = self._motion_is_free(configurations[start], configurations[end])
+        verdict = self._task.motion_is_free(configurations[start], configurations[end])
         self._roadmap.edges[start, end] = verdict
         return verdict
 
@@ -254,12 +260,12 @@ class SafePRM(SlidingPlanner):
 
     def _detour(self, start: int, end: int, ptc: Any) -> list[FloatArray]:
         """Return the way points of an edge, found once."""
-        if not self._slides:
+        if not self._slide.acts:
             return []
-        detours, key = self._roadmap.detours, (start, end, self._slide, self.getRange())
+        detours, key = self._roadmap.detours, (start, end, self.getSlide(), self.getRange())
         if key not in detours:
             configurations = self._roadmap.configurations
-            detours[key] = self._bent(configurations[start], configurations[end], ptc)
+            detours[key] = self._band.bent(configurations[start], configurations[end], self.getRange(), ptc)
         return detours[key]
 
     # ------------------------------------------------------------------------------------------- the roadmap
@@ -272,52 +278,25 @@ class SafePRM(SlidingPlanner):
         self.counts.nodes += not self._roadmap.connected[milestone]
         self._roadmap.connected[milestone] = True
 
-    def _metric(self) -> Metric:
+    def _metric(self) -> RoadmapMetric:
         validity = self.getSpaceInformation().getStateValidityChecker()
         if isinstance(validity, CollisionFreeValidity):
             return LinkMetric(validity.checker.robot)
         return SpaceMetric(self._bridge)
 
+    @property
+    def _grown(self) -> Roadmap:
+        return self._roadmap
+
     def _forget(self) -> None:
-        self._roadmap = Roadmap(self._bridge, self._cost, self._metric())
-        self._starts: list[int] = []
-        self._goals: list[int] = []
+        self._roadmap = Roadmap(self._bridge, self._task.cost, self._metric())
 
     def _begin_anew(self) -> None:
         """Forget all milestones but starts and goals."""
-        configurations = self._roadmap.configurations
-        starts, goals = configurations[self._starts], configurations[self._goals]
+        old = self._roadmap
         self._forget()
-        for start in starts:
-            self._add_start(start)
-        for goal in goals:
-            self._add_goal(goal)
+        for start in old.starts:
+            self._roadmap.add_start(old.configurations[start])
+        for goal in old.goals:
+            self._roadmap.add_goal(old.configurations[goal])
         self._random_set(self._samples)
-
-    def _add_start(self, q: FloatArray) -> None:
-        self._starts.append(self._roadmap.milestone_at(q))
-
-    def _add_goal(self, q: FloatArray) -> None:
-        self._goals.append(self._roadmap.milestone_at(q))
-
-    def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        roadmap = self._roadmap
-        kept = np.unique(np.concatenate([np.flatnonzero(roadmap.connected), self._starts, self._goals]))
-        kept = kept.astype(np.intp)
-        free = [edge for edge, is_free in roadmap.edges.items() if is_free]
-        edges = np.array(free, dtype=np.intp).reshape(-1, 2)
-        edges = edges[np.isin(edges, kept).all(axis=1)]
-        starts, goals = (np.searchsorted(kept, np.unique(ends)) for ends in (self._starts, self._goals))
-        return roadmap.configurations[kept], np.searchsorted(kept, edges), starts, goals
-
-    def _has_starts(self) -> bool:
-        return bool(self._starts)
-
-    def _has_goals(self) -> bool:
-        return bool(self._goals)
-
-
-def _positive_integer(name: str, value: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise InputError(f"{name} must be a positive integer, got {value!r}")
-    return int(value)

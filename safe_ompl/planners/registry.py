@@ -15,6 +15,7 @@ from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.plugins.goals import WorkspaceGoal
 
 _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "SafeRRTConnect": (SafeRRTConnect, {}),
@@ -25,6 +26,19 @@ _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "ClassicJTRRT": (SafeJTRRT, {"alpha": 0.0, "transpose": True}),
     "BubblePlanner": (BubblePlanner, {}),
     "ClassicBubble": (BubblePlanner, {"alpha": 0.0}),
+}
+
+# RRT-Connect as the papers print it: α and the range are free.
+_RRT_CONNECT_AS_PRINTED = {
+    "nearest_fraction": 0.0,
+    "slide": 0.0,
+    "threshold_rise": 0.0,
+    "short_steps": False,
+    "raw_alpha": True,
+}
+_AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
+    "PaperSafeRRTConnect": (SafeRRTConnect, _RRT_CONNECT_AS_PRINTED),
+    "PaperRRTConnect": (SafeRRTConnect, {**_RRT_CONNECT_AS_PRINTED, "alpha": 0.0}),
 }
 
 # Danger-aware planners of others that OMPL's wheel lacks, to compare with.
@@ -53,18 +67,23 @@ _REFUSED = {
 
 
 def planner_names() -> list[str]:
-    """Return the names that `make_planner` knows: ours first, then the baselines, then OMPL's."""
-    return [*_OURS, *_BASELINES, *_OMPL]
+    """Return the names that `make_planner` knows: ours first, then those as printed, the baselines, and OMPL's."""
+    return [*_OURS, *_AS_PRINTED, *_BASELINES, *_OMPL]
 
 
 def is_ours(name: str) -> bool:
-    """Return whether the planner called `name` is one of this package."""
+    """Return whether the planner called `name` is one of this package, in the form that is meant for use."""
     return name in _OURS
 
 
 def needs_place(name: str) -> bool:
     """Return whether the planner called `name` plans to a `WorkspaceGoal` only."""
-    return name in _OURS and issubclass(_OURS[name][0], SafeJTRRT)
+    return name in _OURS and issubclass(_OURS[name][0].plans_to, WorkspaceGoal)
+
+
+def accepts(planner: Any, goal: Any) -> bool:
+    """Return whether a planner can plan to a goal; of OMPL's planners it is taken for granted."""
+    return planner.accepts(goal) if isinstance(planner, SafePlanner) else True
 
 
 def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None) -> Any:
@@ -83,9 +102,12 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
     ------
     UnknownNameError
         If there is no such planner or parameter.
+    InputError
+        If a value is refused, if it is fixed for this planner (α of the classical ones), or for a seed: that is
+        the run's.
     """
-    if name in _OURS:
-        kind, fixed = _OURS[name]
+    if name in _OURS or name in _AS_PRINTED:
+        kind, fixed = {**_OURS, **_AS_PRINTED}[name]
         planner = kind(si, name)
     elif name in _BASELINES:
         fixed, planner = {}, _BASELINES[name](si, name)
@@ -95,9 +117,22 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
         raise InputError(f"OMPL's {name} cannot be used from Python: {_REFUSED[name]}")
     else:
         raise UnknownNameError("planner", name, planner_names())
-    for key, value in {**(parameters or {}), **fixed}.items():
+    given = dict(parameters or {})
+    _refuse_others(name, given, fixed)
+    for key, value in {**given, **fixed}.items():
         _setter(planner, key)(value)
     return planner
+
+
+def _refuse_others(name: str, given: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
+    """Raise an InputError for parameters that would be set without effect."""
+    if "seed" in given:
+        raise InputError(
+            f"parameter 'seed' of {name}: the seed is the run's; give it as such (seed=…, --seed), or call setSeed"
+        )
+    for key, value in fixed.items():
+        if given.get(key, value) != value:
+            raise InputError(f"parameter {key!r} of {name} is fixed to {value!r}, got {given[key]!r}")
 
 
 def _setter(planner: Any, key: str) -> Callable[[Any], None]:
@@ -105,7 +140,7 @@ def _setter(planner: Any, key: str) -> Callable[[Any], None]:
     setter = getattr(planner, name, None)
     if setter is None:
         setters = {n[3:] for n in dir(type(planner)) if n.startswith("set") and n[3:4].isupper()}
-        known = sorted(_snake_case(name) for name in setters - {"Name", "ProblemDefinition"})
+        known = sorted(_snake_case(name) for name in setters - {"Name", "ProblemDefinition", "Seed"})
         raise UnknownNameError(f"parameter of {planner.getName()}", key, known)
 
     def call(value: Any) -> None:

@@ -7,14 +7,18 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.planners.parts.growing import Extension
-from safe_ompl.planners.parts.rrt import SafeRRT
+from safe_ompl.inputs import flag, fraction, number
+from safe_ompl.planners.parts.growing import Extension, SafeStep
+from safe_ompl.planners.parts.selection import SafeSelection
+from safe_ompl.planners.parts.threshold import AdaptiveThreshold
 from safe_ompl.planners.parts.tree import Tree
+from safe_ompl.planners.parts.trees import Trees
+from safe_ompl.planners.weighing import WeighingPlanner
 
 _SHORTEST_STEP = 0.05  # of the range
 
 
-class SafeRRTConnect(SafeRRT):
+class SafeRRTConnect(WeighingPlanner):
     """Two trees, from start and goal, that grow from safe nodes and greedily connect (SAFE_RRT-CONNECT).
 
     A random configuration is approached from the node that minimises ρ + α·CDF, a compromise between nearness and
@@ -46,6 +50,18 @@ class SafeRRTConnect(SafeRRT):
     short_steps : bool
         Where the step towards a random configuration is trapped, try a shorter one, of 5 to 100 % of the range: it
         leads out of narrow places.
+    raw_alpha : bool
+        Take α as it is, in length per danger, instead of relative.
+
+    Notes
+    -----
+    The planner as it is printed in [1] is called `PaperSafeRRTConnect`, and RRT-Connect as printed in [2]
+    `PaperRRTConnect`. What is ours, and what it buys:
+
+    * a share of the choices ignores danger (`nearest_fraction`): no passage stays closed;
+    * steps slide and keep to a threshold (`slide`, `threshold_rise`): lower danger;
+    * a shorter step is tried (`short_steps`): fewer nodes in narrow places, more checks elsewhere;
+    * α is relative (`raw_alpha`): one default for all robots.
 
     References
     ----------
@@ -64,30 +80,63 @@ class SafeRRTConnect(SafeRRT):
         slide: float = 0.8,
         threshold_rise: float = 0.05,
         short_steps: bool = True,
+        raw_alpha: bool = False,
     ) -> None:
         super().__init__(si, name)
+        self._selection = SafeSelection(self._danger)
+        self._threshold = AdaptiveThreshold(self._danger)
+        self._step = SafeStep(
+            self._bridge, self._danger, self._slide, self._threshold, self._task.motion_is_free
+        )
+        self._forget()
         self.setRange(range)
         self.setAlpha(alpha)
         self.setNearestFraction(nearest_fraction)
         self.setSlide(slide)
         self.setThresholdRise(threshold_rise)
         self.setShortSteps(short_steps)
+        self.setRawAlpha(raw_alpha)
+
+    def setNearestFraction(self, epsilon: float) -> None:
+        """Set the share ε in [0, 1] of selections by distance alone."""
+        self._selection.nearest_fraction = fraction("nearest_fraction", epsilon)
+
+    def getNearestFraction(self) -> float:
+        """Return the share ε of selections by distance alone."""
+        return self._selection.nearest_fraction
+
+    def setThresholdRise(self, share: float) -> None:
+        """Set by what share the adaptive threshold on danger rises after five refusals; 0 for no threshold."""
+        self._threshold.rise = number("threshold_rise", share, at_least=0)
+
+    def getThresholdRise(self) -> float:
+        """Return by what share the adaptive threshold on danger rises."""
+        return self._threshold.rise
 
     def setShortSteps(self, short_steps: bool) -> None:
         """Set whether a shorter step is tried where a whole one is trapped."""
-        self._short_steps = bool(short_steps)
+        self._short_steps = flag("short_steps", short_steps)
 
     def getShortSteps(self) -> bool:
         """Return whether a shorter step is tried where a whole one is trapped."""
         return self._short_steps
 
+    def setRawAlpha(self, raw: bool) -> None:
+        """Set whether α is taken as it is, in length per danger."""
+        self._danger.is_raw = flag("raw_alpha", raw)
+
+    def getRawAlpha(self) -> bool:
+        """Return whether α is taken as it is."""
+        return self._danger.is_raw
+
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        tree, other = self._start_tree, self._goal_tree
+        """SAFE_RRT-CONNECT."""
+        tree, other = self._trees.start, self._trees.goal
         while not ptc():
             self._take_goals(ptc)
-            q_rand = self._random_configuration()
+            q_rand = self._task.random_configuration(self._rng)
             old = self._select(tree, q_rand)
             outcome, new = self._extend(tree, old, q_rand)
             if outcome is Extension.TRAPPED and self._short_steps:
@@ -96,9 +145,26 @@ class SafeRRTConnect(SafeRRT):
                 q_new = tree.configurations[new]
                 outcome, met = self._connect(other, self._select(other, q_new), q_new, ptc)
                 if outcome is Extension.REACHED:
-                    return self._join(tree, new, other, met)
-            tree, other = other, tree
+                    return self._trees.path(tree, new, other, met)  # RETURN_PATH
+            tree, other = other, tree  # SWAP
         return None
+
+    def _select(self, tree: Tree, q: FloatArray) -> int:
+        """Return argmin of ρ(node, q) + α·CDF(node)."""
+        return self._selection.best(tree, q, self._rng)
+
+    def _extend(self, tree: Tree, old: int, target: FloatArray) -> tuple[Extension, int]:
+        """EXTEND: one step of at most the range from node `old` towards `target`."""
+        return self._step.extend(self._trees, tree, old, target, self.getRange())
+
+    def _connect(self, tree: Tree, node: int, target: FloatArray, ptc: Any) -> tuple[Extension, int]:
+        """CONNECT: extend until the target is reached, the tree is trapped, or `ptc` fires."""
+        outcome = Extension.ADVANCED
+        while outcome is Extension.ADVANCED and not ptc():
+            outcome, node = self._extend(tree, node, target)
+        return outcome, node
+
+    # ------------------------------------------------------------------------------------------ beyond the paper
 
     def _nearer(self, tree: Tree, node: int, target: FloatArray) -> FloatArray:
         """Return a configuration (n,) on the way from a node to a target, log-uniformly nearer than the range."""
@@ -108,9 +174,12 @@ class SafeRRTConnect(SafeRRT):
         step = _SHORTEST_STEP ** self._rng.random() * min(length, self.getRange())
         return self._bridge.inside(q + (step / length) * delta) if length else q
 
-    def _connect(self, tree: Tree, node: int, target: FloatArray, ptc: Any) -> tuple[Extension, int]:
-        """CONNECT: extend until the target is reached, the tree is trapped, or `ptc` fires."""
-        outcome = Extension.ADVANCED
-        while outcome is Extension.ADVANCED and not ptc():
-            outcome, node = self._extend(tree, node, target)
-        return outcome, node
+    # ------------------------------------------------------------------------------------------------- the trees
+
+    @property
+    def _grown(self) -> Trees:
+        return self._trees
+
+    def _forget(self) -> None:
+        self._trees = Trees(self._bridge, self._task.cost, self.counts)
+        self._threshold.reset()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,18 @@ from ompl import base as ob
 
 from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.danger.field import DangerField
+from safe_ompl.maths.halton import halton_point
 from safe_ompl.plugins.states import ScratchState, StateBridge
+from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _log = logging.getLogger(__name__)
 
 _MOTION_STEP = 0.2  # [rad] between the first samples of a motion's cost
 _REFINEMENTS = 6
+
+_SLOPE_SAMPLES = 50
+_SLOPE_SEED = 0  # the scale belongs to robot and scene: it must not change with a planner's seed
+_VALUE_SAMPLES = 100
 
 
 class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
@@ -29,6 +36,11 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         The danger.
     tolerance : float
         Relative error of a motion's cost; the trapezoidal rule is refined until its last change is as small.
+
+    Attributes
+    ----------
+    scales : dict
+        What `StateCost` has measured of the danger once, for all planners.
 
     Raises
     ------
@@ -46,6 +58,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self.field = field
         self.tolerance = positive(tolerance, "tolerance")
         self._bridge = StateBridge(si.getStateSpace())
+        self.scales: dict[Any, float] = {}
 
     def getDescription(self) -> str:
         """Return a line about the objective."""
@@ -148,6 +161,7 @@ class StateCost:
         self._objective = objective
         self._bridge = bridge
         self._scratch = ScratchState(bridge)
+        self._scales: dict[Any, float] = objective.scales if isinstance(objective, DangerObjective) else {}
         self.is_zero = objective is None or isinstance(objective, ob.PathLengthOptimizationObjective)
 
     def values(self, Q: FloatArray) -> FloatArray:
@@ -180,3 +194,44 @@ class StateCost:
             gradients = np.stack(rises, axis=1)
         norms: FloatArray = np.linalg.norm(gradients, axis=1)
         return norms
+
+    # ---------------------------------------------------------------------------------------------- its scale
+
+    def slope(self, si: Any) -> float:
+        """Return the median of ‖∇c‖ over valid configurations, what α is measured in; 0 where that is of no use.
+
+        A `DangerObjective` keeps it, as long as the same `CollisionFreeValidity` says with the same settings what is
+        valid. Of what another checker decides by nothing is known: there it is measured anew at each call.
+
+        Parameters
+        ----------
+        si : ob.SpaceInformation
+            Says which configurations are valid.
+        """
+        if self.is_zero:
+            return 0.0
+        validity = si.getStateValidityChecker()
+        if not isinstance(validity, CollisionFreeValidity):
+            return self._measured_slope(si)
+        settings = validity.settings
+        if settings not in self._scales:
+            self._scales[settings] = self._measured_slope(si)
+        return self._scales[settings]
+
+    @property
+    def usual_value(self) -> float:
+        """The median of the cost over the whole space, kept like the slope."""
+        if self.is_zero:
+            return 0.0
+        if None not in self._scales:
+            shares = [halton_point(k, self._bridge.n) for k in range(1, 1 + _VALUE_SAMPLES)]
+            self._scales[None] = float(np.median(self.values(self._bridge.between_bounds(np.array(shares)))))
+        return self._scales[None]
+
+    def _measured_slope(self, si: Any) -> float:
+        rng = np.random.default_rng(_SLOPE_SEED)
+        candidates = self._bridge.between_bounds(rng.random((8 * _SLOPE_SAMPLES, self._bridge.n)))
+        valid = (q for q in candidates if si.isValid(self._scratch.set(q)))
+        norms = self.gradient_norms(np.array(list(islice(valid, _SLOPE_SAMPLES)) or candidates))
+        norms = norms[np.isfinite(norms)]
+        return float(np.median(norms)) if len(norms) else 0.0

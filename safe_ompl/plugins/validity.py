@@ -36,6 +36,12 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         """Accept only states whose danger keeps to a limit; None: whatever it is."""
         self._limit = limit
 
+    @property
+    def settings(self) -> tuple[CollisionChecker, bytes, float | None]:
+        """What decides which states are valid: checker, distances to keep, limit of danger; hashable."""
+        limit = None if self._limit is None else self._limit.limit
+        return self.checker, self.checker.required.tobytes(), limit
+
     def isValid(self, state: Any) -> bool:
         """Return whether `state` is within limits, finite, and free of collision."""
         if not self._space.satisfiesBounds(state):

@@ -19,9 +19,9 @@ from safe_ompl.counts import Counts
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CollisionError, InputError
+from safe_ompl.inputs import number
 from safe_ompl.paths.report import PathReport
-from safe_ompl.planners.base import non_negative
-from safe_ompl.planners.jt_rrt import SafeJTRRT
+from safe_ompl.planners.registry import accepts
 from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective
@@ -133,7 +133,7 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         if self.field is None:
             raise InputError("max danger needs a danger field; this setup plans without danger")
         before = self._danger_limit
-        self._keep_to(DangerLimit(self.field, limit) if non_negative("max danger", limit) else None)
+        self._keep_to(DangerLimit(self.field, limit) if number("max danger", limit, at_least=0) else None)
         try:
             self._check_given()
         except BaseException:
@@ -202,12 +202,12 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
             return
         self._place.setSeed(seed)
         if self._goal_region is not None:
-            self.setGoal(self._place if isinstance(planner, SafeJTRRT) else self._goal_region)
+            self.setGoal(self._goal_region if accepts(planner, self._goal_region) else self._place)
 
     def _choose_place(self) -> None:
         """Have a planner that plans to places only do so, though goal configurations were set later."""
-        plans_to_places = isinstance(self.getPlanner(), SafeJTRRT)
-        if plans_to_places and self._place is not None and self.getGoal() is self._goal_region:
+        needs_place = not accepts(self.getPlanner(), self._goal_region)
+        if needs_place and self._place is not None and self.getGoal() is self._goal_region:
             self.setGoal(self._place)
 
     def _checked_goals(self, goals: Sequence[ArrayLike]) -> list[FloatArray]:

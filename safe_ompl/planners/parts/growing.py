@@ -1,16 +1,19 @@
-"""What planners share that grow trees of motions from start and goal."""
+"""EXTEND: one step of a tree towards a configuration."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import Enum
-from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.planners.parts.graph import two_trees
-from safe_ompl.planners.parts.sliding import SlidingPlanner
+from safe_ompl.arrays import FloatArray
+from safe_ompl.planners.parts.danger import WeightedDanger
+from safe_ompl.planners.parts.slide import Slide
+from safe_ompl.planners.parts.threshold import AdaptiveThreshold
 from safe_ompl.planners.parts.tree import Tree
+from safe_ompl.planners.parts.trees import Trees
+from safe_ompl.plugins.states import StateBridge
 
 
 class Extension(Enum):
@@ -21,52 +24,68 @@ class Extension(Enum):
     REACHED = "a new node at the target"
 
 
-class TreePlanner(SlidingPlanner):
-    """A planner with two trees, one that grows from the starts and one from the goals."""
+class SafeStep:
+    """EXTEND of the safe RRTs (§4.3, §4.4): a step that slides away from danger and keeps to a threshold.
 
-    def __init__(self, si: Any, name: str) -> None:
-        super().__init__(si, name)
-        self._start_tree: Tree
-        self._goal_tree: Tree
-        self._forget()
+    Parameters
+    ----------
+    bridge : StateBridge
+        The space.
+    danger : WeightedDanger
+        The danger of new nodes.
+    slide : Slide
+        How far, and where, a step slides.
+    threshold : AdaptiveThreshold
+        Refuses nodes that are too dangerous.
+    is_free : callable
+        Whether the motion between two configurations (n,) is free.
+    """
 
-    def _edge_is_free(self, tree: Tree, near: FloatArray, far: FloatArray) -> bool:
-        """Check the edge between a node and a new one in the direction in which the path drives it."""
-        return self._motion_is_free(near, far) if tree.from_start else self._motion_is_free(far, near)
-
-    def _add(
+    def __init__(
         self,
-        tree: Tree,
-        q: FloatArray,
-        parent: int,
-        cost: float = np.nan,
-        gradient: FloatArray | None = None,
-    ) -> int:
-        self.counts.nodes += 1
-        return tree.add(q, parent, cost, gradient)
+        bridge: StateBridge,
+        danger: WeightedDanger,
+        slide: Slide,
+        threshold: AdaptiveThreshold,
+        is_free: Callable[[FloatArray, FloatArray], bool],
+    ) -> None:
+        self._bridge = bridge
+        self._danger = danger
+        self._slide = slide
+        self._threshold = threshold
+        self._is_free = is_free
 
-    def _join(self, tree: Tree, node: int, other: Tree, met: int) -> FloatArray:
-        """RETURN_PATH: the two branches, from start to goal; the configuration where they meet counts once."""
-        if not tree.from_start:
-            tree, node, other, met = other, met, tree, node
-        return np.concatenate([tree.branch(node), other.branch(met)[-2::-1]])
+    def extend(
+        self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
+    ) -> tuple[Extension, int]:
+        """Add a node at most `step` [rad] from node `old` towards `target: (n,)`; return the outcome and the node.
 
-    def _forget(self) -> None:
-        self._start_tree = Tree(self._bridge, self._cost, from_start=True)
-        self._goal_tree = Tree(self._bridge, self._cost, from_start=False)
+        Where the slid step is not free the straight one is tried. Targets within a step are neither slid nor held
+        to the threshold: they are configurations that the path needs.
+        """
+        q_old = tree.configurations[old]
+        delta = self._bridge.difference(q_old, target)
+        length = float(np.sqrt(delta @ delta))
+        if length <= step:
+            if not self._is_free(*tree.as_driven(q_old, target)):
+                return Extension.TRAPPED, old
+            return Extension.REACHED, trees.add(tree, target, old)
+        straight = q_old + (step / length) * delta
+        # The reach of the slide shrinks as the target comes near, so that every step comes nearer to it.
+        reach = self._slide.share * min(step, length - step)
+        slid = self._slide.slid(straight, delta / length, reach, lambda: tree.gradient(old))
+        for q_new in (straight,) if slid is None else (slid, straight):
+            if self._is_free(*tree.as_driven(q_old, q_new)):
+                cost, gradient = self._examined(q_new)
+                if not self._threshold.tolerates(cost, tree, old, trees):
+                    break
+                return Extension.ADVANCED, trees.add(tree, q_new, old, cost, gradient)
+        return Extension.TRAPPED, old
 
-    def _add_start(self, q: FloatArray) -> None:
-        self._start_tree.add(q)
-
-    def _add_goal(self, q: FloatArray) -> None:
-        self._goal_tree.add(q)
-
-    def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        trees = self._start_tree, self._goal_tree
-        return two_trees(*((tree.configurations, tree.parents) for tree in trees))
-
-    def _has_starts(self) -> bool:
-        return len(self._start_tree) > 0
-
-    def _has_goals(self) -> bool:
-        return len(self._goal_tree) > 0
+    def _examined(self, q: FloatArray) -> tuple[float, FloatArray | None]:
+        """Return the danger of a new node, and the gradient that the next step from it will want; NaN if not needed."""
+        if not self._threshold.acts:
+            return np.nan, None
+        if self._slide.acts:
+            return self._danger.cost.value_and_gradient(q)
+        return float(self._danger.cost.values(q[None])[0]), None

@@ -1,79 +1,15 @@
-"""A roadmap: milestones, how far they lie apart, all that was ever learnt about them; and a search on it."""
+"""A roadmap: milestones, how far they lie apart, and all that was ever learnt about them."""
 
 from __future__ import annotations
-
-from typing import Protocol
 
 import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
+from safe_ompl.planners.parts.roadmap_metric import RoadmapMetric, squares
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import StateBridge
-from safe_ompl.robot.robot import Robot
-
-ROOT = -1
 
 _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, but they come
-
-
-class Metric(Protocol):
-    """A distance D between configurations, measured between places that are computed once for each of them."""
-
-    def places(self, Q: FloatArray) -> FloatArray:
-        """Return the places (B, E) of configurations `Q: (B, n)`."""
-        ...
-
-    def distances(self, places: FloatArray, place: FloatArray) -> FloatArray:
-        """Return D (N,) from each of `places: (N, E)` to `place: (E,)`."""
-        ...
-
-
-class LinkMetric:
-    """The paper's metric (11): how far the ends of the links lie apart.
-
-        D(q1, q2) = Σ_i ‖p_i(q1) − p_i(q2)‖²  [m²]
-
-    with p_i the distal end of link i. The smaller it is, the less the robot sweeps between the two, and the likelier
-    the straight motion is free. The place of a configuration is the row of its key points, (3K,).
-
-    Parameters
-    ----------
-    robot : Robot
-        Gives the key points.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-
-    def places(self, Q: FloatArray) -> FloatArray:
-        """Return the key points in a row (B, 3K) [m] for `Q: (B, n)`."""
-        points = self._robot.keypoints_batch(Q)
-        return points.reshape(len(Q), 3 * points.shape[1])
-
-    def distances(self, places: FloatArray, place: FloatArray) -> FloatArray:
-        """Return D (N,) [m²] from each of `places: (N, 3K)` to `place: (3K,)`."""
-        return _squares(places - place)
-
-
-class SpaceMetric:
-    """The metric where there is no robot model: the space's own distance.
-
-    Parameters
-    ----------
-    bridge : StateBridge
-        The space.
-    """
-
-    def __init__(self, bridge: StateBridge) -> None:
-        self._bridge = bridge
-
-    def places(self, Q: FloatArray) -> FloatArray:
-        """Return `Q: (B, n)` as it is."""
-        return Q
-
-    def distances(self, places: FloatArray, place: FloatArray) -> FloatArray:
-        """Return D (N,) from each of `places: (N, n)` to `place: (n,)`."""
-        return self._bridge.distances(places, place)
 
 
 class Roadmap:
@@ -88,7 +24,7 @@ class Roadmap:
         The space.
     cost : StateCost
         Cost of configurations.
-    metric : Metric
+    metric : RoadmapMetric
         Which milestones count as near.
 
     Attributes
@@ -103,9 +39,11 @@ class Roadmap:
         Whether the straight motion from one milestone to another is free.
     detours : dict of tuple to list of ndarray
         Way points between two milestones, under a key that names them first.
+    starts, goals : list of int
+        The milestones that are starts, and goals.
     """
 
-    def __init__(self, bridge: StateBridge, cost: StateCost, metric: Metric) -> None:
+    def __init__(self, bridge: StateBridge, cost: StateCost, metric: RoadmapMetric) -> None:
         self._bridge = bridge
         self._cost = cost
         self._metric = metric
@@ -117,6 +55,8 @@ class Roadmap:
         self.connected = self.valid.copy()
         self.edges: dict[tuple[int, int], bool] = {}
         self.detours: dict[tuple[int, int, float, float], list[FloatArray]] = {}
+        self.starts: list[int] = []
+        self.goals: list[int] = []
 
     def __len__(self) -> int:
         return len(self.configurations)
@@ -149,7 +89,7 @@ class Roadmap:
 
     def lengths(self, q: FloatArray) -> FloatArray:
         """Return the lengths (N,) of the straight motions between every milestone and `q: (n,)` [rad or m]."""
-        return np.sqrt(_squares(self._bridge.difference(self.configurations, q)))
+        return np.sqrt(squares(self._bridge.difference(self.configurations, q)))
 
     def costs(self, milestones: IntArray) -> FloatArray:
         """Return the costs (M,) of `milestones: (M,)`."""
@@ -162,71 +102,37 @@ class Roadmap:
         """Return whether the edge is free; where only the way back was looked at, whether that is; else None."""
         return self.edges.get((start, end), self.edges.get((end, start)))
 
+    # ------------------------------------------------------------------------------------ starts and goals
 
-class Graph:
-    """One of the two graphs of a search on a roadmap: its lists Closed and Open, and the tree of parents.
+    def add_start(self, q: FloatArray) -> None:
+        """Take a valid start configuration (n,)."""
+        self.starts.append(self.milestone_at(q))
 
-    Open holds offers: a milestone, the parent that offers an edge to it, and the length g of the way to it through
-    that parent. A milestone may have several.
+    def add_goal(self, q: FloatArray) -> None:
+        """Take a valid goal configuration (n,)."""
+        self.goals.append(self.milestone_at(q))
 
-    Parameters
-    ----------
-    size : int
-        Number of milestones N.
-    roots : list of int
-        The starts, or the goals.
-    from_start : bool
-        Whether the roots are the starts: then edges are driven away from them, else towards them.
+    def forget_ends(self) -> None:
+        """Forget which milestones are starts and goals."""
+        self.starts.clear()
+        self.goals.clear()
 
-    Attributes
-    ----------
-    closed : ndarray of bool, shape (N,)
-        Which milestones are in Closed.
-    milestones, parents : ndarray of int, shape (M,)
-        The offers in Open.
-    g : ndarray, shape (M,)
-        Their lengths [rad or m].
-    """
+    @property
+    def has_starts(self) -> bool:
+        """Whether there is a start."""
+        return bool(self.starts)
 
-    def __init__(self, size: int, roots: list[int], *, from_start: bool) -> None:
-        self.from_start = from_start
-        self.closed: BoolArray = np.zeros(size, dtype=bool)
-        self._parent: IntArray = np.full(size, ROOT)
-        self._length: FloatArray = np.zeros(size)
-        self.milestones: IntArray = np.array(roots, dtype=np.intp)
-        self.parents: IntArray = np.full(len(roots), ROOT)
-        self.g: FloatArray = np.zeros(len(roots))
+    @property
+    def has_goals(self) -> bool:
+        """Whether there is a goal."""
+        return bool(self.goals)
 
-    def add_open(self, milestones: IntArray, parent: int, lengths: FloatArray) -> None:
-        """ADD (Open): offer edges of the given lengths from `parent`, which is in Closed."""
-        self.milestones = np.concatenate([self.milestones, milestones])
-        self.parents = np.concatenate([self.parents, np.full(len(milestones), parent)])
-        self.g = np.concatenate([self.g, self._length[parent] + lengths])
-
-    def add_closed(self, offer: int) -> int:
-        """ADD (Closed): take an offer of Open and return its milestone."""
-        milestone = int(self.milestones[offer])
-        self.closed[milestone] = True
-        self._parent[milestone] = self.parents[offer]
-        self._length[milestone] = self.g[offer]
-        return milestone
-
-    def remove_open(self, offers: list[int]) -> None:
-        """REMOVE (Open): drop offers, and all others of milestones that are in Closed."""
-        keep = ~self.closed[self.milestones]
-        keep[offers] = False
-        self.milestones, self.parents, self.g = self.milestones[keep], self.parents[keep], self.g[keep]
-
-    def branch(self, milestone: int) -> list[int]:
-        """Return the milestones from the root to `milestone`."""
-        branch = []
-        while milestone != ROOT:
-            branch.append(milestone)
-            milestone = int(self._parent[milestone])
-        return branch[::-1]
-
-
-def _squares(rows: FloatArray) -> FloatArray:
-    """Return the squared norms (N,) of `rows: (N, E)`."""
-    squares: FloatArray = np.einsum("ij,ij->i", rows, rows)
-    return squares
+    def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """Return what was ever reached: vertices (N, n), free edges (E, 2), and which vertices are starts and goals."""
+        kept = np.unique(np.concatenate([np.flatnonzero(self.connected), self.starts, self.goals]))
+        kept = kept.astype(np.intp)
+        free = [edge for edge, is_free in self.edges.items() if is_free]
+        edges = np.array(free, dtype=np.intp).reshape(-1, 2)
+        edges = edges[np.isin(edges, kept).all(axis=1)]
+        starts, goals = (np.searchsorted(kept, np.unique(ends)) for ends in (self.starts, self.goals))
+        return self.configurations[kept], np.searchsorted(kept, edges), starts, goals

@@ -90,6 +90,10 @@ class Tree:
             score += alpha * self.costs
         return int(score.argmin())
 
+    def as_driven(self, near: FloatArray, far: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of an edge, `near` the root and `far` from it, in the order in which a path drives them."""
+        return (near, far) if self.from_start else (far, near)
+
     def branch(self, node: int) -> FloatArray:
         """Return the configurations (k, n) from the root to `node`."""
         indices = []

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.planners.parts.graph import two_trees
+from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.plugins.states import StateBridge
-
-ROOT = -1
 
 
 class Rows:
@@ -56,7 +56,7 @@ class Rows:
         self._size = len(rows)
 
 
-class Metric:
+class JointMetric:
     """The distances in the heuristic f, eq. (10).
 
     Parameters
@@ -113,7 +113,7 @@ class VolumeTree:
     ----------
     bridge : StateBridge
         The space.
-    metric : Metric
+    metric : JointMetric
         How f measures.
     from_start : bool
         Whether the tree grows from the start or from the goal.
@@ -128,7 +128,7 @@ class VolumeTree:
         End points: q, parent, path_length, cost, diversity.
     """
 
-    def __init__(self, bridge: StateBridge, metric: Metric, *, from_start: bool, diverse: bool) -> None:
+    def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
         self.from_start = from_start
         self._metric = metric
         self._diverse = diverse
@@ -211,3 +211,45 @@ class VolumeTree:
     def _diversity(self, points: FloatArray) -> FloatArray:
         """Return min_z ‖x − z‖ over the closed configurations z for each point x, (K,)."""
         return np.array([self._metric.separations(self.closed["center"], x).min() for x in points])
+
+
+class VolumeTrees:
+    """The volume trees of both directions.
+
+    Parameters
+    ----------
+    bridge, metric, diverse
+        As for `VolumeTree`.
+
+    Attributes
+    ----------
+    start, goal : VolumeTree
+        The trees.
+    """
+
+    def __init__(self, bridge: StateBridge, metric: JointMetric, *, diverse: bool) -> None:
+        self.start, self.goal = (
+            VolumeTree(bridge, metric, from_start=from_start, diverse=diverse) for from_start in (True, False)
+        )
+
+    def add_start(self, q: FloatArray) -> None:
+        """Take a start configuration (n,)."""
+        self.start.add_root(q)
+
+    def add_goal(self, q: FloatArray) -> None:
+        """Take a goal configuration (n,)."""
+        self.goal.add_root(q)
+
+    @property
+    def has_starts(self) -> bool:
+        """Whether there is a start."""
+        return len(self.start) > 0
+
+    @property
+    def has_goals(self) -> bool:
+        """Whether there is a goal."""
+        return len(self.goal) > 0
+
+    def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
+        return two_trees(*(tree.bubbles() for tree in (self.start, self.goal)))

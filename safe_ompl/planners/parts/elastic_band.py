@@ -1,0 +1,86 @@
+"""Paths as elastic bands: contracted where that is as safe, and bent away from danger."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.planners.parts.danger import WeightedDanger
+from safe_ompl.planners.parts.slide import Slide
+from safe_ompl.planners.parts.task import Task
+
+_POINTS = 8  # at which the danger of a straight motion is looked at
+
+
+class ElasticBand:
+    """What makes elastic bands of paths (Quinlan 1994); every motion of theirs is checked.
+
+    Parameters
+    ----------
+    task : Task
+        Says which motions are free.
+    danger : WeightedDanger
+        What the band keeps away from.
+    slide : Slide
+        How its way points move.
+    """
+
+    def __init__(self, task: Task, danger: WeightedDanger, slide: Slide) -> None:
+        self._task = task
+        self._danger = danger
+        self._slide = slide
+
+    def settled(self, path: FloatArray, step: float, ptc: Any) -> FloatArray:
+        """Return the path (N, n) contracted where that is as safe, then bent from danger.
+
+        Parameters
+        ----------
+        path : ndarray, shape (N, n)
+            Configurations whose motions are free.
+        step : float
+            Range of the planner [rad]: motions longer than twice that are bent.
+        ptc : ob.PlannerTerminationCondition
+            When to stop.
+        """
+        band = [path[0]]
+        at = 0
+        while at < len(path) - 1:
+            at = self._farthest(path, at, ptc)
+            band += [*self.bent(band[-1], path[at], step, ptc), path[at]]
+        return np.array(band)
+
+    def bent(self, start: FloatArray, end: FloatArray, step: float, ptc: Any) -> list[FloatArray]:
+        """Return way points between two configurations (n,): the middle, slid sideways, and those of the halves.
+
+        Motions no longer than twice the range `step` stay straight, and so do those whose halves would not be free.
+        """
+        delta = self._task.bridge.difference(start, end)
+        length = float(np.sqrt(delta @ delta))
+        if not self._slide.acts or length <= 2 * step or ptc():
+            return []
+        middle = self._slide.slid(start + delta / 2, delta / length, self._slide.share * step)
+        is_free = self._task.motion_is_free
+        if middle is None or not (is_free(start, middle) and is_free(middle, end)):
+            return []
+        return [*self.bent(start, middle, step, ptc), middle, *self.bent(middle, end, step, ptc)]
+
+    def _farthest(self, path: FloatArray, at: int, ptc: Any) -> int:
+        """Return the way point to which a straight motion from way point `at` does what the path between does."""
+        end = len(path) - 1
+        while end > at + 1 and not ptc():
+            if self._is_as_safe(path[at : end + 1]) and self._task.motion_is_free(path[at], path[end]):
+                return end
+            end = (at + end) // 2
+        return at + 1
+
+    def _is_as_safe(self, path: FloatArray) -> bool:
+        """Return whether the straight motion between the ends of a path (N, n) is no more dangerous on an average."""
+        if not self._danger.weight:
+            return True
+        bridge = self._task.bridge
+        t = np.linspace(0.0, 1.0, _POINTS)[:, None]
+        straight = path[0] + t * bridge.difference(path[0], path[-1])
+        costs = self._danger.cost.values(np.vstack([bridge.wrapped(straight), path]))
+        return bool(costs[:_POINTS].mean() <= costs[_POINTS:].mean())

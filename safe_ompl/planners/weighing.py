@@ -1,0 +1,46 @@
+"""What the safe planners share: the weight α of danger, and motions that slide away from it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from safe_ompl.inputs import fraction, number
+from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.parts.danger import WeightedDanger
+from safe_ompl.planners.parts.slide import Slide
+
+
+class WeighingPlanner(SafePlanner):
+    """Base of the planners that weigh danger against lengths by α, and whose motions slide away from it.
+
+    Parameters
+    ----------
+    si, name
+        As for `SafePlanner`.
+    """
+
+    def __init__(self, si: Any, name: str) -> None:
+        super().__init__(si, name)
+        self._danger = WeightedDanger(self._task)
+        self._slide = Slide(self._bridge, self._danger)
+
+    def setup(self) -> None:
+        """Prepare for `solve`: read the problem's objective, and measure its scale if danger has weight."""
+        super().setup()
+        self._danger.prepare()
+
+    def setAlpha(self, alpha: float) -> None:
+        """Set the weight of danger α, in the robot's own scale; 0 plans classically."""
+        self._danger.alpha = number("alpha", alpha, at_least=0)
+
+    def getAlpha(self) -> float:
+        """Return the weight of danger α."""
+        return self._danger.alpha
+
+    def setSlide(self, slide: float) -> None:
+        """Set the largest sideways slide of a way point, in [0, 1], as a fraction of the range."""
+        self._slide.share = fraction("slide", slide)
+
+    def getSlide(self) -> float:
+        """Return the largest sideways slide of a way point, as a fraction of the range."""
+        return self._slide.share
