@@ -9,7 +9,8 @@ from time import perf_counter
 from ompl import geometric as og
 
 from _paper.studies import Pair
-from safe_ompl.benchmark.campaign import Campaign, Run, failure
+from safe_ompl.benchmark.campaign import Campaign, failure
+from safe_ompl.benchmark.runs import Run
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
 
 
