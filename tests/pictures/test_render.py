@@ -18,7 +18,7 @@ from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.pictures.render import Camera, choose_camera, render_comparison, render_path, save_png
 from safe_ompl.pictures.render.bodies import RobotBody, painted
 from safe_ompl.pictures.render.mitsuba_renderer import FLOOR_VALUE, Painted, Sight, Studio, developed
-from safe_ompl.pictures.render.pictures import moments
+from safe_ompl.pictures.render.path import moments
 from safe_ompl.pictures.render.stage import Stage
 from safe_ompl.pictures.render.tessellation import Surface, tessellate, tube
 from safe_ompl.robot.robot import Robot

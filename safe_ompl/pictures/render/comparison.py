@@ -10,7 +10,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.pictures.render.camera import Camera
 from safe_ompl.pictures.render.mitsuba_renderer import Studio
-from safe_ompl.pictures.render.pictures import Image, draw, moments
+from safe_ompl.pictures.render.path import Image, draw, moments
 from safe_ompl.pictures.render.stage import Stage
 from safe_ompl.pictures.render.viewpoint import best_view
 from safe_ompl.pictures.style import Colour, grid_columns, planner_styles
