@@ -1,4 +1,4 @@
-"""What is left of safety after smoothing: the same runs before and after, and whether safe planning still wins."""
+"""Statistics of safety after smoothing: the same runs before and after, safe planners against classical ones."""
 
 from __future__ import annotations
 

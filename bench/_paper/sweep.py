@@ -1,4 +1,4 @@
-"""How danger, success and time depend on the parameters of the planners, on every scenario: doing it."""
+"""The parameter sweep: danger, success and time for values of the planners' parameters, on every scenario."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ RANGE = "range"
 
 @dataclass(frozen=True)
 class Parameter:
-    """Something that can be chosen.
+    """A parameter of a planner or of the danger field, with the values to try.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Benchmark: OMPL's `ot.Benchmark` for planners in Python, with safety measured, in processes or on a cluster."""
+"""The benchmark of planners on one problem: `ot.Benchmark` for planners in Python, with safety measured."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ class PlannerRuns:
 
 @dataclass
 class Experiment:
-    """What a benchmark log says.
+    """The content of a benchmark log.
 
     Attributes
     ----------

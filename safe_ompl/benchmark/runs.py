@@ -41,7 +41,7 @@ class Run(NamedTuple):
 
 @dataclass
 class RunLimits:
-    """What a run may take, and what is done besides planning; as in `ot.Request`.
+    """Limits of a run in time and memory, and whether its path is simplified; as in `ot.Request`.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class RunLimits:
 
 @dataclass
 class Events:
-    """What the user wants to be called, as in `ot.Benchmark`; `after` may change the measurements."""
+    """Functions of the user, called before and after each run as in `ot.Benchmark`; `after` may change measurements."""
 
     before: Callable[[Any], None] | None = None
     after: Callable[[Any, dict[str, Any]], None] | None = None
@@ -72,7 +72,7 @@ class Events:
 
 @dataclass
 class Measured:
-    """Outcome of one run.
+    """The measurements of one run.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ _Outcome = TypeVar("_Outcome", covariant=True)
 
 
 class Job(Protocol[_Task, _Outcome]):
-    """What workers do: it makes an outcome of each of many tasks."""
+    """Work that consists of many independent tasks, each with an outcome."""
 
     def run(self, task: _Task) -> _Outcome:
         """Do one task."""

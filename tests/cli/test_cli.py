@@ -567,6 +567,14 @@ def test_bad_options(run: Run, problems: Path, arguments: list[str], words: list
     assert_refused(run(*arguments), *words)
 
 
+@pytest.mark.parametrize(("options", "shown"), [((), False), (("-v",), True)])
+def test_messages_of_ompl_come_with_verbose(run: Run, options: tuple[str, ...], shown: bool) -> None:
+    handler = ou.OutputHandlerSTD()
+    ou.useOutputHandler(handler)
+    _, out, err = run("plan", "test.yaml", "--planner", "RRTConnect", *options)
+    assert ("RRTConnect: Starting planning" in out + err) is shown
+
+
 @pytest.mark.parametrize(
     "command", [("plan",), ("compare", "--runs", "1", "--planners", "SafeRRTConnect,SafePRM")]
 )

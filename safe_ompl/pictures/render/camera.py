@@ -1,4 +1,4 @@
-"""Where a picture is taken from."""
+"""The camera of a picture."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Camera:
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if not len(points) or not np.isfinite(points).all():
             raise InputError(f"a camera needs finite points to look at; got {len(points)} point(s)")
-        back, right, up = _axes(azimuth, elevation)
+        back, right, up = _camera_axes(azimuth, elevation)
         x, y, z = points @ right, points @ up, points @ back
         half_height = np.tan(field_of_view / 2) * (1.0 - 2.0 * margin)
         eye_x, far_x = _fit(x, z, half_height * size[0] / size[1])
@@ -85,7 +85,7 @@ class Camera:
         return np.asarray(np.column_stack([away @ right, away @ self.up]) / depth[:, None])
 
 
-def _axes(azimuth: float, elevation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _camera_axes(azimuth: float, elevation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return unit vectors towards the camera, to the right of the picture and up in it."""
     ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
     back = np.array([ce * ca, ce * sa, se])

@@ -1,4 +1,4 @@
-"""The paths of several planners side by side, seen from the same place."""
+"""Pictures of the paths of several planners, side by side and from the same camera."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ Image = NDArray[np.uint8]
 
 ACCENT: Colour = (0.09, 0.42, 0.78)
 START: Colour = (0.66, 0.67, 0.69)
-_OVERLAP = 1e-3  # sizes of the robot's motion by which bodies that share a place are told apart
+_COINCIDENCE = 1e-3  # sizes of the robot's motion by which bodies that share a place are told apart
 _TRACE = 0.006  # sizes of the robot's motion; radius of the trace of the tip
 _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
 _DETAIL = 0.8  # pixels; what is smaller does not matter where bodies only hide ghosts
@@ -141,7 +141,7 @@ def draw(stage: Stage, studio: Studio, samples: FloatArray, accent: Colour, show
     """
     start, goal = samples[0], samples[-1]
     trace = Surface.from_triangles(*tube(stage.trace(samples), _TRACE * stage.size))
-    gap = _OVERLAP * stage.size
+    gap = _COINCIDENCE * stage.size
     things = [
         Painted(stage.body.posed(start), START, glossy=True),
         Painted(stage.body.posed(goal, moved_from=start).inflated(gap), accent, glossy=True),

@@ -1,4 +1,4 @@
-"""The direction from which a picture shows most."""
+"""Choice of the camera that shows most of a robot's motion and of what is dangerous to approach."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def best_view(
 
 
 class _Merit:
-    """How good a view is: what share is seen of motion and hazards, how far apart they look, how large."""
+    """The merit of a view: what share is seen of motion and hazards, how far apart they look, how large."""
 
     def __init__(self, stage: Stage) -> None:
         self._links = stage.skeletons()
