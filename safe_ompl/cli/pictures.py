@@ -8,7 +8,7 @@ from pathlib import Path
 from safe_ompl.cli.files import check_writable
 from safe_ompl.errors import InputError
 
-EXTRAS = ("matplotlib", "mitsuba")
+EXTRAS = ("matplotlib",)
 
 
 def how_to_get_pictures() -> str | None:

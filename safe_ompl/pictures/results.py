@@ -16,9 +16,6 @@ from safe_ompl.pictures.render import render_comparison, render_path, save_png
 from safe_ompl.pictures.style import planner_styles
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
 
-_RAYS = 16  # light paths per pixel
-_RAYS_IN_ALL = 48  # of the panels of one picture: many planners must not make the main job slow
-
 
 def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
     """Draw the robot along a solved plan, and beside it the path's danger and clearance."""
@@ -40,7 +37,6 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
         setup.scene,
         result.path,
         size=(height * 5 // 4, height),
-        samples=_RAYS,
         accent=planner_styles([result.planner])[result.planner].colour,
         closest=result.report.clearance.at,
     )
@@ -81,7 +77,4 @@ def _draw_paths(setup: SafeSetup, results: Sequence[PlanResult], file: Path) -> 
                 f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}; "
                 f"clearance: min {1e3 * clearance.min:.0f} mm"
             )
-    samples = min(_RAYS, max(4, _RAYS_IN_ALL // max(1, len(paths))))
-    render_comparison(
-        setup.robot, setup.scene, paths, file, subtitles=subtitles, closest=closest, samples=samples
-    )
+    render_comparison(setup.robot, setup.scene, paths, file, subtitles=subtitles, closest=closest)

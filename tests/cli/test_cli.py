@@ -107,14 +107,13 @@ def run(folder: Path, capfd: pytest.CaptureFixture[str]) -> Run:
 @pytest.fixture
 def quick_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw coarsely; skip the test if nothing can be drawn."""
-    pytest.importorskip("mitsuba")
     pytest.importorskip("matplotlib")
 
     def coarse(draw: Callable[..., Any], **quality: Any) -> Callable[..., Any]:
         return lambda *arguments, **options: draw(*arguments, **{**options, **quality})
 
-    monkeypatch.setattr(results, "render_path", coarse(render_path, samples=1, ghosts=0))
-    monkeypatch.setattr(results, "render_comparison", coarse(render_comparison, samples=1, panel=(60, 50)))
+    monkeypatch.setattr(results, "render_path", coarse(render_path, ghosts=0))
+    monkeypatch.setattr(results, "render_comparison", coarse(render_comparison, panel=(60, 50)))
 
 
 def strict(text: str) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import BoolArray, FloatArray
+from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, SafeOmplError
 from safe_ompl.pictures.render.camera import Camera
 from safe_ompl.pictures.render.tessellation import Surface
@@ -109,13 +109,8 @@ class Studio:
         return images
 
     def light_direction(self) -> FloatArray:
-        """Return the unit vector (3,) to the key light: high over the left shoulder of the camera."""
-        back = self.camera.eye - self.camera.target - 0.35 * self.camera.up
-        back = back * (1.0, 1.0, 0.0)
-        back = back / np.linalg.norm(back)
-        left = np.cross(back, (0.0, 0.0, 1.0))
-        key = 0.6 * back + 0.8 * left + (0.0, 0.0, 1.3)
-        return np.asarray(key / np.linalg.norm(key))
+        """Return the unit vector (3,) to the key light."""
+        return self.camera.key_light()
 
     def _lights(self) -> dict[str, Any]:
         """Return an even sky and a wide key light, which together light the open floor with radiance 1.
@@ -152,23 +147,6 @@ class Studio:
             "film": film,
         }
         return {"type": "scene", "integrator": integrator, "sensor": sensor}
-
-
-class Sight:
-    """Surfaces that may stand between an eye and what it looks at."""
-
-    def __init__(self, surfaces: Iterable[Surface]) -> None:
-        solid = Surface.merged(surfaces)
-        with _mitsuba() as mi:
-            shapes = {"solid": _mitsuba_mesh(mi, solid, {"bsdf": _BLACK})} if len(solid.faces) else {}
-            self._scene = mi.load_dict({"type": "scene"} | shapes)
-
-    def clear(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
-        """Return whether nothing is between starts and ends, each (P, 3) or (3,): (P,)."""
-        starts, ends = np.broadcast_arrays(starts, ends)
-        with _mitsuba() as mi:
-            rays = (mi.Ray3f(a, 0.99 * (b - a), 1.0, 0.0, []) for a, b in zip(starts, ends, strict=True))
-            return np.array([not self._scene.ray_test(ray) for ray in rays], dtype=bool)
 
 
 @contextmanager

@@ -47,6 +47,8 @@ class Stage:
     body : RobotBody
     samples : list of (S, n) array
         Each path at equal steps of its length.
+    ends : Surface
+        The robot at start and goal of all paths, coarsely.
     hazards, things : list of Painted
         What is dangerous to approach, and everything else but the robot.
     floor : float
@@ -72,6 +74,7 @@ class Stage:
         self._actors = np.vstack(
             [coarse.posed(q).vertices for s in self.samples for q in s[:: _PATH_SAMPLES // 6]]
         )
+        self.ends = Surface.merged(coarse.posed(q) for s in self.samples for q in (s[0], s[-1]))
         self.size = float(np.linalg.norm(np.ptp(self._actors, axis=0)))
         self._set_scene(scene)
         if danger_points:

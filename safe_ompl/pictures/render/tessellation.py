@@ -111,7 +111,7 @@ def _corner_normals(vertices: FloatArray, faces: IntArray, cos_crease: float) ->
 def _distinct_rows(rows: FloatArray) -> tuple[IntArray, IntArray]:
     """Return the indices of the distinct rows of an array (R, C), and which of them each row equals: (R,)."""
     order = np.lexsort(rows.T)
-    new = np.concatenate([[True], (rows[order[1:]] != rows[order[:-1]]).any(axis=1)])
+    new = np.concatenate([[True], (rows[order[1:]] != rows[order[:-1]]).any(axis=1)])[: len(rows)]
     index = np.empty(len(rows), dtype=np.intp)
     index[order] = np.cumsum(new) - 1
     return order[new], index
