@@ -9,9 +9,14 @@ from collections.abc import Iterator
 from ompl import util as ou
 
 from safe_ompl import Robot, SafeSetup
-from safe_ompl.cli.arguments import positions
-from safe_ompl.cli.mbm import exceeded_limits
 from safe_ompl.scenario.mbm import MbmFile, MbmProblem
+from safe_ompl.setup.mbm import setup_problem
+
+
+def positions(text: str) -> slice:
+    """Read a range of positions like Python's: ``0:50``, ``:50``, ``50:``."""
+    first, last = text.split(":")
+    return slice(int(first) if first else 0, int(last) if last else None)
 
 
 def problem_parser(description: str | None) -> argparse.ArgumentParser:
@@ -36,10 +41,4 @@ def problems(options: argparse.Namespace) -> Iterator[tuple[str, MbmProblem, Saf
     robot = Robot.from_example(file.robot)
     for family in file.families:
         for problem in list(file.problems(family))[options.problems]:
-            limits = exceeded_limits(robot, problem)
-            fitting = robot.with_limits(limits) if limits else robot
-            setup = SafeSetup(fitting, problem.scene)
-            setup.setConfigurations(
-                problem.start_configuration(fitting), problem.goal_configurations(fitting)
-            )
-            yield family, problem, setup
+            yield family, problem, setup_problem(problem, robot)

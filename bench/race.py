@@ -32,13 +32,13 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from _problems import positions
 from _scenes import scattered
 from ompl import geometric as og
 from ompl import util as ou
 
 from safe_ompl import DangerObjective, Robot, SafeSetup, Scene
 from safe_ompl.arrays import FloatArray
-from safe_ompl.cli.arguments import positions
 from safe_ompl.paths.simplify.cost import PathCost
 from safe_ompl.pictures.plots.page import GREY, Page
 from safe_ompl.pictures.style import planner_styles

@@ -1,1 +1,1 @@
-"""The case studies of Lacevic & Rocco (2013), run again: what bench/paper.py is made of."""
+"""The case studies of Lacevic & Rocco (2013), run again: the parts of bench/paper.py."""

@@ -1,4 +1,4 @@
-"""What the paper claims, and whether our runs bear it out."""
+"""The claims of the paper, each with a verdict of our runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How danger, success and time depend on the parameters of the planners: showing it."""
+"""Figures and page of the parameter sweep."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ the worst.
 
 @dataclass(frozen=True)
 class Point:
-    """What one value of one parameter leads to on one scenario.
+    """The outcome of one parameter value on one scenario.
 
     Attributes
     ----------

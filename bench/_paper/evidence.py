@@ -1,4 +1,4 @@
-"""What the runs of a study show: means, ratios of safe to classical, and how far runs deviate."""
+"""Statistics of the runs of a study: means, ratios of safe to classical planners, deviations."""
 
 from __future__ import annotations
 

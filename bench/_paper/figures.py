@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from _paper.evidence import Evidence
-from safe_ompl.cli.pictures import draw_comparison
 from safe_ompl.pictures.plots import plot_bubbles, plot_cspace_path, plot_field
 from safe_ompl.pictures.render import render_path, save_png
+from safe_ompl.pictures.results import draw_comparison
 from safe_ompl.pictures.style import planner_styles
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario

@@ -1,4 +1,4 @@
-"""The page that puts everything together."""
+"""The report of the case studies as a Markdown page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Doing the runs of a study, as far as they are not done yet."""
+"""The campaigns of a study, without the runs that are already done."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is left of safety after smoothing: the same runs before and after, and whether safe planning still wins."""
+"""Statistics of safety after smoothing: the same runs before and after, safe planners against classical ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from _paper.evidence import Evidence, quotient
 from _paper.smoothing import Smoothing
 from _paper.studies import Pair, Study
 from safe_ompl.arrays import FloatArray
-from safe_ompl.benchmark.campaign import Run, Summary
+from safe_ompl.benchmark.campaign import Summary
+from safe_ompl.benchmark.runs import Run
 from safe_ompl.paths.report import DangerReport, PathReport
 from safe_ompl.setup.safe_setup import PlanResult
 

@@ -1,4 +1,4 @@
-"""What is left of safety after smoothing: showing it."""
+"""Page and figure of safety after smoothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is done with the paths of a planner before they are looked at: doing it."""
+"""Smoothing of planned paths: none, OMPL's simplifier, or danger-aware simplification."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from time import perf_counter
 from ompl import geometric as og
 
 from _paper.studies import Pair
-from safe_ompl.benchmark.campaign import Campaign, Run, failure
+from safe_ompl.benchmark.campaign import Campaign, failure
+from safe_ompl.benchmark.runs import Run
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
 
 
 class Smoothing(Enum):
-    """What is done with a path."""
+    """A kind of smoothing."""
 
     PLANNED = "as planned"
     SHORTENED = "shortened"  # by OMPL's simplifier, as is usual

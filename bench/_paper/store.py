@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.benchmark.campaign import Run
+from safe_ompl.benchmark.runs import Run
 from safe_ompl.counts import Counts
 from safe_ompl.errors import InputError
 from safe_ompl.paths.report import ClearanceReport, DangerReport, PathReport

@@ -1,4 +1,4 @@
-"""What the paper studied: its planners in pairs, its two scenarios, and the numbers that it prints."""
+"""The paper's two studies: planners in pairs, scenarios, and the printed numbers."""
 
 from __future__ import annotations
 

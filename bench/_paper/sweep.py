@@ -1,23 +1,23 @@
-"""How danger, success and time depend on the parameters of the planners, on every scenario: doing it."""
+"""The parameter sweep: danger, success and time for values of the planners' parameters, on every scenario."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
-from multiprocessing import get_context
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from ompl import util as ou
 
 from _paper.dependence import Point, plot_dependence, write_page
 from _paper.store import Store
 from _paper.studies import Pair
 from safe_ompl.arrays import FloatArray
 from safe_ompl.benchmark.campaign import Campaign
+from safe_ompl.benchmark.workers import do_tasks
 from safe_ompl.cli.console import error_console, progress_bar
+from safe_ompl.errors import SafeOmplError
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.report import PROFILE_POINTS
 from safe_ompl.planners.registry import make_planner
@@ -30,7 +30,7 @@ RANGE = "range"
 
 @dataclass(frozen=True)
 class Parameter:
-    """Something that can be chosen.
+    """A parameter of a planner or of the danger field, with the values to try.
 
     Attributes
     ----------
@@ -148,24 +148,26 @@ def _outcomes(
     folder: Path, choices: Sequence[Choice], processes: int, advance: Callable[[], object]
 ) -> list[tuple[Choice, Outcome]]:
     """Return the outcomes of choices, of which `processes` are tried at the same time."""
-    if processes == 1:
-        return _collected(choices, map(partial(_tried, folder), choices), advance)
-    with get_context("spawn").Pool(processes, _quieten) as pool:
-        return _collected(choices, pool.imap(partial(_tried, folder), choices), advance)
-
-
-def _collected(
-    choices: Sequence[Choice], outcomes: Iterable[Outcome], advance: Callable[[], object]
-) -> list[tuple[Choice, Outcome]]:
-    found = []
-    for choice, outcome in zip(choices, outcomes, strict=True):
-        found.append((choice, outcome))
+    found = {}
+    for choice, outcome in do_tasks(TriedChoices(folder), choices, processes):
+        found[choice] = outcome
         advance()
-    return found
+    return [(choice, found[choice]) for choice in choices]
 
 
-def _quieten() -> None:
-    ou.setLogLevel(ou.LogLevel.LOG_WARN)
+@dataclass(frozen=True)
+class TriedChoices:
+    """The job of a sweep: choices, each with its outcome; their runs are kept in a folder."""
+
+    folder: Path
+
+    def run(self, task: Choice) -> Outcome:
+        """Try a choice."""
+        return _tried(self.folder, task)
+
+    def crash(self, task: Choice, words: str) -> Outcome:
+        """Raise an error: runs that are done are kept, and the sweep can go on from there."""
+        raise SafeOmplError(f"{task.scenario}, {task.name}: {words}")
 
 
 def _tried(folder: Path, choice: Choice) -> Outcome:

@@ -1,11 +1,11 @@
-"""Benchmark: OMPL's `ot.Benchmark` for planners in Python, with safety measured, in processes or on a cluster."""
+"""The benchmark of planners on one problem: `ot.Benchmark` for planners in Python, with safety measured."""
 
 from __future__ import annotations
 
 import os
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
 from os import PathLike
@@ -17,9 +17,10 @@ from ompl import base as ob
 from ompl import tools as ot
 from ompl import util as ou
 
-from safe_ompl.benchmark.log import Experiment, PlannerRuns, Value, save_database
-from safe_ompl.benchmark.runs import Entry, Events, Limits, Measured
-from safe_ompl.benchmark.workers import Job, Task, in_processes, in_turn, on_cluster
+from safe_ompl.benchmark.log import Experiment, PlannerRuns, save_database
+from safe_ompl.benchmark.measures import Value
+from safe_ompl.benchmark.runs import Entry, Events, Measured, MeasuredRuns, Run, RunLimits
+from safe_ompl.benchmark.workers import checked_processes, do_tasks, on_cluster
 from safe_ompl.errors import InputError
 from safe_ompl.setup.safe_setup import SafeSetup
 
@@ -155,34 +156,33 @@ class Benchmark:
             raise InputError(f"runCount must be at least 1, got {request.runCount!r}")
         if processes is None:
             processes = 1 if self._events else _processors()
-        if isinstance(processes, bool) or not isinstance(processes, int) or processes < 1:
-            raise InputError(f"processes must be a whole number of at least 1, got {processes!r}")
-        tasks = [Task(j, seed + k) for k in range(request.runCount) for j in range(len(self._entries))]
-        limits = Limits(request.maxTime, request.maxMem, request.timeBetweenUpdates, request.simplify)
+        processes = checked_processes(processes)
+        if client is not None:
+            self._check_portable()
+        tasks = [Run(entry.name, seed + k) for k in range(request.runCount) for entry in self._entries]
+        limits = RunLimits(request.maxTime, request.maxMem, request.timeBetweenUpdates, request.simplify)
         setup = self._setup if client is None else self._given
-        job = Job(setup, tuple(self._entries), limits, self._events)
+        job = MeasuredRuns(setup, {entry.name: entry for entry in self._entries}, limits, self._events)
         if self._switch is not None:
             for entry in self._entries:
                 self._switch(entry.planner(self._setup))
-        found: dict[Task, Measured] = {}
+        found: dict[Run, Measured] = {}
         begin, clock = datetime.now(), perf_counter()
         self._status.running = True
         try:
             with _console_output(request.saveConsoleOutput, self._experiment.name):
                 if client is not None:
-                    runs = on_cluster(job, tasks, client)
-                elif processes == 1:
-                    runs = in_turn(job, tasks)
+                    runs = on_cluster(job.built, job.crash, tasks, client)
                 else:
-                    runs = in_processes(job, tasks, min(processes, len(tasks)))
-                for task, measured in runs:
-                    found[task] = measured
-                    self._report(request.displayProgress, task, len(found) / len(tasks))
+                    runs = do_tasks(job, tasks, processes)
+                for run, measured in runs:
+                    found[run] = measured
+                    self._report(request.displayProgress, run, len(found) / len(tasks))
         finally:
             self._status.running = False
             self._experiment = Experiment(
                 self._experiment.name,
-                [self._collect(j, tasks, found) for j in range(len(self._entries))],
+                [_collect(entry.name, tasks, found) for entry in self._entries],
                 self._describe(),
                 request.maxTime,
                 request.maxMem,
@@ -193,20 +193,21 @@ class Benchmark:
                 self._parameters,
             )
 
-    def _collect(self, number: int, tasks: list[Task], found: dict[Task, Measured]) -> PlannerRuns:
-        runs = [found[task] for task in tasks if task.planner == number and task in found]
-        settings = next((run.settings for run in runs if run.settings), {})
-        names = next((run.progress_names for run in runs if run.progress_names), ())
-        return PlannerRuns(
-            self._entries[number].name,
-            settings,
-            [run.properties for run in runs],
-            names,
-            [run.progress for run in runs] if names else [],
-        )
+    def _check_portable(self) -> None:
+        """Raise InputError if the problem or a planner cannot be sent to another machine."""
+        if not callable(self._given):
+            raise InputError(
+                "on a cluster the benchmark needs a function that builds the setup, in place of the setup"
+            )
+        for entry in self._entries:
+            if isinstance(entry.source, ob.Planner):
+                raise InputError(
+                    f"on a cluster planner {entry.name!r} must be given by name or by addPlannerAllocator: "
+                    "OMPL's objects do not travel"
+                )
 
-    def _report(self, display: bool, task: Task, share: float) -> None:
-        self._status.activePlanner = self._entries[task.planner].name
+    def _report(self, display: bool, run: Run, share: float) -> None:
+        self._status.activePlanner = run.planner
         self._status.activeRun += 1
         self._status.progressPercentage = 100 * share
         if display:
@@ -242,6 +243,15 @@ class Benchmark:
         """Write the log, and add it to a SQLite database for Planner Arena."""
         self._experiment.save(log)
         save_database([log], database)
+
+
+def _collect(planner: str, tasks: list[Run], found: Mapping[Run, Measured]) -> PlannerRuns:
+    """Return the runs of one planner in the order of their seeds."""
+    runs = [found[task] for task in tasks if task.planner == planner and task in found]
+    settings = next((run.settings for run in runs if run.settings), {})
+    names = next((run.progress_names for run in runs if run.progress_names), ())
+    progress = [run.progress for run in runs] if names else []
+    return PlannerRuns(planner, settings, [run.properties for run in runs], names, progress)
 
 
 @contextmanager

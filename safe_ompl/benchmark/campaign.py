@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 import logging
-import multiprocessing
-import signal
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection
-from typing import Any, NamedTuple
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from ompl import util as ou
 
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError, PlanningError, SafeOmplError
-from safe_ompl.paths.report import PathReport
+from safe_ompl.benchmark.measures import SUMMARISED, summarised_measures
+from safe_ompl.benchmark.runs import Run
+from safe_ompl.benchmark.workers import checked_processes, do_tasks
+from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
 
 _log = logging.getLogger(__name__)
 
-_ATTEMPTS = 2  # of a run that its process does not survive
 BAND = (15, 85)  # [%]; the percentiles that the paper shows
-
-
-class Run(NamedTuple):
-    """One run that is to be done."""
-
-    planner: str
-    seed: int
 
 
 @dataclass(frozen=True)
@@ -108,13 +98,11 @@ class Campaign:
         InputError
             If the scenario cannot be planned, or a planner or parameter does not exist.
         """
-        if isinstance(processes, bool) or not isinstance(processes, int) or processes < 1:
-            raise InputError(f"processes must be a whole number of at least 1, got {processes!r}")
+        processes = checked_processes(processes)
         setup = setup or setup_scenario(self.scenario)
         self.check(setup)
-        if processes == 1:
-            return (self.result(run, setup) for k in range(self.runs) for run in self.round(k))
-        return self._parallel_results(min(processes, self.runs), setup.robot.joint_names)
+        runs = [run for k in range(self.runs) for run in self.round(k)]
+        return _in_order(runs, do_tasks(CampaignRuns(self, setup), runs, processes))
 
     def result(self, run: Run, setup: SafeSetup) -> PlanResult:
         """Do one run. A path that the validator refuses is reported as not solved."""
@@ -133,77 +121,31 @@ class Campaign:
             raise KeyboardInterrupt
         return result
 
-    def _parallel_results(self, processes: int, joint_names: tuple[str, ...]) -> Iterator[PlanResult]:
-        """Deal the rounds out to processes: round k goes to process k modulo their number."""
-        workers = [_Worker(self, k, processes) for k in range(processes)]
-        try:
-            for k in range(self.runs):
-                for run in self.round(k):
-                    yield workers[k % processes].result(run, joint_names)
-        finally:
-            for worker in workers:
-                worker.end()
+
+@dataclass(frozen=True)
+class CampaignRuns:
+    """The job of a campaign: its runs, each planned with one setup."""
+
+    campaign: Campaign
+    setup: SafeSetup
+
+    def run(self, task: Run) -> PlanResult:
+        """Do one run."""
+        return self.campaign.result(task, self.setup)
+
+    def crash(self, task: Run, words: str) -> PlanResult:
+        """Return the result of a run that its process did not survive: not solved."""
+        _log.warning("%s, seed %d: %s", task.planner, task.seed, words)
+        return failure(f"Error: {words}", task.planner, task.seed, self.setup.robot.joint_names)
 
 
-class _Worker:
-    """A process that does every `step`-th round of a campaign, and is replaced if it ends early."""
-
-    def __init__(self, campaign: Campaign, first: int, step: int) -> None:
-        self._campaign, self._first, self._step = campaign, first, step
-        self._done: set[Run] = set()
-        self._delivered = False
-        self._start()
-
-    def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        left = replace(self._campaign, done={*self._campaign.done, *self._done})
-        self._results, sender = context.Pipe(duplex=False)
-        work = (left, self._first, self._step, sender, _log_level())
-        self._process = context.Process(target=_work, args=work, daemon=True)
-        self._process.start()
-        sender.close()  # so that reading ends if the process does
-
-    def result(self, run: Run, joint_names: tuple[str, ...]) -> PlanResult:
-        """Return the result of the next run. One that ends its process is tried again, and then not solved."""
-        for attempt in range(_ATTEMPTS):
-            if attempt:
-                self._start()
-            try:
-                result: PlanResult = self._results.recv()
-            except EOFError:
-                self._process.join()
-                words = f"the process ended with exit code {self._process.exitcode}"
-                _log.warning("%s, seed %d: %s", run.planner, run.seed, words)
-                result = failure(f"Error: {words}", run.planner, run.seed, joint_names)
-            else:
-                self._delivered = True
-                self._done.add(run)
-                return result
-        if not self._delivered:
-            raise SafeOmplError(f"a process of the campaign ended before its first result: {result.status}")
-        self._done.add(run)
-        self._start()
-        return result
-
-    def end(self) -> None:
-        """End the process."""
-        if self._process.is_alive():
-            self._process.terminate()
-
-
-def _work(campaign: Campaign, first: int, step: int, results: Connection, log_level: str) -> None:
-    """Do every `step`-th round of a campaign in a process of its own, where OMPL logs as in its parent."""
-    ou.setLogLevel(getattr(ou.LogLevel, log_level))
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    setup = setup_scenario(campaign.scenario)
-    for k in range(first, campaign.runs, step):
-        for run in campaign.round(k):
-            results.send(campaign.result(run, setup))
-
-
-def _log_level() -> str:
-    """Return OMPL's log level in a form that travels between processes."""
-    return str(ou.getLogLevel().name)
+def _in_order(runs: Sequence[Run], done: Iterator[tuple[Run, PlanResult]]) -> Iterator[PlanResult]:
+    """Yield results in the order of their runs, each as soon as those before it are there."""
+    waiting: dict[Run, PlanResult] = {}
+    for run in runs:
+        while run not in waiting:
+            waiting.update([next(done)])
+        yield waiting.pop(run)
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:
@@ -228,28 +170,9 @@ def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) 
 # ------------------------------------------------------------------------------------------------ summaries
 
 
-def _danger(report: PathReport, key: str) -> float:
-    return np.nan if report.danger is None else float(getattr(report.danger, key))
-
-
-_METRICS: dict[str, Callable[[PlanResult, PathReport], float]] = {
-    "planning_time": lambda result, report: result.planning_time,
-    "simplification_time": lambda result, report: result.simplification_time,
-    "length": lambda result, report: report.length,
-    "danger_mean": lambda result, report: _danger(report, "mean"),
-    "danger_max": lambda result, report: _danger(report, "max"),
-    "danger_avoidable": lambda result, report: _danger(report, "avoidable"),
-    "clearance_min": lambda result, report: report.clearance.min,
-    "clearance_mean": lambda result, report: report.clearance.mean,
-    "length_below_50mm": lambda result, report: report.clearance.length_below_50mm,
-    "queries": lambda result, report: result.counts.collision_queries + result.counts.margin_queries,
-    "field_configurations": lambda result, report: result.counts.field_configurations,
-}
-
-
 @dataclass(frozen=True)
 class Summary:
-    """What the runs of one planner have in common.
+    """Statistics over the runs of one planner.
 
     Attributes
     ----------
@@ -278,9 +201,9 @@ class Summary:
     def of(cls, planner: str, results: Sequence[PlanResult]) -> Summary:
         """Summarise the results of one planner."""
         solved = [(result, result.report) for result in results if result.report is not None]
+        measures = [summarised_measures(result) for result, _ in solved]
         metrics = {
-            key: np.array([metric(*one) for one in solved], dtype=np.float64)
-            for key, metric in _METRICS.items()
+            key: np.array([measured[key] for measured in measures], dtype=np.float64) for key in SUMMARISED
         }
         profiles = [report.danger.profile for _, report in solved if report.danger is not None]
         order = np.argsort(metrics["danger_mean"], kind="stable")

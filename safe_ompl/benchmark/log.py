@@ -18,6 +18,7 @@ from typing import Any, TextIO
 import numpy as np
 from ompl import tools as ot
 
+from safe_ompl.benchmark.measures import Value, run_measures
 from safe_ompl.errors import InputError
 from safe_ompl.setup.safe_setup import PlanResult
 
@@ -36,7 +37,6 @@ STATUSES = (
 )
 CRASH = STATUSES.index("Crash")
 
-Value = float | int | bool | str | None
 _NAME = re.compile(r"[A-Za-z]\w*( \w+)*")
 
 
@@ -67,7 +67,7 @@ class PlannerRuns:
 
 @dataclass
 class Experiment:
-    """What a benchmark log says.
+    """The content of a benchmark log.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ def write_log(
         planner = by_planner.setdefault(
             result.planner, PlannerRuns(result.planner, (settings or {}).get(result.planner, {}))
         )
-        planner.runs.append(run_properties(result))
+        planner.runs.append(run_measures(result))
         seeds.append(result.seed)
     planners = list(by_planner.values())
     Experiment(
@@ -195,34 +195,6 @@ def save_database(logs: Sequence[str | PathLike[str]], database: str | PathLike[
     """Add benchmark logs to a SQLite database as Planner Arena loads it, which is made if there is none."""
     with redirect_stdout(io.StringIO()):  # OMPL's reader reports every planner
         ot.readBenchmarkLog(str(database), [str(log) for log in logs], False)
-
-
-def run_properties(result: PlanResult) -> dict[str, Value]:
-    """Return the measurements of a run: OMPL's own by its names, then danger, clearance, proof and counts."""
-    report, path = result.report, result.path
-    properties: dict[str, Value] = {
-        "time": result.planning_time,
-        "simplification time": result.simplification_time,
-        "solved": result.solved,
-        "status": result.status,
-        "seed": result.seed,
-        "graph states": result.counts.nodes,
-    }
-    if path is not None and report is not None:
-        properties |= {
-            "correct solution": report.certified,
-            "certified": report.certified,
-            "solution length": report.length,
-            "solution segments": len(path) - 1,
-            "solution clearance": report.clearance.mean,
-            "clearance min": report.clearance.min,
-            "length below 50mm": report.clearance.length_below_50mm,
-        }
-        if report.danger is not None:
-            dangers = ("mean", "max", "integral", "avoidable")
-            properties |= {f"danger {key}": getattr(report.danger, key) for key in dangers}
-    counts = result.counts.as_dict()
-    return properties | {key.replace("_", " "): value for key, value in counts.items() if key != "nodes"}
 
 
 def status_number(status: str) -> int:

@@ -1,4 +1,4 @@
-"""One run of a benchmark: what is measured of it."""
+"""Runs of a benchmark: planners, limits, events, and the measuring of one run."""
 
 from __future__ import annotations
 
@@ -6,37 +6,42 @@ import re
 import resource
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from safe_ompl.benchmark.log import Value
+from safe_ompl.benchmark.measures import Value, safety_measures, work_measures
 from safe_ompl.errors import InputError
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.setup.safe_setup import SafeSetup
 
-_TYPED = re.compile(r"(.*) (REAL|INTEGER|BOOLEAN|TEXT)")
-_TYPES: Mapping[str, Callable[[str], Value]] = {
+_OMPL_PROPERTY = re.compile(r"(.*) (REAL|INTEGER|BOOLEAN|TEXT)")
+_OMPL_TYPES: Mapping[str, Callable[[str], Value]] = {
     "REAL": float,
     "INTEGER": int,
     "BOOLEAN": lambda text: bool(int(text)),
     "TEXT": str,
 }
 
-Maker = Callable[[Any], Any]  # from a space information to a planner
+
+class Run(NamedTuple):
+    """One run of a benchmark: the planner's name in it, and the seed."""
+
+    planner: str
+    seed: int
 
 
 @dataclass
-class Limits:
-    """What a run may take, and what is done besides planning; as in `ot.Request`.
+class RunLimits:
+    """Limits of a run in time and memory, and whether its path is simplified; as in `ot.Request`.
 
     Attributes
     ----------
@@ -56,7 +61,7 @@ class Limits:
 
 @dataclass
 class Events:
-    """What the user wants to be called, as in `ot.Benchmark`; `after` may change the measurements."""
+    """Functions of the user, called before and after each run as in `ot.Benchmark`; `after` may change measurements."""
 
     before: Callable[[Any], None] | None = None
     after: Callable[[Any, dict[str, Any]], None] | None = None
@@ -67,7 +72,7 @@ class Events:
 
 @dataclass
 class Measured:
-    """Outcome of one run.
+    """The measurements of one run.
 
     Attributes
     ----------
@@ -103,25 +108,49 @@ class Entry:
         )
 
 
-def measure(setup: Any, entry: Entry, seed: int, limits: Limits, events: Events) -> Measured:
-    """Do one run. An exception that planner or callbacks raise makes it a crash, with what was said."""
-    try:
-        return _measure(setup, entry, seed, limits, events)
-    except Exception as error:
-        return crash(seed, f"{type(error).__name__}: {error}")
+@dataclass
+class MeasuredRuns:
+    """The job of a benchmark: its runs, each with what was measured of it.
+
+    Attributes
+    ----------
+    setup : og.SimpleSetup or callable
+        The problem; a function that builds it where the problem itself cannot travel, see `built`.
+    entries : mapping of str to Entry
+        The planners by their names.
+    limits : RunLimits
+        Of each run.
+    events : Events
+        What is called before and after each run.
+    """
+
+    setup: Any
+    entries: Mapping[str, Entry]
+    limits: RunLimits
+    events: Events
+
+    def built(self) -> MeasuredRuns:
+        """Return the same job with the problem built."""
+        return replace(self, setup=self.setup())
+
+    def run(self, task: Run) -> Measured:
+        """Do one run. An exception that planner or callbacks raise makes it a crash, with what was said."""
+        try:
+            return _measure(self.setup, self.entries[task.planner], task.seed, self.limits, self.events)
+        except Exception as error:
+            return self.crash(task, f"{type(error).__name__}: {error}")
+
+    def crash(self, task: Run, words: str) -> Measured:
+        """Return the outcome of a run that an error ended."""
+        return Measured({"status": "Crash", "solved": False, "seed": task.seed, "error": words})
 
 
-def crash(seed: int, error: str) -> Measured:
-    """Return the outcome of a run that an error ended."""
-    return Measured({"status": "Crash", "solved": False, "seed": seed, "error": error})
-
-
-def _measure(setup: Any, entry: Entry, seed: int, limits: Limits, events: Events) -> Measured:
-    planner = _prepared(setup, entry, seed)
+def _measure(setup: Any, entry: Entry, seed: int, limits: RunLimits, events: Events) -> Measured:
+    planner = _prepared_planner(setup, entry, seed)
     if events.before:
         events.before(planner)
     counts = setup.counts.copy() if isinstance(setup, SafeSetup) else None
-    progress = _Progress(planner, limits)
+    progress = _ProgressWatch(planner, limits)
     before = resident_megabytes()
     status = setup.solve(ob.PlannerTerminationCondition(progress.is_over))
     properties: dict[str, Any] = {
@@ -133,8 +162,7 @@ def _measure(setup: Any, entry: Entry, seed: int, limits: Limits, events: Events
         "seed": seed,
     }
     if counts is not None:
-        done = (setup.counts - counts).as_dict()
-        properties |= {name.replace("_", " "): value for name, value in done.items() if name != "nodes"}
+        properties |= work_measures(setup.counts - counts)
     properties |= _graph_size(planner)
     if setup.haveSolutionPath():
         properties |= _solution(setup, "solution")
@@ -144,14 +172,14 @@ def _measure(setup: Any, entry: Entry, seed: int, limits: Limits, events: Events
             properties["simplification time"] = perf_counter() - begin
             properties |= _solution(setup, "simplified solution")
         if isinstance(setup, SafeSetup):
-            properties |= _safety(setup)
+            properties |= safety_measures(setup.report(setup.solution()))
     if events.after:
         events.after(planner, properties)
         properties = dict(_typed(name, value) for name, value in properties.items())
     return Measured(properties, planner_settings(planner), progress.names, progress.samples)
 
 
-def _prepared(setup: Any, entry: Entry, seed: int) -> Any:
+def _prepared_planner(setup: Any, entry: Entry, seed: int) -> Any:
     """Return the planner, with the problem ready for it."""
     space = setup.getSpaceInformation()
     if not space.isSetup():
@@ -168,10 +196,10 @@ def _prepared(setup: Any, entry: Entry, seed: int) -> Any:
     return planner
 
 
-class _Progress:
-    """The end of a run, which is asked for all the time, and so can look at the planner now and then."""
+class _ProgressWatch:
+    """The termination condition of a run, which also samples the planner's progress whenever it is asked."""
 
-    def __init__(self, planner: Any, limits: Limits) -> None:
+    def __init__(self, planner: Any, limits: RunLimits) -> None:
         self.names = tuple(
             name
             for name, getter in (("best cost", "bestCost"), ("iterations", "numIterations"))
@@ -223,21 +251,6 @@ def _solution(setup: Any, name: str) -> dict[str, Value]:
     }
 
 
-def _safety(setup: SafeSetup) -> dict[str, Value]:
-    report = setup.report(setup.solution())
-    found: dict[str, Value] = {
-        "certified": report.certified,
-        "clearance min": report.clearance.min,
-        "clearance mean": report.clearance.mean,
-        "length below 50mm": report.clearance.length_below_50mm,
-    }
-    if report.danger is not None:
-        found |= {
-            f"danger {key}": getattr(report.danger, key) for key in ("mean", "max", "integral", "avoidable")
-        }
-    return found
-
-
 def planner_settings(planner: Any) -> dict[str, Value]:
     """Return the parameters of a planner: what has a setter and a getter, by the name that `make_planner` takes."""
     kind = type(planner)
@@ -254,11 +267,11 @@ def planner_settings(planner: Any) -> dict[str, Value]:
 
 def _typed(name: str, value: Any) -> tuple[str, Value]:
     """Accept OMPL's form of a property too, where the type follows the name and the value is text."""
-    match = _TYPED.fullmatch(name)
+    match = _OMPL_PROPERTY.fullmatch(name)
     if match is None:
         return name, value
     try:
-        return match[1], _TYPES[match[2]](value)
+        return match[1], _OMPL_TYPES[match[2]](value)
     except ValueError:
         raise InputError(f"property {match[1]!r}: {value!r} is not of type {match[2]}") from None
 

@@ -1,54 +1,62 @@
-"""Where the runs of a benchmark are done: here, in processes of this machine, or on a cluster."""
+"""The workers of a benchmark: jobs done here, in processes of this machine, or on a cluster."""
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import pickle
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
+from logging.handlers import QueueHandler
 from multiprocessing.connection import Connection, wait
-from typing import Any, NamedTuple
+from typing import Any, Protocol, TypeVar
 
-from ompl import base as ob
 from ompl import util as ou
 
-from safe_ompl.benchmark.runs import Entry, Events, Limits, Measured, crash, measure
 from safe_ompl.errors import InputError
 
-_ATTEMPTS = 2  # of a run that its process does not survive
+ATTEMPTS = 2  # of a task whose process does not survive it
+
+Task = TypeVar("Task")
+Outcome = TypeVar("Outcome")
+_Task = TypeVar("_Task", contravariant=True)
+_Outcome = TypeVar("_Outcome", covariant=True)
 
 
-class Task(NamedTuple):
-    """One run: number of the planner, and seed."""
+class Job(Protocol[_Task, _Outcome]):
+    """Work that consists of many independent tasks, each with an outcome."""
 
-    planner: int
-    seed: int
+    def run(self, task: _Task) -> _Outcome:
+        """Do one task."""
 
-
-class Job(NamedTuple):
-    """All that a run needs; `setup` is a function that builds the problem where it cannot travel itself."""
-
-    setup: Any
-    entries: Sequence[Entry]
-    limits: Limits
-    events: Events
-
-    def run(self, task: Task) -> Measured:
-        """Do one run."""
-        return measure(self.setup, self.entries[task.planner], task.seed, self.limits, self.events)
+    def crash(self, task: _Task, words: str) -> _Outcome:
+        """Return the outcome of a task that its process did not survive; `words` say how it ended."""
 
 
-def in_turn(job: Job, tasks: Sequence[Task]) -> Iterator[tuple[Task, Measured]]:
-    """Do the runs here, one after the other."""
-    for task in tasks:
-        yield task, job.run(task)
+def checked_processes(processes: int) -> int:
+    """Return a number of processes, or raise InputError if it is none."""
+    if isinstance(processes, bool) or not isinstance(processes, int) or processes < 1:
+        raise InputError(f"processes must be a whole number of at least 1, got {processes!r}")
+    return processes
 
 
-def in_processes(job: Job, tasks: Sequence[Task], number: int) -> Iterator[tuple[Task, Measured]]:
-    """Do the runs in processes that are forked: callbacks and planners of any kind are there without being pickled.
+def do_tasks(
+    job: Job[Task, Outcome], tasks: Sequence[Task], processes: int
+) -> Iterator[tuple[Task, Outcome]]:
+    """Do tasks and yield their outcomes as they come: here if there is one process, else in forked ones."""
+    if processes == 1:
+        return ((task, job.run(task)) for task in tasks)
+    return in_processes(job, tasks, min(processes, len(tasks)))
 
-    A run whose process dies is done again in a new one; if that dies, too, the run is a crash. All others finish.
+
+def in_processes(
+    job: Job[Task, Outcome], tasks: Sequence[Task], number: int
+) -> Iterator[tuple[Task, Outcome]]:
+    """Do tasks in processes that are forked: jobs of any kind are there without being pickled.
+
+    A task whose process dies is done again in a new one; if that dies, too, the task is a crash. All others finish.
+    An exception of a task is raised here, and ends all. What the package logs in a process is logged here.
     """
     context = multiprocessing.get_context("fork")
     left = [(task, 1) for task in reversed(tasks)]
@@ -72,16 +80,25 @@ def in_processes(job: Job, tasks: Sequence[Task], number: int) -> Iterator[tuple
                 start()
             for pipe in wait(list(working)):
                 assert isinstance(pipe, Connection)
-                process, task, attempt = working.pop(pipe)
+                process, task, attempt = working[pipe]
                 try:
-                    measured = pipe.recv()
+                    message = pipe.recv()
                 except (EOFError, ConnectionResetError):
+                    del working[pipe]
                     process.join()
-                    if attempt < _ATTEMPTS:
+                    if attempt < ATTEMPTS:
                         left.append((task, attempt + 1))
                         continue
-                    measured = crash(task.seed, f"the process ended with exit code {process.exitcode}")
-                yield task, measured
+                    outcome = job.crash(task, f"the process ended with exit code {process.exitcode}")
+                else:
+                    if isinstance(message, logging.LogRecord):
+                        logging.getLogger(message.name).handle(message)
+                        continue
+                    if isinstance(message, _Raised):
+                        raise message.error
+                    del working[pipe]
+                    outcome = message
+                yield task, outcome
                 if left and process.is_alive():
                     give(pipe, process)
                 else:
@@ -93,10 +110,30 @@ def in_processes(job: Job, tasks: Sequence[Task], number: int) -> Iterator[tuple
             process.join()
 
 
-def _work(job: Job, pipe: Connection, others: Sequence[Connection]) -> None:
-    """Do the runs that come through a pipe until it is closed."""
+class _Raised:
+    """An exception on its way from a worker to the process that started it."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+
+class _LogPipe(QueueHandler):
+    """Sends log records through a pipe: handlers of the parent may hold locks that a fork copies and nobody frees."""
+
+    def __init__(self, pipe: Connection) -> None:
+        super().__init__(pipe)  # type: ignore[arg-type]
+        self._pipe = pipe
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        """Send a record."""
+        self._pipe.send(record)
+
+
+def _work(job: Job[Any, Any], pipe: Connection, others: Sequence[Connection]) -> None:
+    """Do the tasks that come through a pipe until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    ou.noOutputHandler()
+    logger = logging.getLogger("safe_ompl")
+    logger.handlers, logger.propagate = [_LogPipe(pipe)], False
     for other in others:  # inherited ends would keep the others from noticing that the parent has gone
         other.close()
     while True:
@@ -104,11 +141,20 @@ def _work(job: Job, pipe: Connection, others: Sequence[Connection]) -> None:
             task = pipe.recv()
         except EOFError:
             return
-        pipe.send(job.run(task))
+        try:
+            message = job.run(task)
+        except Exception as error:
+            message = _Raised(error)
+        pipe.send(message)
 
 
-def on_cluster(job: Job, tasks: Sequence[Task], client: Any) -> Iterator[tuple[Task, Measured]]:
-    """Do the runs on a cluster of dask.distributed.
+def on_cluster(
+    make: Callable[[], Job[Task, Outcome]],
+    crash: Callable[[Task, str], Outcome],
+    tasks: Sequence[Task],
+    client: Any,
+) -> Iterator[tuple[Task, Outcome]]:
+    """Do tasks on a cluster of dask.distributed.
 
     Its scheduler does by itself what a long comparison needs: runs of a worker that was lost are done by another,
     workers may come and go, and dask-jobqueue or dask-kubernetes start them on most clusters. joblib was the
@@ -116,31 +162,28 @@ def on_cluster(job: Job, tasks: Sequence[Task], client: Any) -> Iterator[tuple[T
 
     Parameters
     ----------
+    make : callable
+        Makes the job, once on every worker; it is pickled, the job is not.
+    crash : callable
+        As the job's.
+    tasks : sequence
+        What to do.
     client : distributed.Client or str
         Where to, or the address of its scheduler.
     """
+    import cloudpickle
     from distributed import Client, KilledWorker, as_completed
 
-    if not callable(job.setup):
-        raise InputError(
-            "on a cluster the benchmark needs a function that builds the setup, in place of the setup"
-        )
-    for entry in job.entries:
-        if isinstance(entry.source, ob.Planner):
-            raise InputError(
-                f"on a cluster planner {entry.name!r} must be given by name or by addPlannerAllocator: "
-                "OMPL's objects do not travel"
-            )
     own = Client(client) if isinstance(client, str) else None
     try:
-        blob = _dumps(job)
+        blob: bytes = cloudpickle.dumps(make)
         futures = {(own or client).submit(_run_from, blob, task, pure=False): task for task in tasks}
         for future in as_completed(list(futures)):
             error = future.exception()
             if error is None:
                 yield futures[future], future.result()
             elif isinstance(error, KilledWorker):
-                yield futures[future], crash(futures[future].seed, f"the run ended its workers: {error}")
+                yield futures[future], crash(futures[future], f"the run ended its workers: {error}")
             else:
                 raise error
     finally:
@@ -148,20 +191,12 @@ def on_cluster(job: Job, tasks: Sequence[Task], client: Any) -> Iterator[tuple[T
             own.close()
 
 
-def _dumps(job: Job) -> bytes:
-    import cloudpickle
-
-    data: bytes = cloudpickle.dumps(job)
-    return data
-
-
-def _run_from(blob: bytes, task: Task) -> Measured:
+def _run_from(blob: bytes, task: Any) -> Any:
     return _job_from(blob).run(task)
 
 
 @lru_cache(maxsize=1)  # a worker builds the problem once, not for every run
-def _job_from(blob: bytes) -> Job:
+def _job_from(blob: bytes) -> Job[Any, Any]:
     ou.noOutputHandler()
-    job: Job = pickle.loads(blob)
-    build: Callable[[], Any] = job.setup
-    return job._replace(setup=build())
+    make: Callable[[], Job[Any, Any]] = pickle.loads(blob)
+    return make()

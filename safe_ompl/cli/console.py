@@ -1,4 +1,4 @@
-"""What the command line shows to people: consoles, progress, log lines."""
+"""Consoles, progress bar and log lines of the command line."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def progress_bar(console: Console, *, hidden: bool = False) -> Progress:
 
 
 class LogLines(logging.Handler):
-    """Shows one line for each record, above a progress bar if there is one.
+    """A log handler that shows one line for each record, above a progress bar if there is one.
 
     Records are held back until `release`: to bad input the answer is one line, not a list of warnings about
     what was read before.
@@ -103,10 +103,10 @@ def shown_log(console: Console, verbose: bool) -> Iterator[LogLines]:
 
 
 @contextmanager
-def quiet_ompl() -> Iterator[None]:
-    """Let OMPL report warnings and errors only while the block runs."""
+def ompl_messages(verbose: bool) -> Iterator[None]:
+    """Let OMPL report errors only, and what it is doing if `verbose`, while the block runs."""
     level = ou.getLogLevel()
-    ou.setLogLevel(ou.LogLevel.LOG_WARN)
+    ou.setLogLevel(ou.LogLevel.LOG_INFO if verbose else ou.LogLevel.LOG_ERROR)
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""Files that the command line writes: strict JSON, and a look beforehand whether they can be written."""
+"""Output files of the command line: strict JSON, and the check beforehand that they can be written."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ def opened(file: str) -> Iterator[TextIO]:
 
 def json_line(data: Any) -> str:
     """Return `data` as one line of strict JSON: what is not finite becomes null."""
-    return json.dumps(_finite(data), allow_nan=False)
+    return json.dumps(_without_nan(data), allow_nan=False)
 
 
-def _finite(data: Any) -> Any:
+def _without_nan(data: Any) -> Any:
     if isinstance(data, float):
         return data if math.isfinite(data) else None
     if isinstance(data, Mapping):
-        return {key: _finite(value) for key, value in data.items()}
+        return {key: _without_nan(value) for key, value in data.items()}
     if isinstance(data, (list, tuple)):
-        return [_finite(item) for item in data]
+        return [_without_nan(item) for item in data]
     return data

@@ -1,4 +1,4 @@
-"""`safe-ompl scenarios` and `safe-ompl robots`: what there is."""
+"""`safe-ompl scenarios` and `safe-ompl robots`: the scenarios and robots that come with the package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`safe-ompl`: from the command line to an exit status."""
+"""The program `safe-ompl`: commands, their options and the exit status."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from importlib.metadata import version
 from typing import NoReturn
 
 from safe_ompl.cli import compare, listing, mbm, plan, verify
-from safe_ompl.cli.console import error_console, quiet_ompl, shown_log
+from safe_ompl.cli.console import error_console, ompl_messages, shown_log
 from safe_ompl.errors import InputError, SafeOmplError
 
 BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = error_console()
     try:
         options = command_line().parse_args(arguments)
-        with quiet_ompl(), shown_log(console, options.verbose) as log:
+        with ompl_messages(options.verbose), shown_log(console, options.verbose) as log:
             job = options.prepare(options)
             log.release()
             return int(job())

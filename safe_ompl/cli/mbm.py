@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,14 +26,12 @@ from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.examples import EXAMPLES
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scenario.mbm import MbmFile, MbmProblem
+from safe_ompl.scenario.mbm import MbmFile
 from safe_ompl.scene.scene import Scene
+from safe_ompl.setup.mbm import setup_problem
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
 
-_log = logging.getLogger(__name__)
-
-_TIME = 5.0  # [s]
-_SLIGHTLY = 0.1  # [rad or m]; a goal this far outside the limits is still believed
+USUAL_TIME = 5.0  # [s]
 
 
 def add_command(commands: Any) -> None:
@@ -54,7 +51,7 @@ def add_command(commands: Any) -> None:
         metavar="0:50",
         help="which of each family, counted from 0; default: all",
     )
-    add_planner_options(parser, usual_time=f"{_TIME:g}")
+    add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
     parser.add_argument("--json", default=STANDARD_OUTPUT, metavar="FILE", help="default: standard output")
     add_robot_options(parser, instead_of="the file's")
     parser.set_defaults(prepare=prepare)
@@ -102,8 +99,8 @@ class Mbm:
         index, widened = k, {}
         try:
             problem = self.file.problem(family, k)
-            index, widened = problem.index, exceeded_limits(self.robot, problem)
-            result = self._plan(problem, self._widened(problem, widened))
+            index, widened = problem.index, problem.widened_limits(self.robot)
+            result = self._plan(setup_problem(problem, self.robot))
         except SafeOmplError as error:
             kind = "Invalid input" if isinstance(error, InputError) else "Error"
             result = failure(
@@ -113,13 +110,11 @@ class Mbm:
         told = record(f"{family}/{index}", self.robot, result)
         return {**place, **told, "widened_limits": widened}, result
 
-    def _plan(self, problem: MbmProblem, robot: Robot) -> PlanResult:
-        setup = SafeSetup(robot, problem.scene)
-        setup.setConfigurations(problem.start_configuration(robot), problem.goal_configurations(robot))
+    def _plan(self, setup: SafeSetup) -> PlanResult:
         options = self.options
         result = setup.plan(
             options.planner,
-            time=options.time or _TIME,
+            time=options.time or USUAL_TIME,
             seed=options.seed,
             parameters=self.parameters,
             simplify=options.simplify,
@@ -127,28 +122,6 @@ class Mbm:
         if result.interrupted:  # Ctrl-C is for all the problems
             raise KeyboardInterrupt
         return result
-
-    def _widened(self, problem: MbmProblem, limits: dict[str, tuple[float, float]]) -> Robot:
-        if not limits:
-            return self.robot
-        listed = ", ".join(f"{joint} to [{low:g}, {high:g}]" for joint, (low, high) in limits.items())
-        _log.warning("%s %d: a goal is outside the limits: widened %s", problem.family, problem.index, listed)
-        return self.robot.with_limits(limits)
-
-
-def exceeded_limits(robot: Robot, problem: MbmProblem) -> dict[str, tuple[float, float]]:
-    """Return, for each joint that a goal takes slightly beyond its limits, limits that hold the goal."""
-    limits = {
-        name: (float(low), float(high))
-        for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=True)
-    }
-    wider: dict[str, tuple[float, float]] = {}
-    for goal in problem.goals:
-        for name, value in zip(problem.joint_names or robot.joint_names, goal, strict=False):
-            low, high = wider.get(name, limits[name])
-            if 0 < max(low - value, value - high) <= _SLIGHTLY:
-                wider[name] = (min(low, value), max(high, value))
-    return {name: wider[name] for name in wider if not robot.continuous[robot.joint_names.index(name)]}
 
 
 def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:

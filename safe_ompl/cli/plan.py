@@ -20,9 +20,10 @@ from safe_ompl.cli.arguments import (
 )
 from safe_ompl.cli.console import error_console, output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
-from safe_ompl.cli.pictures import check_picture, draw_plan
+from safe_ompl.cli.pictures import check_picture
 from safe_ompl.cli.tables import plan_table
 from safe_ompl.cli.verify import certificate_of
+from safe_ompl.pictures.results import draw_plan
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec

@@ -61,13 +61,13 @@ def _median(
     def value(summary: Summary) -> float:
         return scale * summary.median(metric)
 
-    return _Column(heading, value, lambda summary: number(value(summary), digits), more_is_better)
+    return _Column(heading, value, lambda summary: written_number(value(summary), digits), more_is_better)
 
 
 _SOLVED = _Column(
     "solved", lambda s: s.solved / s.runs, lambda s: f"{s.solved}/{s.runs}", more_is_better=True
 )
-_TIME = _median("time\nms", "planning_time", 0, 1e3)
+_TIME_COLUMN = _median("time\nms", "planning_time", 0, 1e3)
 _SIMPLIFICATION = _median("simpl.\nms", "simplification_time", 0, 1e3)
 _PATH = (
     _median("path\nrad", "length", 2),
@@ -81,10 +81,10 @@ _PATH = (
 _WORK = (_median("checks", "queries", 0), _median("field\nevals", "field_configurations", 0))
 
 
-def _columns(summaries: Sequence[Summary], more: Sequence[_Column] = ()) -> list[_Column]:
+def _chosen_columns(summaries: Sequence[Summary], more: Sequence[_Column] = ()) -> list[_Column]:
     """Return the columns of a table; what simplification took is one of them if there was any."""
     simplified = any(summary.median("simplification_time") > 0 for summary in summaries)
-    return [_SOLVED, _TIME, *([_SIMPLIFICATION] if simplified else []), *_PATH, *more]
+    return [_SOLVED, _TIME_COLUMN, *([_SIMPLIFICATION] if simplified else []), *_PATH, *more]
 
 
 def comparison_table(campaign: Campaign, robot: str, summaries: Sequence[Summary]) -> Table:
@@ -95,7 +95,7 @@ def comparison_table(campaign: Campaign, robot: str, summaries: Sequence[Summary
         f"Medians over the solved runs; {_BEST} best. near: length of path with less than 50 mm of "
         "clearance; checks: collision and margin queries"
     )
-    columns = _columns(summaries, _WORK)
+    columns = _chosen_columns(summaries, _WORK)
     _add_columns(table, columns)
     rows = zip(*(column.cells(summaries) for column in columns), strict=True)
     for summary, cells in zip(summaries, rows, strict=True):
@@ -139,8 +139,8 @@ def _facts(result: PlanResult) -> Iterator[tuple[str, str]]:
         proof = "every motion proven free" if report.certified else "not proven free"
         yield "path", f"{len(result.path)} way points, {report.length:.2f} rad; {proof}"
         if report.danger is not None:
-            yield "danger", _danger(report.danger)
-        yield "clearance", _clearance(report.clearance)
+            yield "danger", _danger_cell(report.danger)
+        yield "clearance", _clearance_cell(report.clearance)
     yield (
         "work",
         f"{counts.nodes} nodes; {counts.collision_queries} collision, {counts.margin_queries} margin, "
@@ -149,7 +149,7 @@ def _facts(result: PlanResult) -> Iterator[tuple[str, str]]:
     )
 
 
-def _danger(danger: DangerReport) -> str:
+def _danger_cell(danger: DangerReport) -> str:
     return (
         f"mean {danger.mean:.3f}, {_peak(danger)}, integral {danger.integral:.2f}, "
         f"avoidable {danger.avoidable:.3f}"
@@ -162,7 +162,7 @@ def _peak(danger: DangerReport) -> str:
     return f"peak between {danger.max:.3f} and {danger.max_bound:.3f}"
 
 
-def _clearance(clearance: ClearanceReport) -> str:
+def _clearance_cell(clearance: ClearanceReport) -> str:
     if clearance.obstacle is None:
         return "no obstacle"
     return (
@@ -179,13 +179,13 @@ def families_table(results: Mapping[str, Sequence[PlanResult]]) -> Table:
     """Return a table with one row per family of problems: medians over the solved ones."""
     table = plain_table("family", gap=1)
     summaries = [Summary.of(family, of_family) for family, of_family in results.items()]
-    columns = _columns(summaries)
+    columns = _chosen_columns(summaries)
     _add_columns(table, columns)
     for summary in summaries:
         table.add_row(summary.planner, *(column.written(summary) for column in columns))
     return table
 
 
-def number(value: float, digits: int) -> str:
-    """Write a number, or a dash where there is none."""
+def written_number(value: float, digits: int) -> str:
+    """Write a written_number, or a dash where there is none."""
     return f"{value:.{digits}f}" if math.isfinite(value) else "–"

@@ -41,7 +41,7 @@ def add_command(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the certificate and what it is about, and return the job."""
-    content = _read(options.file)
+    content = _read_certificate(options.file)
     folder, source = Path(options.file).parent, content["source"]
     with document.within(options.file, ": "):
         named = document.text("scenario", document.require(document.mapping("source", source), "scenario"))
@@ -94,7 +94,7 @@ def _claims(content: Mapping[str, Any], found: Verified) -> str:
     return "; ".join(said)
 
 
-def _read(file: str) -> Mapping[str, Any]:
+def _read_certificate(file: str) -> Mapping[str, Any]:
     try:
         content = json.loads(Path(file).read_text(encoding="utf-8"))
     except (OSError, RecursionError, ValueError) as error:

@@ -21,8 +21,6 @@ Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
 PointSource: TypeAlias = Callable[[FloatArray], ArrayLike]
 AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
 
-_NO_POINTS = "the scene has no danger points; give an obstacle a weight > 0"
-
 
 class DangerField:
     """Cumulative danger field of a robot at danger points, CDF(q) = aggregate_m w_m CDF(p_m; q) (paper §3).
@@ -36,7 +34,8 @@ class DangerField:
         Gives the key points and segments of the skeleton.
     points : array_like, shape (M, 3), or callable
         Danger points in the world frame [m]. A callable maps a configuration (n,) to its danger points,
-        always equally many, such as the nearest point of each obstacle (see Notes).
+        always equally many, such as the nearest point of each obstacle (see Notes). Without any point the danger
+        is zero everywhere.
     weights : array_like, shape (M,), optional
         w > 0 for each point, the danger weight of its obstacle; 1 by default.
     aggregate : {"max", "mean", "softmax"}
@@ -59,7 +58,7 @@ class DangerField:
     Raises
     ------
     InputError
-        If the robot has no links, or there are no points; if points or weights have the wrong shape, are not finite,
+        If the robot has no links; if points or weights have the wrong shape, are not finite,
         or weights are not positive; if `aggregate` or `weighting` is unknown; if `k1` or `sharpness` is not positive.
 
     Notes
@@ -156,6 +155,8 @@ class DangerField:
         Q = self._batch(Q)
         keypoints, points = self._keypoints(Q), self._points_at(Q)
         levels = self._levels(keypoints, points)
+        if not levels.size:
+            return np.zeros(len(Q)), np.zeros(Q.shape)
         return self._aggregated(levels), self._pulled_back(Q, keypoints, *self._contributions(levels, points))
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -188,17 +189,29 @@ class DangerField:
         return rows, levels[rows, terms], gradients
 
     def most_dangerous_point(self, q: ArrayLike) -> int:
-        """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`."""
+        """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`.
+
+        Raises
+        ------
+        InputError
+            If `q` has the wrong shape or is not finite, or there are no danger points.
+        """
         Q = self._single(q)
-        return int(self._levels(self._keypoints(Q), self._points_at(Q))[0].argmax())
+        levels = self._levels(self._keypoints(Q), self._points_at(Q))[0]
+        if not len(levels):
+            raise InputError("there are no danger points; give an obstacle a weight > 0")
+        return int(levels.argmax())
 
     @cached_property
     def minimum(self) -> float:
         """A proven lower bound of the danger at any configuration: every link as far away as it can get.
 
-        Zero where a callable gives the danger points, or prismatic joints make the links' lengths change (eq. 1).
+        Zero where there are no danger points, a callable gives them, or prismatic joints make the links' lengths
+        change (eq. 1).
         """
-        if self.points is None or (self.weighting == "length" and self._segments.lengths is None):
+        if self.points is None or not len(self.points):
+            return 0.0
+        if self.weighting == "length" and self._segments.lengths is None:
             return 0.0
         ends = self.robot.keypoint_reaches(self.points)[self.robot.segments]
         farthest = ends.max(axis=1)  # (L, M): no point of a segment is farther away than both of its ends
@@ -237,6 +250,9 @@ class DangerField:
         if points is None:
             raise InputError("the danger points depend on the configuration; fields of links need fixed ones")
         self._count(keypoints, points)
+        if not len(points):
+            nothing = np.zeros((len(keypoints), len(self._segments.pairs), 0))
+            return nothing, nothing
         fields = maths.segment_fields(keypoints, self._segments, points, k1=self.k1)
         return fields, maths.segment_distances(keypoints, self._segments, points)
 
@@ -255,7 +271,7 @@ class DangerField:
         InputError
             If `Q` has the wrong shape or is not finite.
         """
-        if self.points is None or self.aggregate != "max":
+        if self.points is None or not len(self.points) or self.aggregate != "max":
             return self
         levels = self._levels(self._keypoints(self._batch(Q)), self.points)
         near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
@@ -365,7 +381,9 @@ class DangerField:
         return self.robot.pull_back(Q, pulls)
 
     def _aggregated(self, levels: FloatArray) -> FloatArray:
-        """Return the danger (B,) of levels (B, M)."""
+        """Return the danger (B,) of levels (B, M); zero where there are none."""
+        if not levels.shape[1]:
+            return np.zeros(len(levels))
         danger: FloatArray = levels.mean(axis=1) if self.aggregate == "mean" else levels.max(axis=1)
         if self.aggregate == "softmax":
             danger += np.log(self._exponentials(levels).sum(axis=1)) / self.sharpness
@@ -406,7 +424,7 @@ def _finite(Q: FloatArray) -> FloatArray:
 def _danger_points(points: ArrayLike) -> FloatArray:
     """Return danger points (M, 3) in Fortran order, which the field reads fastest; read-only."""
     if isinstance(points, Sized) and not len(points):
-        raise InputError(_NO_POINTS)
+        points = np.zeros((0, 3))
     checked = np.asfortranarray(finite_array(points, (None, 3), "danger points"))
     checked.setflags(write=False)
     return checked

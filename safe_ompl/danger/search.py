@@ -186,7 +186,7 @@ class PeakSearch:
     def _push(self, pairs: Iterable[tuple[Sample, Sample]]) -> None:
         """Bound the danger between pairs of samples, and put the intervals that are not settled by it into the heap."""
         pairs = list(pairs)
-        size = max(1, _BLOCK // pairs[0][0].ends.fields.size)
+        size = max(1, _BLOCK // max(1, pairs[0][0].ends.fields.size))
         for begin in range(0, len(pairs), size):
             part = pairs[begin : begin + size]
             for (first, last), upper, path in zip(part, *self._bounded(part), strict=True):

@@ -49,17 +49,17 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     for name in names:
         family = next((key for key in _FAMILIES if name.endswith((key, f"{key}Planner"))), None)
         if family and name.startswith(("Safe", family + "Planner")):
-            styles[name] = PlannerStyle(_rgb(_FAMILIES[family][0]), (), strong=True)
+            styles[name] = PlannerStyle(_from_hex(_FAMILIES[family][0]), (), strong=True)
         elif family and name.startswith("Classic"):
-            styles[name] = PlannerStyle(_rgb(_FAMILIES[family][1]), (3.0, 1.2), strong=False)
+            styles[name] = PlannerStyle(_from_hex(_FAMILIES[family][1]), (3.0, 1.2), strong=False)
         else:
             colour, dashes = (table[others % len(_OTHERS)] for table in (_OTHERS, _OTHER_DASHES))
-            styles[name] = PlannerStyle(_rgb(str(colour)), tuple(map(float, dashes)), strong=False)
+            styles[name] = PlannerStyle(_from_hex(str(colour)), tuple(map(float, dashes)), strong=False)
             others += 1
     return styles
 
 
-def _rgb(code: str) -> Colour:
+def _from_hex(code: str) -> Colour:
     red, green, blue = (int(code[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return red, green, blue
 

@@ -21,6 +21,8 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.goal import configuration_for
 from safe_ompl.scene.scene import Scene
 
+_SLIGHTLY = 0.1  # [rad or m]; a goal this far outside the limits is still believed
+
 
 @dataclass(frozen=True)
 class MbmProblem:
@@ -65,6 +67,20 @@ class MbmProblem:
     def goal_configurations(self, robot: Robot) -> FloatArray:
         """Return the goals (G, n) in the order of the robot's joints; errors as `start_configuration`."""
         return np.array([self._for(robot, f"goals[{k}]", goal) for k, goal in enumerate(self.goals)])
+
+    def widened_limits(self, robot: Robot) -> dict[str, tuple[float, float]]:
+        """Return, for each joint that a goal takes slightly beyond its limits, limits that hold the goal."""
+        limits = {
+            name: (float(low), float(high))
+            for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=True)
+        }
+        wider: dict[str, tuple[float, float]] = {}
+        for goal in self.goals:
+            for name, value in zip(self.joint_names or robot.joint_names, goal, strict=False):
+                low, high = wider.get(name, limits[name])
+                if 0 < max(low - value, value - high) <= _SLIGHTLY:
+                    wider[name] = (min(low, value), max(high, value))
+        return {name: wider[name] for name in wider if not robot.continuous[robot.joint_names.index(name)]}
 
     def _for(self, robot: Robot, key: str, values: tuple[float, ...]) -> FloatArray:
         with document.within(self.source):

@@ -51,7 +51,7 @@ class SafeSetup(SafeProblem):
         The obstacles.
     danger : mapping or None
         Options of `DangerField` (aggregate, weighting, sharpness, …) and `spacing` of the danger points [m].
-        None plans without danger.
+        Where no obstacle is dangerous, danger is zero. None plans without danger.
     floor : float
         [m] Motions with less clearance than about this stay undecided, and count as blocked.
 
@@ -63,11 +63,6 @@ class SafeSetup(SafeProblem):
         Robot against scene.
     field : DangerField or None
         The danger.
-
-    Raises
-    ------
-    InputError
-        If danger is asked for and no obstacle of the scene is dangerous.
     """
 
     def __init__(

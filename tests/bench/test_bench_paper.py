@@ -27,7 +27,8 @@ from _paper.store import Store, read_result
 from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs
 from _paper.tables import effort_table, markdown_table, ratio_table
 
-from safe_ompl.benchmark.campaign import Campaign, Run, failure
+from safe_ompl.benchmark.campaign import Campaign, failure
+from safe_ompl.benchmark.runs import Run
 from safe_ompl.counts import Counts
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.paths.report import ClearanceReport, DangerReport, PathReport

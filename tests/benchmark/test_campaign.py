@@ -14,15 +14,14 @@ import pytest
 from safe_ompl.benchmark.campaign import (
     BAND,
     Campaign,
-    Run,
     Summary,
-    _work,
     check_planner,
     default_planners,
     failure,
     summarize,
 )
-from safe_ompl.errors import InputError, PlanningError, SafeOmplError, UnknownNameError
+from safe_ompl.benchmark.runs import Run
+from safe_ompl.errors import InputError, PlanningError, UnknownNameError
 from safe_ompl.planners.registry import is_ours, planner_names
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.goal import Goal
@@ -83,19 +82,19 @@ def test_runs_that_are_done_are_left_out(scenario: Scenario, setup: SafeSetup, p
     assert len(campaign) == 3
 
 
-def test_a_process_that_ends_early_is_an_error(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
-    campaign = Campaign(scenario, PLANNERS, runs=2)
-    monkeypatch.setattr("safe_ompl.benchmark.campaign._work", print)  # takes any arguments, sends nothing
-    with pytest.raises(SafeOmplError, match="ended before"):
-        list(campaign.results(processes=2))
-
-
 def test_a_process_that_is_lost_is_replaced(
     scenario: Scenario, results: list[PlanResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mark = tmp_path / "lost"
-    monkeypatch.setenv("SAFE_OMPL_TEST_MARK", str(mark))
-    monkeypatch.setattr("safe_ompl.benchmark.campaign._work", _unlucky_work)
+
+    def unlucky(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
+        if run.seed == 12 and not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return honest(self, run, setup)
+
+    honest = Campaign.result
+    monkeypatch.setattr(Campaign, "result", unlucky)
     parallel = list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(processes=2))
     assert mark.exists()
     for one, other in zip(parallel, results, strict=True):
@@ -103,51 +102,52 @@ def test_a_process_that_is_lost_is_replaced(
 
 
 def test_a_run_that_ends_its_process_is_not_solved(
-    scenario: Scenario, results: list[PlanResult], monkeypatch: pytest.MonkeyPatch
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("safe_ompl.benchmark.campaign._work", _deadly_work)
+    def deadly(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
+        if run == ("SafeRRTConnect", 12):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return honest(self, run, setup)
+
+    honest = Campaign.result
+    monkeypatch.setattr(Campaign, "result", deadly)
     parallel = list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(processes=2))
     failed = [k for k, result in enumerate(parallel) if not result]
     assert [(parallel[k].planner, parallel[k].seed) for k in failed] == [("SafeRRTConnect", 12)]
     assert parallel[failed[0]].status == "Error: the process ended with exit code -9"
 
 
-def _unlucky_work(campaign: Campaign, first: int, *others: Any) -> None:
-    """Work, but end the first time that a run with seed 12 begins."""
-    mark = Path(os.environ["SAFE_OMPL_TEST_MARK"])
-
-    def result(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
-        if run.seed == 12 and not mark.exists():
-            mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return honest(self, run, setup)
-
-    honest, Campaign.result = Campaign.result, result
-    _work(campaign, first, *others)
-
-
-def _deadly_work(campaign: Campaign, first: int, *others: Any) -> None:
-    """Work, but end whenever a certain run begins."""
-
-    def result(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
-        if run == ("SafeRRTConnect", 12):
-            os.kill(os.getpid(), signal.SIGKILL)
-        return honest(self, run, setup)
-
-    honest, Campaign.result = Campaign.result, result
-    _work(campaign, first, *others)
-
-
-def test_a_refused_path_counts_as_not_solved(
-    scenario: Scenario, setup: SafeSetup, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("processes", [1, 2])
+def test_an_exception_of_a_run_arrives_unchanged(
+    scenario: Scenario, setup: SafeSetup, monkeypatch: pytest.MonkeyPatch, processes: int
 ) -> None:
-    def refuse(self: SafeSetup, *arguments: Any, **options: Any) -> PlanResult:
-        raise PlanningError("edge 3 is not proven free")
+    def confused(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
+        raise UnknownNameError("joint", "knee", setup.robot.joint_names)
+
+    monkeypatch.setattr(Campaign, "result", confused)
+    with pytest.raises(UnknownNameError, match=r"'knee'.*elbow_joint"):
+        list(Campaign(scenario, PLANNERS, runs=2).results(setup, processes))
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_what_is_logged_in_a_process_is_logged_here(
+    scenario: Scenario,
+    setup: SafeSetup,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    processes: int,
+) -> None:
+    def refuse(self: SafeSetup, planner: str, **options: Any) -> PlanResult:
+        raise PlanningError(f"{planner}: edge 3 is not proven free")
 
     monkeypatch.setattr(SafeSetup, "plan", refuse)
-    (result,) = Campaign(scenario, ("RRTConnect",), runs=1).results(setup)
-    assert not result
-    assert result.status == "Error: edge 3 is not proven free"
+    failed = list(Campaign(scenario, PLANNERS, runs=1).results(setup, processes))
+    assert [result.status for result in failed] == [
+        f"Error: {planner}: edge 3 is not proven free" for planner in PLANNERS
+    ]
+    assert sorted(record.getMessage() for record in caplog.records) == [
+        f"{planner}, seed 0: {planner}: edge 3 is not proven free" for planner in PLANNERS
+    ]
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from ompl import util as ou
 
 from safe_ompl.benchmark.campaign import failure
 from safe_ompl.cli import main, pictures
+from safe_ompl.pictures import results
 from safe_ompl.pictures.render import render_comparison, render_path
 from safe_ompl.planners.registry import planner_names
 from safe_ompl.setup.safe_setup import SafeSetup
@@ -106,14 +107,13 @@ def run(folder: Path, capfd: pytest.CaptureFixture[str]) -> Run:
 @pytest.fixture
 def quick_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw coarsely; skip the test if nothing can be drawn."""
-    pytest.importorskip("mitsuba")
     pytest.importorskip("matplotlib")
 
     def coarse(draw: Callable[..., Any], **quality: Any) -> Callable[..., Any]:
         return lambda *arguments, **options: draw(*arguments, **{**options, **quality})
 
-    monkeypatch.setattr(pictures, "render_path", coarse(render_path, samples=1, ghosts=0))
-    monkeypatch.setattr(pictures, "render_comparison", coarse(render_comparison, samples=1, panel=(60, 50)))
+    monkeypatch.setattr(results, "render_path", coarse(render_path, ghosts=0))
+    monkeypatch.setattr(results, "render_comparison", coarse(render_comparison, panel=(60, 50)))
 
 
 def strict(text: str) -> Any:
@@ -388,7 +388,6 @@ def problems(folder: Path) -> Path:
             {**FREE, "start": [0.0, 0.0]},
             {**FREE, "goals": [[9.0, 0.0]]},
             {"index": 6},
-            {**FREE, "sphere": []},
         ],
     }
     file = folder / "problems.json"
@@ -427,14 +426,13 @@ def test_mbm_goes_on_after_bad_problems(run: Run, problems: Path) -> None:
     status, out, _ = run("mbm", problems, *ARM, "--json", "lines.json")
     lines = [strict(line) for line in (problems.parent / "lines.json").read_text().splitlines()]
     assert (status, out) == (1, "")
-    assert [line["solved"] for line in lines] == [True, True, False, False, False, False]
+    assert [line["solved"] for line in lines] == [True, True, False, False, False]
     for line, words in zip(
         lines[2:],
         (
             ("start is in collision", "'link2' touches 's'"),
             ("goals[0]", "'joint2' = 9", "[-2.9, 2.9]"),
             ("problems.bad[2]", "missing"),
-            ("danger points",),
         ),
         strict=True,
     ):
@@ -568,6 +566,28 @@ def test_bad_options(run: Run, problems: Path, arguments: list[str], words: list
     assert_refused(run(*arguments), *words)
 
 
+@pytest.mark.parametrize(("options", "shown"), [((), False), (("-v",), True)])
+def test_messages_of_ompl_come_with_verbose(run: Run, options: tuple[str, ...], shown: bool) -> None:
+    handler = ou.OutputHandlerSTD()
+    ou.useOutputHandler(handler)
+    _, out, err = run("plan", "test.yaml", "--planner", "RRTConnect", *options)
+    assert ("RRTConnect: Starting planning" in out + err) is shown
+
+
+@pytest.mark.parametrize(
+    "command", [("plan",), ("compare", "--runs", "1", "--planners", "SafeRRTConnect,SafePRM")]
+)
+def test_where_nothing_is_dangerous_danger_is_zero(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr("safe_ompl.cli.compare.how_to_get_pictures", lambda: "not now")
+    (folder / "harmless.yaml").write_text(SCENARIO.replace(", weight: 1", ""))
+    name, *options = command
+    status, out, _ = run(name, "harmless.yaml", *options, "--simplify", "0.1")
+    assert status == 0
+    assert "0.0" in out
+
+
 BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
     "malformed YAML": ("start:", "start: [", ["malformed YAML", "line"]),
     "unknown key": ("time: 2.0", "tine: 2.0", ["tine", "did you mean 'time'"]),
@@ -585,7 +605,6 @@ BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
     "negative radius": ("radius: 0.1", "radius: -0.1", ["obstacles[0]", "'person'", "radius", "-0.1"]),
     "negative size": ("size: [0.1, 0.1", "size: [0.1, -0.1", ["obstacles[1]", "'post'", "size", "-0.1"]),
     "name given twice": ("name: post", "name: person", ["obstacles[1].name", "'person'"]),
-    "no danger points": (", weight: 1", "", ["danger points", "weight"]),
     "unknown danger parameter": ("time: 2.0", "danger: {charm: 1}", ["danger", "charm"]),
     "bad danger parameter": ("time: 2.0", "danger: {aggregate: sum}", ["aggregate", "'sum'", "max"]),
     "unknown planner": ("time: 2.0", "planners: {Fly: {}}", ["planners", "'Fly'"]),

@@ -271,3 +271,11 @@ def test_paths_are_checked(robot_named):
 
 def test_repr_names_the_options(panda):
     assert "tolerance=0.05" in repr(certified(panda))
+
+
+def test_without_danger_points_the_peak_is_zero(panda):
+    field = DangerField(panda, [])
+    path = random_path(panda, 1, 3, 1.0)
+    bounds = CertifiedDanger(field).of_path(path)
+    assert (bounds.lower, bounds.upper) == (0.0, 0.0)
+    assert DangerLimit(field, 0.1).check(path[0], path[1]).verdict is Verdict.FREE

@@ -285,13 +285,25 @@ def test_points_and_weights_cannot_change():
     assert DangerField(ARM, POINTS).weights is None
 
 
+# ------------------------------------------------------------------------------------------- no danger points
+
+
+@pytest.mark.parametrize("points", [[], np.empty((0, 3)), lambda q: np.empty((0, 3))])
+@pytest.mark.parametrize("aggregate", AGGREGATES)
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_without_danger_points_danger_is_zero(points, aggregate, weighting):
+    danger = DangerField(ARM, points, aggregate=aggregate, weighting=weighting)
+    values, gradients = danger.values_and_gradients(Q)
+    np.testing.assert_array_equal(values, np.zeros(len(Q)))
+    np.testing.assert_array_equal(gradients, np.zeros(Q.shape))
+    assert danger.value(Q[0]) == danger.minimum == 0.0
+    assert danger.active(Q, 0.5) is danger
+    assert len(danger.terms_above(Q, 0.0)[0]) == 0
+    with pytest.raises(InputError, match="no danger points"):
+        danger.most_dangerous_point(Q[0])
+
+
 # ------------------------------------------------------------------------------------------------- bad input
-
-
-@pytest.mark.parametrize("points", [[], np.empty((0, 3))])
-def test_refuses_no_points(points):
-    with pytest.raises(InputError, match="the scene has no danger points; give an obstacle a weight > 0"):
-        DangerField(ARM, points)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from safe_ompl.scenario.scenario import Scenario, find_scenario
 
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cspace, "_PIXELS", 31)
+    monkeypatch.setattr(cspace, "_GRID_PIXELS", 31)
     monkeypatch.setattr(cspace, "_VOXELS", 13)
 
 

@@ -17,10 +17,12 @@ from matplotlib.image import imread
 from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.pictures.render import Camera, choose_camera, render_comparison, render_path, save_png
 from safe_ompl.pictures.render.bodies import RobotBody, painted
-from safe_ompl.pictures.render.mitsuba_renderer import FLOOR_VALUE, Painted, Sight, Studio, developed
-from safe_ompl.pictures.render.pictures import moments
+from safe_ompl.pictures.render.mitsuba_renderer import FLOOR_VALUE, Painted, Studio, developed
+from safe_ompl.pictures.render.path import moments
+from safe_ompl.pictures.render.rasteriser import RasterStudio
 from safe_ompl.pictures.render.stage import Stage
 from safe_ompl.pictures.render.tessellation import Surface, tessellate, tube
+from safe_ompl.pictures.render.zbuffer import ZBuffer, in_picture
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.obstacle import Obstacle
@@ -193,18 +195,11 @@ def test_layers_show_the_body_where_nothing_hides_it() -> None:
     assert hidden[36, 48] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_sight_is_blocked_by_what_is_between() -> None:
-    sight = Sight([_ball(0.5, (0, 0, 0))])
-    eye, targets = np.array([3.0, 0, 0]), np.array([[-3.0, 0, 0], [-3.0, 3, 0], [1.0, 0, 0]])
-    assert sight.clear(eye, targets).tolist() == [False, True, True]
-    assert Sight([]).clear(eye, targets).all()
-
-
 def test_the_variant_of_the_caller_comes_back() -> None:
     import mitsuba
 
     mitsuba.set_variant("scalar_spectral")
-    Sight([_ball(0.5, (0, 0, 0))])
+    Studio(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL, samples=1).photograph([])
     assert mitsuba.variant() == "scalar_spectral"
     mitsuba.set_variant("scalar_rgb")
 
@@ -214,6 +209,92 @@ def test_development_keeps_order_and_range() -> None:
     assert (np.diff(values) >= 0).all()
     assert values[0] == 0.0
     assert values[-1] <= 1.0
+
+
+# ------------------------------------------------------------------------------------------- without ray tracing
+
+
+def test_a_z_buffer_keeps_what_is_nearest() -> None:
+    points = np.array([[0.0, 0, 1], [9, 0, 1], [0, 9, 1], [2.0, 2, 3], [6, 2, 3], [2, 6, 1]])
+    faces = np.array([(0, 1, 2), (3, 4, 5)])
+    buffer = ZBuffer.of(points, faces, (10, 8))
+    assert buffer.faces[1, 1] == 0
+    assert buffer.faces[3, 3] == 1
+    assert buffer.faces[7, 9] == -1
+    assert buffer.nearness[3, 3] == pytest.approx(2.5)  # halfway down from 3 to 1, a quarter of the way
+    assert buffer.nearness[7, 9] == -np.inf
+    assert (buffer.faces >= 0).sum() == sum(x + y <= 9 for y in range(8) for x in range(10))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_z_buffer_does_not_care_which_way_triangles_turn(turned: bool) -> None:
+    points = np.random.default_rng(0).uniform(-5, 45, (60, 3))
+    faces = np.arange(60).reshape(20, 3)
+    buffer = ZBuffer.of(points, faces[:, ::-1] if turned else faces, (40, 30))
+    y, x = np.mgrid[:30, :40]
+    best = np.full((30, 40), -np.inf)
+    for a, b, c in points[faces]:
+        shares = np.linalg.solve(
+            [*np.column_stack([a, b, c])[:2], np.ones(3)], [x.ravel(), y.ravel(), np.ones(1200)]
+        )
+        z = (shares * np.array([a[2], b[2], c[2]])[:, None]).sum(axis=0)
+        z[(shares < 0).any(axis=0)] = -np.inf
+        best = np.maximum(best, z.reshape(30, 40))
+    np.testing.assert_allclose(buffer.nearness, best, rtol=1e-4)
+
+
+def test_what_is_behind_the_camera_is_not_drawn() -> None:
+    camera = Camera.framing(np.eye(3), 0.3, 0.5, SMALL)
+    behind = _ball(0.3, tuple(camera.eye + (camera.eye - camera.target)))
+    buffer = ZBuffer.of(in_picture(camera, behind.vertices, SMALL), behind.faces, SMALL)
+    assert (buffer.faces == -1).all()
+
+
+def test_the_empty_floor_of_a_quick_picture_has_its_value_everywhere() -> None:
+    image = RasterStudio(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL).photograph([])
+    assert image == pytest.approx(FLOOR_VALUE, abs=1e-6)
+
+
+def test_a_quick_picture_looks_like_a_ray_traced_one() -> None:
+    things = [
+        Painted(_ball(0.5, (0, 0, 0.5)), (0.8, 0.2, 0.2)),
+        Painted(_ball(0.2, (0, 1, 0.2)), (0.2, 0.2, 0.8)),
+    ]
+    camera = Camera.framing(Surface.merged(thing.surface for thing in things).vertices, 0.3, 0.5, SMALL)
+    quick = RasterStudio(0.0, camera, SMALL).photograph(things)
+    traced = Studio(0.0, camera, SMALL, samples=16).photograph(things)
+    assert np.abs(developed(quick) - developed(traced)).max(axis=2).mean() < 0.06
+    for channel in range(3):
+        assert np.corrcoef(quick[..., channel].ravel(), traced[..., channel].ravel())[0, 1] > 0.9
+
+
+def test_quick_layers_show_the_body_where_nothing_hides_it() -> None:
+    camera = Camera.framing(_ball(1.0, (0, 0, 0)).vertices, 0.0, 0.0, SMALL)
+    studio = RasterStudio(-1.0, camera, SMALL)
+    body = _ball(0.5, (0, 0, 0))
+    values = np.tile((1.0, 0.5, 0.0), (len(body.vertices), 1))
+    free, hidden = (studio.layers(_ball(0.3, at), [(body, values)])[0] for at in ((-1, 0, 0), (2, 0, 0)))
+    assert free[36, 48] == pytest.approx((1.0, 0.5, 0.0), abs=1e-3)
+    assert free[2, 2] == pytest.approx(0.0)
+    assert hidden[36, 48] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_shadow_falls_on_the_floor_away_from_the_light() -> None:
+    ball = Painted(_ball(0.3, (0, 0, 1.0)), (0.5, 0.5, 0.5))
+    camera = Camera.framing(np.array([(-1.5, -1.5, 0), (1.5, 1.5, 1.5)]), 0.0, 1.2, SMALL)
+    studio = RasterStudio(0.0, camera, SMALL)
+    light = studio.light_direction()
+    shadow = -light / light[2] + (0.0, 0.0, 1.0)  # of the middle of the ball, on the floor
+    image = studio.photograph([ball])
+    for place, dark in ((shadow, True), (-shadow, False)):
+        column, row, _ = np.rint(in_picture(camera, place[None], SMALL)[0]).astype(int)
+        assert bool(image[row, column].mean() < 0.8 * FLOOR_VALUE) is dark
+
+
+def test_the_camera_does_not_stand_behind_the_back_of_a_person(upright: Robot) -> None:
+    person = Obstacle("person", Person(), Pose((1.1, 0.0, -0.9)), weight=1.0)
+    camera = choose_camera(upright, Scene((person,)), {"a": PATH})
+    assert camera.eye[0] - camera.target[0] < 0.3 * np.linalg.norm(camera.eye - camera.target)
 
 
 # -------------------------------------------------------------------------------------------- robot and scene
@@ -342,7 +423,7 @@ def test_a_path_that_cannot_be_drawn_says_why(planar: Robot, path: np.ndarray, m
         render_path(planar, Scene(), path, size=SMALL)
 
 
-@pytest.mark.parametrize(("size", "samples"), [((0, 72), 4), (SMALL, 0)])
+@pytest.mark.parametrize(("size", "samples"), [((0, 72), 4), (SMALL, -1)])
 def test_a_picture_needs_pixels_and_samples(planar: Robot, size: tuple[int, int], samples: int) -> None:
     with pytest.raises(InputError, match=r"at least 1 (pixel|sample)"):
         render_path(planar, Scene(), PATH, size=size, samples=samples)
@@ -355,7 +436,7 @@ def test_a_comparison_needs_paths_and_knows_its_names(planar: Robot, tmp_path: A
         render_comparison(planar, Scene(), {"RRTConnect": PATH}, tmp_path / "a.png", subtitles={"PRM": "x"})
 
 
-def test_without_mitsuba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_mitsuba_the_extra_is_named(planar: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
     def without(name: str, *rest: Any, **more: Any) -> Any:
@@ -365,7 +446,7 @@ def test_without_mitsuba_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(SafeOmplError, match=r"safe-ompl\[plots\]"):
-        Sight([_ball(0.5, (0, 0, 0))])
+        render_path(planar, Scene(), PATH, size=SMALL, samples=1)
 
 
 def test_one_picture_of_a_real_robot() -> None:

@@ -282,9 +282,9 @@ def test_every_planner_name_makes_a_planner(setup):
         assert isinstance(make_planner(name, setup.getSpaceInformation()), ob.Planner)
 
 
-def test_a_scene_in_which_nothing_is_dangerous(ur5, scene):
-    with pytest.raises(InputError, match="no danger points"):
-        SafeSetup(ur5, scene.without("ball"))
+def test_in_a_scene_in_which_nothing_is_dangerous_danger_is_zero(ur5, scene):
+    setup = SafeSetup(ur5, scene.without("ball"))
+    assert setup.field.value(np.zeros(6)) == 0.0
 
 
 def test_options_of_the_danger(ur5, scene):

@@ -108,10 +108,10 @@ class DangerDensity:
 
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
-    """Return the median danger over valid configurations: the scale of robot and scene."""
+    """Return the median danger over valid configurations, the scale of robot and scene; 1 if nothing is dangerous."""
     samples = _configurations(checker.robot)
     valid = samples[[not checker.in_collision(q) for q in samples]]
-    return float(np.median(field.values(valid if len(valid) else samples)))
+    return float(np.median(field.values(valid if len(valid) else samples))) or 1.0
 
 
 def _configurations(robot: Robot) -> FloatArray:

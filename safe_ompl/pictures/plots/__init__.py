@@ -1,4 +1,4 @@
-"""Curves, bands and boxes: what the danger along paths and the times of planners look like; and small C-spaces.
+"""Plots of danger along paths, of planners' times, and of configuration spaces of small arms.
 
 All functions take numbers or models, write one picture and return it as a `matplotlib.figure.Figure`. `file` is where
 it goes: the ending of its name decides the format (PNG, SVG or PDF), and missing folders are made. `title` is the line

@@ -18,7 +18,7 @@ from safe_ompl.pictures.plots.page import GREY, Page
 from safe_ompl.pictures.plots.silhouette import draw_arm, draw_scene
 from safe_ompl.pictures.style import planner_styles
 
-_PIXELS = 181  # of a plane, along each side
+_GRID_PIXELS = 181  # of a plane, along each side
 _IN_COLLISION, _SHADE = "0.72", 0.22
 _VOXELS = 45  # of a cube
 _COLOURS = ("#0b62b4", "#7d2f91", "#00876a", "#b87a00")
@@ -180,7 +180,7 @@ def _add_bubble_legend(figure: Any) -> None:
 def _plane(checker: CollisionChecker) -> tuple[list[FloatArray], FloatArray]:
     """Return the grid of two joint angles, and where it is free."""
     robot = checker.robot
-    axis = [np.linspace(low, high, _PIXELS) for low, high in zip(robot.lower, robot.upper, strict=True)]
+    axis = [np.linspace(low, high, _GRID_PIXELS) for low, high in zip(robot.lower, robot.upper, strict=True)]
     x, y = np.meshgrid(*axis)
     free = [not checker.in_collision(q) for q in np.stack([x, y], axis=-1).reshape(-1, 2)]
     return [x, y], np.reshape(free, x.shape)

@@ -1,4 +1,4 @@
-"""The danger field of a planar arm around it."""
+"""Contour plot of the danger field around a planar arm."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from safe_ompl.pictures.plots.page import GREY, Page
 from safe_ompl.pictures.plots.silhouette import draw_arm
 from safe_ompl.robot.robot import Robot
 
-_PIXELS = 241  # of the grid, along each side
+_FIELD_PIXELS = 241  # of the grid, along each side
 _LEVELS = 14
 _HIGHEST = 0.985  # quantile of the values at which the colours end
 
@@ -51,7 +51,7 @@ def plot_field(
     if not poses:
         raise InputError("no configuration to draw; give at least one")
     reach = 1.25 * float(np.linalg.norm(robot.keypoints_batch(np.array(poses))[..., :2], axis=-1).max())
-    line = np.linspace(-reach, reach, _PIXELS)
+    line = np.linspace(-reach, reach, _FIELD_PIXELS)
     x, y = np.meshgrid(line, line)
     points = np.stack([x, y, np.full_like(x, height)], axis=-1).reshape(-1, 3)
     field = DangerField(robot, points)

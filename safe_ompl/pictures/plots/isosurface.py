@@ -11,7 +11,7 @@ from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 
 Grid = TypeVar("Grid", FloatArray, BoolArray)
 
-_CORNERS = tuple(product((0, 1), repeat=3))  # of a cell
+_CUBE_CORNERS = tuple(product((0, 1), repeat=3))  # of a cell
 _EDGES = tuple((i, j) for i, j in combinations(range(8), 2) if (i ^ j).bit_count() == 1)
 
 
@@ -49,15 +49,15 @@ def isosurface(values: FloatArray, lower: FloatArray, upper: FloatArray) -> tupl
 
 def _cell_vertices(values: FloatArray, inside: BoolArray) -> tuple[IntArray, FloatArray]:
     """Return the cells (V, 3) that the surface passes, and in each the mean (V, 3) of where it cuts the edges."""
-    levels = np.stack([_shifted(values, corner) for corner in _CORNERS], axis=-1)
-    signs = np.stack([_shifted(inside, corner) for corner in _CORNERS], axis=-1)
+    levels = np.stack([_shifted(values, corner) for corner in _CUBE_CORNERS], axis=-1)
+    signs = np.stack([_shifted(inside, corner) for corner in _CUBE_CORNERS], axis=-1)
     cells = np.argwhere(signs.any(axis=-1) & ~signs.all(axis=-1))
     levels, signs = levels[tuple(cells.T)], signs[tuple(cells.T)]
     total, count = np.zeros((len(cells), 3)), np.zeros((len(cells), 1))
     for a, b in _EDGES:
         cut = signs[:, a] != signs[:, b]
         share = levels[cut, a] / (levels[cut, a] - levels[cut, b])
-        start, end = np.array(_CORNERS[a]), np.array(_CORNERS[b])
+        start, end = np.array(_CUBE_CORNERS[a]), np.array(_CUBE_CORNERS[b])
         total[cut] += start + share[:, None] * (end - start)
         count[cut] += 1
     return cells, cells + total / count

@@ -1,4 +1,4 @@
-"""Planners beside each other: profiles, bands, times, and each run by itself."""
+"""Plots that compare planners: danger profiles, bands, times, and clearance against danger."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def plot_profiles(
         If there is no planner, an array has the wrong shape, or a value is not finite.
     """
     data = tables(profiles)
-    with Page(file, _width(data), 4.4) as page:
+    with Page(file, _box_width(data), 4.4) as page:
         axes = page.figure.add_subplot()
         for name, style in planner_styles(data).items():
             runs = data[name]
@@ -143,7 +143,7 @@ def plot_clearance_danger(
     """
     across, up = rows(clearances, "clearances"), rows(dangers, "dangers")
     check_partners(across, up)
-    with Page(file, _width(across), 4.6) as page:
+    with Page(file, _box_width(across), 4.6) as page:
         axes = page.figure.add_subplot()
         for name, style in planner_styles(across).items():
             axes.scatter(
@@ -165,7 +165,7 @@ def plot_clearance_danger(
     return page.figure
 
 
-def _width(planners: Sized) -> float:
+def _box_width(planners: Sized) -> float:
     """Return how wide [inch] a picture of planners in one axes is; the legend of many stands beside them."""
     return 9.0 if len(planners) > _MOST_IN_AXES else 7.0
 

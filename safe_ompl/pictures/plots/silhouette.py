@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
     from safe_ompl.scene.scene import Scene
 
-_HARMLESS = "#b9bdc4"
-_DANGEROUS = "#d9822b"
+_HARMLESS_FILL = "#b9bdc4"
+_DANGEROUS_FILL = "#d9822b"
 
 
 def draw_scene(axes: Any, scene: Scene) -> None:
     """Draw the obstacles, what is dangerous to approach in its own colour."""
     for obstacle in scene.obstacles:
-        colour = _DANGEROUS if obstacle.weight > 0 else _HARMLESS
+        colour = _DANGEROUS_FILL if obstacle.weight > 0 else _HARMLESS_FILL
         vertices, faces = obstacle.triangles()
         _fill(axes, vertices, faces.astype(np.intp), color=colour, zorder=2)
 

@@ -2,6 +2,6 @@
 
 from safe_ompl.pictures.render.camera import Camera
 from safe_ompl.pictures.render.comparison import render_comparison, save_png
-from safe_ompl.pictures.render.pictures import choose_camera, render_path
+from safe_ompl.pictures.render.path import choose_camera, render_path
 
 __all__ = ["Camera", "choose_camera", "render_comparison", "render_path", "save_png"]

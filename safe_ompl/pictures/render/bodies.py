@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
     from safe_ompl.scene.obstacle import Obstacle
 
-_HARMLESS: Colour = (0.80, 0.68, 0.53)
-_DANGEROUS: Colour = (0.85, 0.45, 0.30)
+_HARMLESS_SURFACE: Colour = (0.80, 0.68, 0.53)
+_DANGEROUS_SURFACE: Colour = (0.85, 0.45, 0.30)
 _SKIN: Colour = (0.86, 0.64, 0.51)
 _SHIRT: Colour = (0.83, 0.43, 0.29)
 _TROUSERS: Colour = (0.30, 0.33, 0.40)
@@ -26,7 +26,7 @@ _SHOES: Colour = (0.20, 0.20, 0.22)
 _HAIR: Colour = (0.29, 0.21, 0.16)
 _HAIRLINE = pin.SE3(pin.utils.rotate("y", -0.65), np.zeros(3))  # tilts the pole of the head backwards
 _BASE_RADIUS = 0.06  # [m] of the foot of a robot that has no body
-_CORNERS = 48  # on every circle of an obstacle
+_CIRCLE_CORNERS = 48  # on every circle of an obstacle
 
 
 class RobotBody:
@@ -103,8 +103,8 @@ def painted(obstacle: Obstacle, marked: bool = True) -> list[Painted]:
     own = None if obstacle.color is None else (obstacle.color[0], obstacle.color[1], obstacle.color[2])
     if isinstance(obstacle.shape, Person):
         return _dressed(obstacle.shape, obstacle.pose.se3, own or _SHIRT)
-    colour = own or (_DANGEROUS if marked and obstacle.weight > 0 else _HARMLESS)
-    return [Painted(Surface.from_triangles(*obstacle.triangles(_CORNERS)), colour)]
+    colour = own or (_DANGEROUS_SURFACE if marked and obstacle.weight > 0 else _HARMLESS_SURFACE)
+    return [Painted(Surface.from_triangles(*obstacle.triangles(_CIRCLE_CORNERS)), colour)]
 
 
 def _dressed(person: Person, world: pin.SE3, shirt: Colour) -> list[Painted]:
@@ -113,7 +113,7 @@ def _dressed(person: Person, world: pin.SE3, shirt: Colour) -> list[Painted]:
     for limb in person.limbs():
         kind = limb.name.removeprefix("left_").removeprefix("right_")
         place = world * limb.placement * (_HAIRLINE if kind == "head" else pin.SE3.Identity())
-        surface = Surface.from_triangles(*limb.shape.triangles(_CORNERS))
+        surface = Surface.from_triangles(*limb.shape.triangles(_CIRCLE_CORNERS))
         heights = surface.vertices[surface.faces, 2].mean(axis=1)
         covered = heights > (0.25 * limb.radius if kind == "head" else limb.length / 2)
         for colour, faces in zip(clothes.get(kind, (_SKIN, _SKIN)), (~covered, covered), strict=True):

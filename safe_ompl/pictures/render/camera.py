@@ -1,4 +1,4 @@
-"""Where a picture is taken from."""
+"""The camera of a picture."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Camera:
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if not len(points) or not np.isfinite(points).all():
             raise InputError(f"a camera needs finite points to look at; got {len(points)} point(s)")
-        back, right, up = _axes(azimuth, elevation)
+        back, right, up = _camera_axes(azimuth, elevation)
         x, y, z = points @ right, points @ up, points @ back
         half_height = np.tan(field_of_view / 2) * (1.0 - 2.0 * margin)
         eye_x, far_x = _fit(x, z, half_height * size[0] / size[1])
@@ -71,6 +71,19 @@ class Camera:
         eye = eye_x * right + eye_y * up + eye_z * back
         return cls(eye, eye - (eye_z - float(z.mean())) * back, up, field_of_view)
 
+    def axes(self) -> tuple[FloatArray, FloatArray]:
+        """Return the unit vectors (3,) back to the eye and to the right in the picture."""
+        back = (self.eye - self.target) / np.linalg.norm(self.eye - self.target)
+        return back, np.cross(self.up, back)
+
+    def key_light(self) -> FloatArray:
+        """Return the unit vector (3,) to the main light of a picture: high over the left shoulder of the camera."""
+        back = (self.eye - self.target - 0.35 * self.up) * (1.0, 1.0, 0.0)
+        back = back / np.linalg.norm(back)
+        left = np.cross(back, (0.0, 0.0, 1.0))
+        key = 0.6 * back + 0.8 * left + (0.0, 0.0, 1.3)
+        return np.asarray(key / np.linalg.norm(key))
+
     def pixel(self, rows: int) -> float:
         """Return the size of a pixel [m] at the distance of the target, in a picture of so many rows."""
         distance = np.linalg.norm(self.eye - self.target)
@@ -78,14 +91,13 @@ class Camera:
 
     def project(self, points: FloatArray) -> FloatArray:
         """Return where points (P, 3) are in the picture: (P, 2), rightwards and upwards, in half heights."""
-        back = (self.eye - self.target) / np.linalg.norm(self.eye - self.target)
-        right = np.cross(self.up, back)
+        back, right = self.axes()
         away = points - self.eye
         depth = -(away @ back) * np.tan(self.field_of_view / 2)
         return np.asarray(np.column_stack([away @ right, away @ self.up]) / depth[:, None])
 
 
-def _axes(azimuth: float, elevation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _camera_axes(azimuth: float, elevation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return unit vectors towards the camera, to the right of the picture and up in it."""
     ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
     back = np.array([ce * ca, ce * sa, se])

@@ -1,4 +1,4 @@
-"""The paths of several planners side by side, seen from the same place."""
+"""Pictures of the paths of several planners, side by side and from the same camera."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.pictures.render.camera import Camera
-from safe_ompl.pictures.render.mitsuba_renderer import Studio
-from safe_ompl.pictures.render.pictures import Image, draw, moments
+from safe_ompl.pictures.render.path import Image, draw, moments, studio_of
 from safe_ompl.pictures.render.stage import Stage
 from safe_ompl.pictures.render.viewpoint import best_view
 from safe_ompl.pictures.style import Colour, grid_columns, planner_styles
@@ -33,7 +32,7 @@ def render_comparison(
     closest: Mapping[str, float] | None = None,
     accents: Mapping[str, Colour] | None = None,
     panel: tuple[int, int] | None = None,
-    samples: int = 16,
+    samples: int = 0,
     camera: Camera | None = None,
     ghosts: int = 4,
     danger_points: bool = False,
@@ -70,7 +69,7 @@ def render_comparison(
     InputError
         If there is no path, or one cannot be used; if a subtitle or accent belongs to no path.
     SafeOmplError
-        If Mitsuba or Matplotlib is not installed.
+        If Matplotlib is not installed; if rays are to be traced and Mitsuba is not installed.
     """
     if not paths:
         raise InputError("no path to draw; give at least one")
@@ -80,7 +79,7 @@ def render_comparison(
             raise UnknownNameError("planner", name, paths)
     size = panel or _panel_size(len(paths))
     stage = Stage(robot, scene, list(paths.values()), danger_points=danger_points)
-    studio = Studio(stage.floor, camera or best_view(stage, size), size, samples)
+    studio = studio_of(stage, camera or best_view(stage, size), size, samples)
     styles = planner_styles(paths)
     images = [
         draw(

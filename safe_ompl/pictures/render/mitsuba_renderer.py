@@ -1,4 +1,4 @@
-"""Pictures of coloured surfaces with Mitsuba 3: the only room that knows the renderer."""
+"""Ray-traced pictures of coloured surfaces with Mitsuba 3; the only module that imports it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import BoolArray, FloatArray
+from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, SafeOmplError
 from safe_ompl.pictures.render.camera import Camera
 from safe_ompl.pictures.render.tessellation import Surface
@@ -25,7 +25,7 @@ _BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 
 @dataclass(frozen=True)
 class Painted:
-    """A surface and its looks.
+    """A surface with a colour.
 
     Parameters
     ----------
@@ -76,10 +76,10 @@ class Studio:
             scene = self._scene(mi, {"type": "path", "max_depth": 3, "hide_emitters": True})
             scene |= self._lights()
             matt = {"type": "diffuse", "reflectance": {"type": "rgb", "value": FLOOR_VALUE}}
-            scene["floor"] = _mesh(mi, self._floor, {"bsdf": matt})
+            scene["floor"] = _mitsuba_mesh(mi, self._floor, {"bsdf": matt})
             for i, thing in enumerate(things):
                 if len(thing.surface.faces):
-                    scene[f"thing{i}"] = _mesh(mi, thing.surface, {"bsdf": _paint(thing)})
+                    scene[f"thing{i}"] = _mitsuba_mesh(mi, thing.surface, {"bsdf": _paint(thing)})
             image = np.array(mi.render(mi.load_dict(scene), spp=self.samples), dtype=float)
         return image[..., :3] + (1.0 - image[..., 3:]) * FLOOR_VALUE
 
@@ -100,7 +100,7 @@ class Studio:
         images = []
         with _mitsuba() as mi:
             integrator = {"type": "path", "max_depth": 1}
-            wall = _mesh(mi, solid, {"bsdf": _BLACK})
+            wall = _mitsuba_mesh(mi, solid, {"bsdf": _BLACK})
             for surface, values in bodies:
                 scene = self._scene(mi, integrator) | {"wall": wall}
                 scene["body"] = _glowing(mi, surface, values, self.camera.eye)
@@ -109,13 +109,8 @@ class Studio:
         return images
 
     def light_direction(self) -> FloatArray:
-        """Return the unit vector (3,) to the key light: high over the left shoulder of the camera."""
-        back = self.camera.eye - self.camera.target - 0.35 * self.camera.up
-        back = back * (1.0, 1.0, 0.0)
-        back = back / np.linalg.norm(back)
-        left = np.cross(back, (0.0, 0.0, 1.0))
-        key = 0.6 * back + 0.8 * left + (0.0, 0.0, 1.3)
-        return np.asarray(key / np.linalg.norm(key))
+        """Return the unit vector (3,) to the key light."""
+        return self.camera.key_light()
 
     def _lights(self) -> dict[str, Any]:
         """Return an even sky and a wide key light, which together light the open floor with radiance 1.
@@ -152,23 +147,6 @@ class Studio:
             "film": film,
         }
         return {"type": "scene", "integrator": integrator, "sensor": sensor}
-
-
-class Sight:
-    """Surfaces that may stand between an eye and what it looks at."""
-
-    def __init__(self, surfaces: Iterable[Surface]) -> None:
-        solid = Surface.merged(surfaces)
-        with _mitsuba() as mi:
-            shapes = {"solid": _mesh(mi, solid, {"bsdf": _BLACK})} if len(solid.faces) else {}
-            self._scene = mi.load_dict({"type": "scene"} | shapes)
-
-    def clear(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
-        """Return whether nothing is between starts and ends, each (P, 3) or (3,): (P,)."""
-        starts, ends = np.broadcast_arrays(starts, ends)
-        with _mitsuba() as mi:
-            rays = (mi.Ray3f(a, 0.99 * (b - a), 1.0, 0.0, []) for a, b in zip(starts, ends, strict=True))
-            return np.array([not self._scene.ray_test(ray) for ray in rays], dtype=bool)
 
 
 @contextmanager
@@ -214,10 +192,10 @@ def _glowing(mi: Any, surface: Surface, values: FloatArray, eye: FloatArray) -> 
     """Mesh that shines at the eye with the values of its vertices, whichever way its triangles turn."""
     shine = {"type": "area", "radiance": {"type": "mesh_attribute", "name": "vertex_value"}}
     facing = Surface(surface.vertices, eye - surface.vertices, surface.faces)
-    return _mesh(mi, facing, {"bsdf": _BLACK, "emitter": shine}, values)
+    return _mitsuba_mesh(mi, facing, {"bsdf": _BLACK, "emitter": shine}, values)
 
 
-def _mesh(mi: Any, surface: Surface, looks: dict[str, Any], values: FloatArray | None = None) -> Any:
+def _mitsuba_mesh(mi: Any, surface: Surface, looks: dict[str, Any], values: FloatArray | None = None) -> Any:
     properties = mi.Properties()
     for name, plugin in looks.items():
         properties[name] = mi.load_dict(plugin)

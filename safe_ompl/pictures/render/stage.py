@@ -1,4 +1,4 @@
-"""What stands in a picture: the robot along its paths, the scene around it, the floor below."""
+"""Robot, paths, scene and floor as surfaces, ready for any number of pictures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
     from safe_ompl.scene.scene import Scene
 
-_SAMPLES = 121  # of a path
+_PATH_SAMPLES = 121  # of a path
 _NEARBY = 1.1  # sizes of the robot's motion within which the scene must be in view
 _GROUND = 1.2  # sizes of the robot's motion from which the lowest slab is the ground, and not a thing on it
 _PEDESTAL: Colour = (0.62, 0.63, 0.65)
@@ -47,6 +47,8 @@ class Stage:
     body : RobotBody
     samples : list of (S, n) array
         Each path at equal steps of its length.
+    ends : Surface
+        The robot at start and goal of all paths, coarsely.
     hazards, things : list of Painted
         What is dangerous to approach, and everything else but the robot.
     floor : float
@@ -70,8 +72,9 @@ class Stage:
         self.samples = [resampled(robot, path) for path in paths]
         coarse = RobotBody(robot, coarse=True)
         self._actors = np.vstack(
-            [coarse.posed(q).vertices for s in self.samples for q in s[:: _SAMPLES // 6]]
+            [coarse.posed(q).vertices for s in self.samples for q in s[:: _PATH_SAMPLES // 6]]
         )
+        self.ends = Surface.merged(coarse.posed(q) for s in self.samples for q in (s[0], s[-1]))
         self.size = float(np.linalg.norm(np.ptp(self._actors, axis=0)))
         self._set_scene(scene)
         if danger_points:
@@ -140,7 +143,7 @@ class Stage:
         return [Painted(Surface.from_triangles(vertices + place, faces), _PEDESTAL)]
 
 
-def resampled(robot: Robot, path: FloatArray, count: int = _SAMPLES) -> FloatArray:
+def resampled(robot: Robot, path: FloatArray, count: int = _PATH_SAMPLES) -> FloatArray:
     """Return `count` configurations (count, n) at equal steps along `path: (N, n)`.
 
     Raises

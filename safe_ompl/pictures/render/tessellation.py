@@ -1,4 +1,7 @@
-"""Triangles of coal shapes, and shading normals for them: what a picture needs to know about a body."""
+"""Triangles and shading normals of coal shapes and of tubes.
+
+trimesh has meshes and primitives, too, but none of coal's shapes, and it would be one more dependency for 100 lines.
+"""
 
 from __future__ import annotations
 
@@ -108,7 +111,7 @@ def _corner_normals(vertices: FloatArray, faces: IntArray, cos_crease: float) ->
 def _distinct_rows(rows: FloatArray) -> tuple[IntArray, IntArray]:
     """Return the indices of the distinct rows of an array (R, C), and which of them each row equals: (R,)."""
     order = np.lexsort(rows.T)
-    new = np.concatenate([[True], (rows[order[1:]] != rows[order[:-1]]).any(axis=1)])
+    new = np.concatenate([[True], (rows[order[1:]] != rows[order[:-1]]).any(axis=1)])[: len(rows)]
     index = np.empty(len(rows), dtype=np.intp)
     index[order] = np.cumsum(new) - 1
     return order[new], index
@@ -139,9 +142,9 @@ def tessellate(geometry: Any) -> Triangles:
     """
     kind = type(geometry).__name__
     if kind.startswith("BVHModel"):
-        return _mesh(geometry)
+        return _mesh_triangles(geometry)
     if kind.startswith("Convex"):
-        return _hull(geometry)
+        return _convex_triangles(geometry)
     if kind == "Box":
         return surfaces.box_triangles(2.0 * geometry.halfSide)
     return surfaces.revolved_triangles(_profile(geometry, kind), _AROUND)
@@ -164,13 +167,13 @@ def _profile(geometry: Any, kind: str) -> FloatArray:
     return np.array([(0.0, -length / 2), (radius, -length / 2), (0.0, length / 2)])
 
 
-def _mesh(model: Any) -> Triangles:
+def _mesh_triangles(model: Any) -> Triangles:
     triangles = (model.tri_indices(i) for i in range(model.num_tris))
     faces = np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.intp)
     return np.array(model.vertices(), dtype=float), faces.reshape(-1, 3)
 
 
-def _hull(convex: Any) -> Triangles:
+def _convex_triangles(convex: Any) -> Triangles:
     polygons = (convex.polygons(i) for i in range(convex.num_polygons))
     faces = np.array([(t[0], t[1], t[2]) for t in polygons], dtype=np.intp)
     return np.array(convex.points(), dtype=float), faces.reshape(-1, 3)

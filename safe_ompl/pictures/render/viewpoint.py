@@ -1,16 +1,22 @@
-"""The direction from which a picture shows most."""
+"""Choice of the camera that shows most of a robot's motion and of what is dangerous to approach."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.pictures.render.camera import Camera
-from safe_ompl.pictures.render.mitsuba_renderer import Sight
 from safe_ompl.pictures.render.stage import Stage
+from safe_ompl.pictures.render.tessellation import Surface
+from safe_ompl.pictures.render.zbuffer import ZBuffer, in_picture
 
 _AZIMUTHS = np.arange(20) * (2 * np.pi / 20)
 _ELEVATIONS = np.radians([20.0, 35.0])
 _HAZARD_POINTS = 200
+_NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
+_COARSE = (160, 120)  # [px] of the picture in which views are compared
+_CELL = 0.01  # sizes of the robot's motion; what is smaller does not decide between views
+_TOLERANCE = 0.03  # relative, of depths
 
 
 def best_view(
@@ -41,20 +47,51 @@ def best_view(
 
 
 class _Merit:
-    """How good a view is: what share is seen of motion and hazards, how far apart they look, how large."""
+    """The merit of a view: what share is seen of motion and hazards, how far apart they look, how large.
+
+    Of a hazard, such as a person, the part that is nearest to the robot counts most: a hand must not be hidden by the
+    back of who holds it out.
+    """
 
     def __init__(self, stage: Stage) -> None:
         self._links = stage.skeletons()
         hazards = np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in stage.hazards])
         self._points = hazards[:: 1 + len(hazards) // _HAZARD_POINTS]
-        self._all = Sight(thing.surface for thing in stage.props)
-        self._things = Sight(thing.surface for thing in stage.things)
-        self._hazards = Sight(thing.surface for thing in stage.hazards)
+        gaps = np.linalg.norm(self._points[:, None] - self._links[None], axis=2).min(axis=1, initial=np.inf)
+        self._near = self._points[gaps <= np.quantile(gaps, _NEAREST)] if len(gaps) else self._points
+        cell = _CELL * stage.size
+        self._all, self._things, self._hazards = (
+            Surface.merged(thing.surface for thing in things).simplified(cell)
+            for things in (stage.props, stage.things, stage.hazards)
+        )
+        self._everything = Surface.merged([self._all, stage.ends.simplified(cell)])
 
     def __call__(self, view: Camera) -> float:
-        links = self._all.clear(view.eye, self._links).mean()
-        hazards = self._things.clear(view.eye, self._points).mean() if len(self._points) else 1.0
-        beyond = self._links + (self._links - view.eye)
-        apart = self._hazards.clear(self._links, beyond).mean()
+        links = _seen(view, self._all, self._links).mean()
+        hazards = _seen(view, self._things, self._points).mean() if len(self._points) else 1.0
+        near = _seen(view, self._everything, self._near).mean() if len(self._near) else 1.0
+        apart = 1.0 - _before(view, self._hazards, self._links).mean()
         extent = np.linalg.det(np.cov(view.project(self._links), rowvar=False))
-        return float(links**2 * apart * (0.5 + 0.5 * hazards) * max(extent, 0.0) ** 0.25)
+        shown = (0.5 + 0.5 * hazards) * (0.3 + 0.7 * near)
+        return float(links**2 * apart * shown * max(extent, 0.0) ** 0.25)
+
+
+def _seen(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
+    """Return whether a solid leaves points (P, 3) in view: (P,)."""
+    nearest, own = _nearness(view, solid, points)
+    return np.asarray(own >= (1.0 - _TOLERANCE) * nearest)
+
+
+def _before(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
+    """Return whether a solid is behind points (P, 3) in the view: (P,)."""
+    nearest, own = _nearness(view, solid, points)
+    return np.isfinite(nearest) & (own > nearest)
+
+
+def _nearness(view: Camera, solid: Surface, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return 1/depth of a solid where points (P, 3) are in a coarse picture, -inf beside it, and of the points."""
+    buffer = ZBuffer.of(in_picture(view, solid.vertices, _COARSE), solid.faces, _COARSE)
+    column, row, own = in_picture(view, points, _COARSE).T
+    inside = (column > -0.5) & (column < _COARSE[0] - 0.5) & (row > -0.5) & (row < _COARSE[1] - 0.5)
+    column, row = (np.where(inside, np.rint(at), 0.0).astype(np.intp) for at in (column, row))
+    return np.where(inside, buffer.nearness[row, column], -np.inf), np.where(inside, own, 0.0)

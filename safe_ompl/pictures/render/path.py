@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from safe_ompl.arrays import FloatArray
 from safe_ompl.pictures.render.camera import Camera
 from safe_ompl.pictures.render.mitsuba_renderer import Painted, Studio, developed
+from safe_ompl.pictures.render.rasteriser import RasterStudio
 from safe_ompl.pictures.render.stage import Stage
 from safe_ompl.pictures.render.tessellation import Surface, tube
 from safe_ompl.pictures.render.viewpoint import best_view
@@ -25,7 +26,7 @@ Image = NDArray[np.uint8]
 
 ACCENT: Colour = (0.09, 0.42, 0.78)
 START: Colour = (0.66, 0.67, 0.69)
-_OVERLAP = 1e-3  # sizes of the robot's motion by which bodies that share a place are told apart
+_COINCIDENCE = 1e-3  # sizes of the robot's motion by which bodies that share a place are told apart
 _TRACE = 0.006  # sizes of the robot's motion; radius of the trace of the tip
 _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
 _DETAIL = 0.8  # pixels; what is smaller does not matter where bodies only hide ghosts
@@ -37,7 +38,7 @@ def render_path(
     path: FloatArray,
     *,
     size: tuple[int, int] = (900, 700),
-    samples: int = 36,
+    samples: int = 0,
     camera: Camera | None = None,
     accent: Colour = ACCENT,
     ghosts: int = 4,
@@ -57,7 +58,8 @@ def render_path(
     size : (int, int)
         Width and height [px].
     samples : int
-        Light paths per pixel: 16 for a quick look, 36 for a page, 100 for print.
+        Light paths per pixel of a ray-traced picture: 36 for a page, 100 for print. 0: a quick picture without
+        ray tracing, in seconds.
     camera : Camera, optional
         Where from; by default the direction that shows most of robot and people.
     accent : Colour
@@ -80,11 +82,18 @@ def render_path(
     InputError
         If the path is empty, has the wrong number of joints or is not finite.
     SafeOmplError
-        If Mitsuba is not installed.
+        If rays are to be traced and Mitsuba is not installed.
     """
     stage = Stage(robot, scene, [path], danger_points=danger_points)
-    studio = Studio(stage.floor, camera or best_view(stage, size), size, samples)
+    studio = studio_of(stage, camera or best_view(stage, size), size, samples)
     return draw(stage, studio, stage.samples[0], accent, moments(ghosts, closest))
+
+
+def studio_of(stage: Stage, camera: Camera, size: tuple[int, int], samples: int) -> Studio | RasterStudio:
+    """Return a studio that traces so many light paths per pixel, or none."""
+    if samples:
+        return Studio(stage.floor, camera, size, samples)
+    return RasterStudio(stage.floor, camera, size)
 
 
 def choose_camera(
@@ -123,7 +132,9 @@ def moments(count: int, closest: float | None) -> FloatArray:
     return even
 
 
-def draw(stage: Stage, studio: Studio, samples: FloatArray, accent: Colour, shown: FloatArray) -> Image:
+def draw(
+    stage: Stage, studio: Studio | RasterStudio, samples: FloatArray, accent: Colour, shown: FloatArray
+) -> Image:
     """Return the picture of one path, see `render_path`.
 
     Parameters
@@ -141,7 +152,7 @@ def draw(stage: Stage, studio: Studio, samples: FloatArray, accent: Colour, show
     """
     start, goal = samples[0], samples[-1]
     trace = Surface.from_triangles(*tube(stage.trace(samples), _TRACE * stage.size))
-    gap = _OVERLAP * stage.size
+    gap = _COINCIDENCE * stage.size
     things = [
         Painted(stage.body.posed(start), START, glossy=True),
         Painted(stage.body.posed(goal, moved_from=start).inflated(gap), accent, glossy=True),
@@ -162,7 +173,7 @@ def draw(stage: Stage, studio: Studio, samples: FloatArray, accent: Colour, show
     return np.asarray(np.round(255.0 * np.clip(picture, 0.0, 1.0)), dtype=np.uint8)
 
 
-def _glass(body: Surface, studio: Studio) -> FloatArray:
+def _glass(body: Surface, studio: Studio | RasterStudio) -> FloatArray:
     """Opacity of a glass body at its vertices, its brightness times opacity, and 0: (V, 3)."""
     to_eye = studio.camera.eye - body.vertices
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
