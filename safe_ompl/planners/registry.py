@@ -28,7 +28,7 @@ _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "ClassicBubble": (BubblePlanner, {"alpha": 0.0}),
 }
 
-# RRT-Connect as the papers print it: α and the range are free.
+# The planners as the papers print them; α, the numbers that the papers leave open, and the range are free.
 _RRT_CONNECT_AS_PRINTED = {
     "nearest_fraction": 0.0,
     "slide": 0.0,
@@ -36,9 +36,33 @@ _RRT_CONNECT_AS_PRINTED = {
     "short_steps": False,
     "raw_alpha": True,
 }
+_PRM_AS_PRINTED = {"slide": 0.0, "raw_alpha": True, "taxicab": True, "lazy": False, "growing": False}
+_JT_RRT_AS_PRINTED = {
+    "nearest_fraction": 0.0,
+    "slide": 0.0,
+    "threshold_rise": 0.0,
+    "raw_alpha": True,
+    "raw_gains": True,
+    "random_starts": 0.0,
+    "strict_threshold": True,
+}
+_BUBBLES_AS_PRINTED = {
+    "nearest_fraction": 0.0,
+    "slide": 0.0,
+    "normalized": False,
+    "guided": False,
+    "max_open": 0,
+    "least_clearance": 0.0,
+}
 _AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "PaperSafeRRTConnect": (SafeRRTConnect, _RRT_CONNECT_AS_PRINTED),
     "PaperRRTConnect": (SafeRRTConnect, {**_RRT_CONNECT_AS_PRINTED, "alpha": 0.0}),
+    "PaperSafePRM": (SafePRM, _PRM_AS_PRINTED),
+    "PaperPRM": (SafePRM, {**_PRM_AS_PRINTED, "alpha": 0.0}),
+    "PaperSafeJTRRT": (SafeJTRRT, {**_JT_RRT_AS_PRINTED, "transpose": False}),
+    "PaperJTRRT": (SafeJTRRT, {**_JT_RRT_AS_PRINTED, "alpha": 0.0, "transpose": True}),
+    "PaperSafeBubble": (BubblePlanner, {**_BUBBLES_AS_PRINTED, "shape": "paper"}),
+    "PaperBubble": (BubblePlanner, {**_BUBBLES_AS_PRINTED, "alpha": 0.0, "shape": "paper"}),
 }
 
 # Danger-aware planners of others that OMPL's wheel lacks, to compare with.
@@ -78,7 +102,8 @@ def is_ours(name: str) -> bool:
 
 def needs_place(name: str) -> bool:
     """Return whether the planner called `name` plans to a `WorkspaceGoal` only."""
-    return name in _OURS and issubclass(_OURS[name][0].plans_to, WorkspaceGoal)
+    known = {**_OURS, **_AS_PRINTED}
+    return name in known and issubclass(known[name][0].plans_to, WorkspaceGoal)
 
 
 def accepts(planner: Any, goal: Any) -> bool:
