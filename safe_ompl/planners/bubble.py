@@ -229,6 +229,8 @@ class BubblePlanner(WeighingPlanner):
             if path is not None:
                 return path
             points = self._bubble_endpoints(bubble, goal)
+            if not len(points):  # so near to contact that its vertices are its centre
+                return None
             tree.add(points, new, self._danger_term(points))
             self._bound_open(tree, goal)
             before, after = (self._metric.lengths(rows, goal).min() for rows in (x.q, points))

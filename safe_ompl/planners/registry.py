@@ -10,6 +10,7 @@ from ompl import geometric as og
 
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.baselines.hrrt import HRRT
 from safe_ompl.planners.baselines.trrt import TRRT, BiTRRT, GradienTRRT
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
@@ -66,7 +67,7 @@ _AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
 }
 
 # Danger-aware planners of others that OMPL's wheel lacks, to compare with.
-_BASELINES = {"TRRT": TRRT, "BiTRRT": BiTRRT, "GradienTRRT": GradienTRRT}
+_BASELINES = {"TRRT": TRRT, "BiTRRT": BiTRRT, "GradienTRRT": GradienTRRT, "HRRT": HRRT}
 
 # Bound in OMPL's Python wheel, and safe to run with callbacks in Python.
 _OMPL = (

@@ -1,8 +1,11 @@
 """BUBBLE_PLANNER as printed, against a literal transcription: the same path."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
+from safe_ompl.collision.bubble import Bubble
 from safe_ompl.collision.checker import DISTANCE_ERROR
 from safe_ompl.errors import InputError
 from safe_ompl.maths.bubbles import diamond_meetings
@@ -11,14 +14,14 @@ from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.safe_setup import setup_scenario
 
 
-@pytest.fixture(scope="module", params=["planar2", "planar3"])
-def scenario(request):
-    return Scenario.load(find_scenario(request.param))
+@cache
+def arm_of(name):
+    return setup_scenario(Scenario.load(find_scenario(name)))
 
 
-@pytest.fixture(scope="module")
-def arm(scenario):
-    return setup_scenario(scenario)
+@pytest.fixture
+def arm():
+    return arm_of("planar2")
 
 
 class Transcription:
@@ -30,24 +33,29 @@ class Transcription:
 
     def plan(self, q_s, q_g, k_max=100_000):
         Closed1, Closed2 = [], []  # entries: q, weights r_i/d_c, g, parent
-        Open1, Open2 = [(q_s, 0.0, None)], [(q_g, 0.0, None)]
+        Open1, Open2 = [(q_s, 0.0, None, 0.0)], [(q_g, 0.0, None, 0.0)]  # entries: x, g, parent, CDF
         direction, q_current_goal = 1, q_g
         for _ in range(k_max):
-            f = [self.f(x, g, q_current_goal, Closed1) for x, g, _ in Open1]
-            q_new, g, parent = Open1.pop(int(np.argmin(f)))
+            q_new, g, parent, _ = Open1.pop(int(np.argmin(self.f(Open1, q_current_goal, Closed1))))
             Closed1.append((q_new, self.bubble(q_new), g, parent))
             if (path := self.intersect(Closed1, Closed2)) is not None:
                 return path if direction == 1 else path[::-1]
-            for x in self.bubble_endpoints(q_new, Closed1[-1][1]):
-                Open1.append((x, g + np.abs(x - q_new).sum(), len(Closed1) - 1))
+            vertices = np.array(list(self.bubble_endpoints(q_new, Closed1[-1][1])))
+            dangers = self.field.values(vertices) if self.alpha else np.zeros(len(vertices))
+            for x, danger in zip(vertices, dangers, strict=True):
+                Open1.append((x, g + np.abs(x - q_new).sum(), len(Closed1) - 1, danger))
             Closed1, Closed2, Open1, Open2 = Closed2, Closed1, Open2, Open1
             direction, q_current_goal = 3 - direction, q_new
         return None
 
-    def f(self, x, g, goal, closed):
-        danger = self.alpha * self.field.value(x) if self.alpha else 0.0
-        diversity = min((np.linalg.norm(x - z) for z, *_ in closed), default=0.0)
-        return g + np.abs(x - goal).sum() + danger - self.beta * diversity
+    def f(self, opened, goal, closed):
+        """F = g + h + α·CDF − β·min ‖x − z‖ over Closed(1), eq. (10)."""
+        x, g, _, danger = map(np.array, zip(*opened, strict=True))
+        diversity = 0.0
+        if closed:
+            z = np.array([entry[0] for entry in closed])
+            diversity = np.linalg.norm(x[:, None] - z[None], axis=2).min(axis=1)
+        return g + np.abs(x - goal).sum(axis=1) + self.alpha * danger - self.beta * diversity
 
     def bubble(self, q):
         """r_i/d_c: the cylinder about the axis of joint i that encloses all links, and the closest obstacle."""
@@ -55,6 +63,7 @@ class Transcription:
         return r / (self.checker.pair_distances(q).min() - DISTANCE_ERROR)
 
     def bubble_endpoints(self, q, weights):
+        """Yield the vertices of the bubble, 0.99 of the way, within the joint limits."""
         for sign in (-1.0, 1.0):
             for i in range(self.robot.n):
                 x = q.copy()
@@ -83,21 +92,24 @@ class Transcription:
         return rows[::-1]
 
 
-def ends(scenario, robot):
-    return scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
+def expected_path(name, alpha, beta):
+    scenario, setup = Scenario.load(find_scenario(name)), arm_of(name)
+    ends = scenario.start_configuration(setup.robot), scenario.goal_configurations(setup.robot)[0]
+    return Transcription(setup, alpha, beta).plan(*ends, k_max=400)
 
 
-@pytest.mark.parametrize(("alpha", "beta"), [(0.1, 2.0), (0.3, 20.0)])
-def test_the_safe_bubble_planner_is_the_papers(scenario, arm, alpha, beta):
-    result = arm.plan("PaperSafeBubble", time=30.0, parameters={"alpha": alpha, "beta": beta})
-    literal = Transcription(arm, alpha, beta)
-    np.testing.assert_allclose(result.path, literal.plan(*ends(scenario, arm.robot)), atol=1e-9)
+@pytest.mark.parametrize(
+    ("name", "alpha", "beta"), [("planar2", 0.1, 20.0), ("planar2", 0.2, 20.0), ("planar3", 0.1, 20.0)]
+)
+def test_the_safe_bubble_planner_is_the_papers(name, alpha, beta):
+    result = arm_of(name).plan("PaperSafeBubble", time=30.0, parameters={"alpha": alpha, "beta": beta})
+    np.testing.assert_allclose(result.path, expected_path(name, alpha, beta), atol=1e-9)
 
 
-def test_the_bubble_planner_is_the_papers_without_danger(scenario, arm):
-    result = arm.plan("PaperBubble", time=30.0, parameters={"beta": 20.0})
-    expected = Transcription(arm, 0.0, 20.0).plan(*ends(scenario, arm.robot))
-    np.testing.assert_allclose(result.path, expected, atol=1e-9)
+@pytest.mark.parametrize("name", ["planar2", "planar3"])
+def test_the_bubble_planner_is_the_papers_without_danger(name):
+    result = arm_of(name).plan("PaperBubble", time=30.0, parameters={"beta": 20.0})
+    np.testing.assert_allclose(result.path, expected_path(name, 0.0, 20.0), atol=1e-9)
     assert result.counts.field_configurations == 0
 
 
@@ -113,3 +125,18 @@ def test_k_max_ends_the_search(arm):
 def test_what_is_ours_cannot_be_switched_on(arm, key, value):
     with pytest.raises(InputError, match=f"{key!r} of PaperSafeBubble is fixed"):
         make_planner("PaperSafeBubble", arm.getSpaceInformation(), {key: value})
+
+
+def test_the_cube_of_the_paper_lies_within_its_bubble(arm):
+    checker, q = arm.checker, np.array([1.2, -0.5])
+    diamond, cube = (Bubble.around(q, checker, shape) for shape in ("paper", "paper_cube"))
+    reach = 1.0 / cube.weights
+    assert reach[0] == reach[1]
+    assert diamond.weights @ reach == pytest.approx(1.0)
+
+
+def test_the_radii_of_the_paper_are_those_of_all_links(arm):
+    q = np.array([1.2, -0.5])
+    bubble, r = Bubble.around(q, arm.checker, "paper"), arm.robot.displacement_radii_at(q).max(axis=0)
+    np.testing.assert_allclose(bubble.weights, r / (arm.checker.pair_distances(q).min() - DISTANCE_ERROR))
+    assert (r >= arm.checker.pair_radii_at(q).max(axis=0)).all()
