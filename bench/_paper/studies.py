@@ -20,7 +20,7 @@ class Effort(NamedTuple):
 
 @dataclass(frozen=True)
 class Pair:
-    """A safe planner and its classical counterpart.
+    """A safe planner and its classical counterpart, both as printed or both in the form that is meant for use.
 
     Attributes
     ----------
@@ -30,12 +30,20 @@ class Pair:
         Names of the planners.
     deterministic : bool
         Whether one run says it all, as in the paper.
+    as_printed : bool
+        Whether the two are as the papers print them.
     """
 
     label: str
     safe: str
     classic: str
     deterministic: bool = False
+    as_printed: bool = False
+
+    @property
+    def title(self) -> str:
+        """The family, and which form of it."""
+        return f"{self.label} {'as printed' if self.as_printed else 'ours'}"
 
     @property
     def planners(self) -> tuple[str, str]:
@@ -63,9 +71,13 @@ class Study:
 
 
 PAIRS = (
+    Pair("Bubbles", "PaperSafeBubble", "PaperBubble", deterministic=True, as_printed=True),
     Pair("Bubbles", "BubblePlanner", "ClassicBubble", deterministic=True),
+    Pair("PRM", "PaperSafePRM", "PaperPRM", as_printed=True),
     Pair("PRM", "SafePRM", "ClassicPRM"),
+    Pair("RRT-Connect", "PaperSafeRRTConnect", "PaperRRTConnect", as_printed=True),
     Pair("RRT-Connect", "SafeRRTConnect", "ClassicRRTConnect"),
+    Pair("JT-RRT", "PaperSafeJTRRT", "PaperJTRRT", as_printed=True),
     Pair("JT-RRT", "SafeJTRRT", "ClassicJTRRT"),
 )
 
