@@ -338,7 +338,8 @@ def test_two_runs_of_two_planners(tmp_path: Path, capsys: pytest.CaptureFixture[
     command = ["--runs", "2", "--out", str(tmp_path), "--planners", "SafeRRTConnect", "--processes", "1"]
     paper.main(command)
     report = (tmp_path / "report.md").read_text()
-    assert report.count("| SafeRRTConnect | 2/2 |") == 2
+    assert report.count("| SafeRRTConnect | 2/2 |") == 3  # in both studies, and the scenes at random
+    assert "## Study 3: 2 scenes at random, none left out" in report
     assert "study_2/profiles.png" in report
     lines = (tmp_path / "study_1" / "runs.jsonl").read_text().splitlines()
     runs = [(line["planner"], line["seed"]) for line in map(json.loads, lines)]
