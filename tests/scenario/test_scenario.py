@@ -165,7 +165,7 @@ def test_goals_of_all_kinds() -> None:
         ),
         (
             ("start:", "scene: {obstacles: [{name: a, sphere: {radius: 0}}]}\nstart:"),
-            "scene.obstacles[0] 'a'.sphere.radius: must be a positive number, got 0",
+            "scene.obstacles[0] 'a'.sphere.radius: must be a finite number in (0, 10000], got 0",
         ),
     ],
 )

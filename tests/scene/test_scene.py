@@ -138,11 +138,11 @@ def test_world_keypoints_are_in_the_world() -> None:
     [
         (
             "obstacles: [{name: a, box: {size: [1, -0.2, 1]}}]",
-            "obstacles[0] 'a'.box.size: must be a positive number, got -0.2",
+            "obstacles[0] 'a'.box.size: must be a finite number in (0, 10000], got -0.2",
         ),
         (
             "obstacles: [{name: a, sphere: {radius: .nan}}]",
-            "'a'.sphere.radius: must be a positive number, got nan",
+            "'a'.sphere.radius: must be a finite number in (0, 10000], got nan",
         ),
         ("obstacles: [{name: a, sphere: {raduis: 1}}]", "sphere.raduis: unknown key; did you mean 'radius'?"),
         ("obstacles: [{name: a, sphere: {}}]", "'a'.sphere.radius: missing, but needed"),
@@ -178,7 +178,7 @@ def test_world_keypoints_are_in_the_world() -> None:
         ("obstacles: [{name: a, pointcloud: {radius: 1, points: []}}]", "the point cloud is empty"),
         (
             "obstacles: [{name: a, person: {height: tall}}]",
-            "'a'.person.height: must be a positive number, got 'tall'",
+            "'a'.person.height: must be a finite number in [0.3, 2.8], got 'tall'",
         ),
         (
             "obstacles: [{name: a, person: {world_keypoints: {hat: [0, 0, 0]}}}]",
@@ -311,7 +311,7 @@ def test_from_mbm_makes_everything_dangerous() -> None:
         ({"sphere": 3}, "sphere: must be a list"),
         (
             {"sphere": [{"radius": -1, "position": [0, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}]},
-            "sphere[0].radius: must be a positive number, got -1",
+            "sphere[0].radius: must be a finite number in (0, 10000], got -1",
         ),
     ],
 )
