@@ -1,8 +1,8 @@
 """Clouds: what a point cloud costs, in time and memory: python bench/clouds.py [--points 1000 10000 100000].
 
 A table and a wall as a depth camera sees them, with a share of NaN, around a Panda. Prints for each number of points
-the seconds to make the cloud, the setup, a short path's certificate and its verification, and the megabytes that the setup
-adds to those of the imports. Bars at 100 000 points: setup 1 s and 300 MB, certificate and verification 3 s.
+the seconds to make the cloud, the setup, a short path's certificate and its verification, and the megabytes that
+the setup adds to those of the imports. Bars at 100 000 points: setup 1 s and 300 MB, certificate and verification 3 s.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,9 @@ def read_points(file: Path) -> FloatArray:
 
 def _read_ply(file: Path) -> FloatArray:
     try:
-        vertices = plyfile.PlyData.read(file)["vertex"]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of elements that are empty
+            vertices = plyfile.PlyData.read(file)["vertex"]
         columns = [np.asarray(vertices[axis], dtype=np.float64) for axis in "xyz"]
     except (plyfile.PlyParseError, KeyError, ValueError, TypeError, IndexError, OSError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__

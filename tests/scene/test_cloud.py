@@ -238,7 +238,7 @@ def test_a_link_wholly_inside_a_cloud_is_seen() -> None:
 
 
 def test_many_points_keep_few_cells(caplog: pytest.LogCaptureFixture) -> None:
-    points = np.random.default_rng(0).uniform(0, 1, (100_000, 3)) * np.array([2, 2, 0.01])
+    points = np.random.default_rng(0).uniform(0, 1, (100_000, 3)) * np.array([2, 2, 0.001])
     cloud = PointCloud(0.002, points=points)
     with caplog.at_level("INFO"):
         assert cloud.cell_edge == pytest.approx(0.008)
