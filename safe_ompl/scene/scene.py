@@ -69,11 +69,11 @@ class Scene:
         Raises
         ------
         InputError
-            If it cannot be read or is not a valid scene; the message names file, key and value.
+            If it cannot be read or is not a valid scene; the message names file, line, key and value.
         """
         file = Path(path)
-        with document.within(str(path), ": "):
-            return cls.from_mapping(document.read_document(file), file.parent)
+        with document.reading(file) as data:
+            return cls.from_mapping(data, file.parent)
 
     @classmethod
     def from_yaml(cls, text: str, folder: str | Path = ".") -> Scene:
