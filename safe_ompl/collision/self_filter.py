@@ -20,6 +20,9 @@ from safe_ompl.scene.shapes.cloud import PointCloud
 _log = logging.getLogger(__name__)
 
 _POINT = 1e-6  # [m] radius of the ball that stands for a point in a query
+_FLAT = 1e-14  # [m²] a face this small has no direction
+_ON = 1e-9  # [m] what is this near to a hull is on it
+_BLOCK = 2048  # points at once
 
 
 def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Scene:
@@ -85,8 +88,52 @@ def robot_points(points: ArrayLike, robot: Robot, q: ArrayLike, margin: float) -
         placement = data.oMi[int(body.parentJoint)] * body.placement
         local = placed(placement.inverse(), places)
         candidates = np.flatnonzero(~own & _in_box(body.geometry, local, reach))
-        own[candidates] = [_distance(body.geometry, point) <= reach for point in local[candidates]]
+        own[candidates] = _within(body.geometry, local[candidates], reach)
     return own
+
+
+def _within(shape: coal.CollisionGeometry, points: FloatArray, margin: float) -> BoolArray:
+    """Return which points are within a margin of a shape, in the shape's frame; meshes are hollow."""
+    near, unknown = np.zeros(len(points), dtype=bool), np.arange(len(points))
+    if isinstance(shape, coal.Convex):
+        near, beyond = _within_faces(*_faces(shape), points, margin)
+        unknown = np.flatnonzero(~near & ~beyond)
+    near[unknown] = [_distance(shape, point) <= margin for point in points[unknown]]
+    return near
+
+
+def _faces(hull: coal.Convex) -> tuple[FloatArray, FloatArray]:
+    """Return the unit normals (F, 3), outwards, and the heights (F,) of the planes of a hull's faces."""
+    corners = np.array(hull.points(), dtype=np.float64).reshape(-1, 3)
+    triangles = [hull.polygons(k) for k in range(hull.num_polygons)]
+    a, b, c = (corners[[face[i] for face in triangles]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    solid = lengths > _FLAT
+    normals, a = normals[solid] / lengths[solid, None], a[solid]
+    normals *= np.where(((corners.mean(axis=0) - a) * normals).sum(axis=1) > 0, -1.0, 1.0)[:, None]
+    return normals, (corners @ normals.T).max(axis=0)
+
+
+def _within_faces(
+    normals: FloatArray, heights: FloatArray, points: FloatArray, margin: float
+) -> tuple[BoolArray, BoolArray]:
+    """Return which points are within a margin of a hull, and which beyond it; near its edges, neither may be known.
+
+    The hull is nowhere nearer to a point than the farthest of its planes; it is as near as that plane where the point's
+    foot on the plane is on the hull.
+    """
+    near, beyond = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
+    for first in range(0, len(points), _BLOCK):
+        part = slice(first, first + _BLOCK)
+        above = points[part] @ normals.T - heights
+        farthest = above.argmax(axis=1)
+        height = np.take_along_axis(above, farthest[:, None], axis=1)[:, 0]
+        foot = points[part] - height[:, None] * normals[farthest]
+        on_hull = (foot @ normals.T - heights).max(axis=1) <= _ON
+        near[part] = (height <= 0) | (on_hull & (height <= margin))
+        beyond[part] = height > margin
+    return near, beyond
 
 
 def _in_box(shape: coal.CollisionGeometry, points: FloatArray, margin: float) -> BoolArray:
