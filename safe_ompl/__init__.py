@@ -28,12 +28,20 @@ from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
+from safe_ompl.scene.shapes.cloud import PointCloud
+from safe_ompl.scene.shapes.mesh import Mesh
+from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
 
 __all__ = [
     "Benchmark",
+    "Box",
     "BubblePlanner",
+    "Capsule",
     "CertificateError",
     "CertifiedDanger",
     "CertifiedMotion",
@@ -41,14 +49,20 @@ __all__ = [
     "CollisionChecker",
     "CollisionError",
     "CollisionFreeValidity",
+    "Cylinder",
     "DangerField",
     "DangerLimit",
     "DangerObjective",
     "InputError",
+    "Mesh",
+    "Obstacle",
     "PathReport",
     "PeakDangerObjective",
+    "Person",
     "PlanResult",
     "PlanningError",
+    "PointCloud",
+    "Pose",
     "Robot",
     "SafeJTRRT",
     "SafeOmplError",
@@ -57,6 +71,7 @@ __all__ = [
     "SafeSetup",
     "Scenario",
     "Scene",
+    "Sphere",
     "UnknownNameError",
     "Verdict",
     "WorkspaceGoal",

@@ -589,7 +589,7 @@ def test_where_nothing_is_dangerous_danger_is_zero(
 
 
 BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
-    "malformed YAML": ("start:", "start: [", ["malformed YAML", "line"]),
+    "malformed YAML": ("start:", "start: [", ["malformed YAML", ".yaml:"]),
     "unknown key": ("time: 2.0", "tine: 2.0", ["tine", "did you mean 'time'"]),
     "missing key": ("start: {joint1: 1.2, joint2: 0.2}\n", "", ["start", "missing"]),
     "time limit of zero": ("time: 2.0", "time: 0", ["time", "0"]),
