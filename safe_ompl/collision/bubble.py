@@ -10,7 +10,7 @@ from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.collision.checker import DISTANCE_ERROR, CollisionChecker
 from safe_ompl.maths import bubbles
 
-INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`math.md` §2)
+INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/mathematics.md` §2)
 _HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
 
 

@@ -41,7 +41,7 @@ def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
 
 
 def link_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
-    """Return the weights (n,) of the largest diamond in the bubble: w_i = max_p R_pi/d_p (`math.md` §3).
+    """Return the weights (n,) of the largest diamond in the bubble: w_i = max_p R_pi/d_p (`docs/mathematics.md` §3).
 
     It holds the paper's (9), because max_p R_pi/d_p ≤ max_p R_pi/min_p d_p. Parameters as for `common_diamond`.
     """
@@ -112,7 +112,7 @@ class Meetings(NamedTuple):
 
 
 def diamond_meetings(u: FloatArray, v: FloatArray) -> Meetings:
-    """Return how diamonds meet, exactly, also where their weights differ (`math.md` §3).
+    """Return how diamonds meet, exactly, also where their weights differ (`docs/mathematics.md` §3).
 
     The gap is min_s max(Σ u_i s_i, Σ v_i (1 − s_i)). As s fills up in descending order of v_i/u_i, the first sum
     rises and the second falls as fast as it can; the optimum is where they are equal.

@@ -61,7 +61,7 @@ def test_the_cube_is_the_largest():
 
 
 def test_volume_gain_of_the_link_diamond_on_a_real_arm(ur5, clutter):
-    """The figure of `math.md` §3, about 4 for six joints, within a factor of two on this scene."""
+    """The figure of `docs/mathematics.md` §3, about 4 for six joints, within a factor of two on this scene."""
     from safe_ompl.collision.checker import CollisionChecker
 
     checker, rng, gains = CollisionChecker(ur5, clutter), np.random.default_rng(1), []
