@@ -154,7 +154,7 @@ def boxes_may_meet(u: FloatArray, v: FloatArray) -> BoolArray:
     return near
 
 
-class Shape(NamedTuple):
+class BubbleShape(NamedTuple):
     """A kind of bubble.
 
     Attributes
@@ -172,8 +172,8 @@ class Shape(NamedTuple):
     meetings: Callable[[FloatArray, FloatArray], Meetings]
 
 
-SHAPES = {
-    "paper": Shape(common_diamond, diamonds_may_meet, diamond_meetings),
-    "link": Shape(link_diamond, diamonds_may_meet, diamond_meetings),
-    "cube": Shape(inscribed_cube, boxes_may_meet, box_meetings),
+BUBBLE_SHAPES = {
+    "paper": BubbleShape(common_diamond, diamonds_may_meet, diamond_meetings),
+    "link": BubbleShape(link_diamond, diamonds_may_meet, diamond_meetings),
+    "cube": BubbleShape(inscribed_cube, boxes_may_meet, box_meetings),
 }

@@ -12,7 +12,7 @@ from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.bubble import INSIDE, Bubble
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.maths.bubbles import SHAPES
+from safe_ompl.maths.bubbles import BUBBLE_SHAPES
 from safe_ompl.maths.halton import halton_point
 from safe_ompl.planners.base import fraction, non_negative
 from safe_ompl.planners.parts.graph import two_trees
@@ -127,8 +127,8 @@ class BubblePlanner(SlidingPlanner):
 
     def setShape(self, shape: str) -> None:
         """Set the shape of the bubbles: "link", "paper" or "cube"."""
-        if shape not in SHAPES:
-            raise UnknownNameError("shape", shape, SHAPES)
+        if shape not in BUBBLE_SHAPES:
+            raise UnknownNameError("shape", shape, BUBBLE_SHAPES)
         self._shape = shape
 
     def getShape(self) -> str:
@@ -217,7 +217,7 @@ class BubblePlanner(SlidingPlanner):
         delta = self._bridge.difference(q, other.closed["center"])
         reach = np.abs(delta)
         u, v = weights * reach, other.closed["weights"] * reach
-        shape = SHAPES[self._shape]
+        shape = BUBBLE_SHAPES[self._shape]
         near = np.flatnonzero(other.closed["alive"] & shape.may_meet(u, v))
         gaps, shares = shape.meetings(u[near], v[near])
         if gaps.min(initial=np.inf) >= INSIDE:

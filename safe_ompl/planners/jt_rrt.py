@@ -15,7 +15,7 @@ from safe_ompl.planners.base import fraction, non_negative
 from safe_ompl.planners.parts.growing import Extension
 from safe_ompl.planners.parts.rrt import SafeRRT
 from safe_ompl.plugins.goals import WorkspaceGoal
-from safe_ompl.robot.kinematics import Limits, Place, limited_step, pseudoinverse_step, transpose_step
+from safe_ompl.robot.kinematics import Place, StepLimits, limited_step, pseudoinverse_step, transpose_step
 
 _log = logging.getLogger(__name__)
 
@@ -82,7 +82,7 @@ class SafeJTRRT(SafeRRT):
     ) -> None:
         self._goal: Any = None
         self._place: Place
-        self._limits: Limits
+        self._limits: StepLimits
         self._arrived: int | None = None  # the first node at the goal
         super().__init__(si, name)
         self.setRange(range)
@@ -258,7 +258,7 @@ class SafeJTRRT(SafeRRT):
     def _aim(self, goal: WorkspaceGoal) -> None:
         """Turn to another goal; the tree stays, and all of its nodes may be tried for it."""
         self._goal, self._place = goal, goal.place
-        self._limits = Limits.of_motion(self._place.robot)
+        self._limits = StepLimits.of_motion(self._place.robot)
         self._forget_goal()
         if not self._place.redundancy and not self._transpose:
             _log.info(
