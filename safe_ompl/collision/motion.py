@@ -110,9 +110,10 @@ class CertifiedMotion:
         self._limits = tuple(limits)
         self._required = separation.required(checker)
         robot = checker.robot
-        # As lists: for a few joints Python compares them in half the time of NumPy.
-        self._lower = np.where(robot.continuous, -_LARGEST, robot.lower - _TOLERANCE).tolist()
-        self._upper = np.where(robot.continuous, _LARGEST, robot.upper + _TOLERANCE).tolist()
+        lower = np.where(robot.continuous, -_LARGEST, robot.lower - _TOLERANCE)
+        upper = np.where(robot.continuous, _LARGEST, robot.upper + _TOLERANCE)
+        # Of both ends, as lists: so few numbers Python compares in half the time of NumPy.
+        self._lower, self._upper = 2 * lower.tolist(), 2 * upper.tolist()
 
     @property
     def checker(self) -> CollisionChecker:
@@ -193,7 +194,7 @@ class CertifiedMotion:
     def is_free(self, start: ArrayLike, end: ArrayLike) -> bool:
         """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`."""
         start, end = self._edge(start, end)
-        if not (self._is_within_limits(start) and self._is_within_limits(end)):
+        if not self._is_within_limits(start, end):
             self._check_finite(start, end)
             return False
         if self._subdivide(start, end, self._required)[0] is not Verdict.FREE:
@@ -252,9 +253,9 @@ class CertifiedMotion:
         n = self._checker.robot.n
         return unchecked(start, n, "start of a motion"), unchecked(end, n, "end of a motion")
 
-    def _is_within_limits(self, q: FloatArray) -> bool:
-        """Return whether `q: (n,)` is within the limits; NaN and infinity never are."""
-        values = q.tolist()
+    def _is_within_limits(self, start: FloatArray, end: FloatArray) -> bool:
+        """Return whether both ends (n,) are within the limits; NaN and infinity never are."""
+        values = start.tolist() + end.tolist()
         return all(map(le, self._lower, values)) and all(map(le, values, self._upper))
 
     def _check_finite(self, start: FloatArray, end: FloatArray) -> None:

@@ -37,10 +37,9 @@ class Queries:
     """
 
     def __init__(self, model: pin.Model, geometry: pin.GeometryModel, obstacles: int) -> None:
-        self._written = b""  # the margins that coal has
-        self._unchanging: FloatArray | None = (
-            None  # the array that they came from, where it cannot have changed
-        )
+        # The margins that coal has: the array itself, where it cannot have changed since, or what was in it.
+        self._unchanging: FloatArray | None = None
+        self._written: bytes | None = None
         self.model = model
         self.geometry = geometry
         self.kinematics = model.createData()
@@ -52,7 +51,7 @@ class Queries:
         self._entries = np.array([a + bodies * b for a, b in indices(geometry)], dtype=np.intp)
         self.no_margins: FloatArray = np.zeros(len(self._entries))
         self.no_margins.setflags(write=False)
-        self._write(self.no_margins)
+        self.set_margins(self.no_margins)
         kind = (
             pin.BroadPhaseManager_SSaPCollisionManager
             if obstacles > _MANY_OBSTACLES
@@ -85,17 +84,20 @@ class Queries:
 
     def set_margins(self, margins: FloatArray) -> None:
         """Write margins (P,) [m] to coal's requests, unless they are there."""
-        if margins.tobytes() != self._written:
+        # An array that owns its numbers and is read-only is known to be the same when it comes again.
+        if margins.base is None and not margins.flags.writeable:
+            if margins is not self._unchanging:
+                self._write(margins)
+                self._unchanging, self._written = margins, None
+        elif (content := margins.tobytes()) != self._written:
             self._write(margins)
+            self._unchanging, self._written = None, content
 
     def _write(self, margins: FloatArray) -> None:
         # With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre
         # apart, and calls them free: what is nearer than it can tell counts as touching.
         self._margin_entries[self._entries] = margins + DISTANCE_ERROR
         self.data.setSecurityMargins(self.geometry, self._margins, True, False)
-        self._written = margins.tobytes()
-        # An array that owns its numbers and is read-only is known to be the same when it comes again.
-        self._unchanging = margins if margins.base is None and not margins.flags.writeable else None
 
 
 def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
