@@ -26,6 +26,19 @@ def configuration(q: ArrayLike, n: int, name: str = "configuration") -> FloatArr
     return finite_array(q, (n,), name)
 
 
+def configurations(Q: ArrayLike, n: int) -> FloatArray:
+    """Return `Q` as a float array (B, n); see `configuration`."""
+    ready = type(Q) is np.ndarray and Q.dtype is _FLOAT and Q.ndim == 2 and Q.shape[1] == n
+    if ready and isfinite(np.vdot(Q, Q)):
+        return Q
+    return finite_array(Q, (None, n), "configurations")
+
+
+def edge(start: ArrayLike, end: ArrayLike, n: int) -> FloatArray:
+    """Return the ends (2, n) of a motion as a float array; errors as `configuration`."""
+    return np.array([configuration(start, n, "start of a motion"), configuration(end, n, "end of a motion")])
+
+
 def unchecked(q: ArrayLike, n: int, name: str) -> FloatArray:
     """Return `q` as a float array (n,); whether one that is such an array is finite is for the caller to find out."""
     if type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == (n,):
