@@ -28,8 +28,8 @@ def configuration(q: ArrayLike, n: int, name: str = "configuration") -> FloatArr
 
 def configurations(Q: ArrayLike, n: int) -> FloatArray:
     """Return `Q` as a float array (B, n); see `configuration`."""
-    ready = type(Q) is np.ndarray and Q.dtype is _FLOAT and Q.ndim == 2 and Q.shape[1] == n
-    if ready and isfinite(np.vdot(Q, Q)):
+    is_batch = isinstance(Q, np.ndarray) and Q.dtype is _FLOAT and Q.ndim == 2 and Q.shape[1] == n
+    if isinstance(Q, np.ndarray) and is_batch and isfinite(np.vdot(Q, Q)):
         return Q
     return finite_array(Q, (None, n), "configurations")
 
