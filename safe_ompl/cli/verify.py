@@ -110,7 +110,7 @@ def certificate_of(
 ) -> dict[str, Any]:
     """Return the certificate of a solved plan, for `file`: files that it names are relative to that."""
     assert result.path is not None
-    folder, wanted = Path(file).parent, setup.checker.getMinClearance()
+    folder, wanted = Path(file).parent, setup.getMinClearance()
     assert scenario.file is not None
     return certificate(
         result.path,

@@ -10,7 +10,7 @@ from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.collision.checker import DISTANCE_ERROR, CollisionChecker
 from safe_ompl.maths import bubbles
 
-INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`math.md` §2)
+INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/mathematics.md` §2)
 _HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
 
 
@@ -48,7 +48,7 @@ class Bubble:
         checker : CollisionChecker
             Gives distances of all checked pairs, the robot's own included, and their radii at `q`.
         shape : str
-            One of `safe_ompl.maths.bubbles.SHAPES`.
+            One of `safe_ompl.maths.bubbles.BUBBLE_SHAPES`.
         least : float
             [m]
         """
@@ -56,7 +56,7 @@ class Bubble:
         if distances.min(initial=np.inf) <= least:
             return None
         radii = checker.pair_radii_at(q)
-        return cls(q, bubbles.SHAPES[shape].weights(radii, distances), radii, distances)
+        return cls(q, bubbles.BUBBLE_SHAPES[shape].weights(radii, distances), radii, distances)
 
     def vertices(self, lower: FloatArray, upper: FloatArray, circular: BoolArray) -> FloatArray:
         """Return the ends (2n, n) of the shape's axes, within the limits (n,) of joints that do not wrap."""

@@ -10,6 +10,7 @@ from ompl import base as ob
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import FLOOR, CertifiedMotion
+from safe_ompl.collision.separation import Separation
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
 
@@ -31,13 +32,18 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
 
     def __init__(self, si: Any, checker: CollisionChecker, floor: float = FLOOR) -> None:
         super().__init__(si)
-        self.motion = CertifiedMotion(checker, floor)
+        self._motion = CertifiedMotion(checker, floor)
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
         self._bridge = StateBridge(self._space)
 
+    @property
+    def motion(self) -> CertifiedMotion:
+        """What proves motions now; the setters put another one in its place."""
+        return self._motion
+
     def setDangerLimit(self, limit: DangerLimit | None) -> None:
         """Accept only motions whose danger is proven to keep to a limit; None: whatever it is."""
-        self.motion.limits = () if limit is None else (limit,)
+        self._motion = self._motion.with_limits(() if limit is None else (limit,))
 
     def setMinClearance(
         self,
@@ -45,12 +51,23 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         obstacles: Sequence[str] | None = None,
         exempt: Sequence[tuple[str, str]] = (),
     ) -> None:
-        """Accept only motions that are proven to keep a distance; see `CollisionChecker.setMinClearance`."""
-        self.motion.setMinClearance(distance, obstacles, exempt)
+        """Accept only motions that are proven to keep a distance; arguments and errors of `MinClearance.of`.
+
+        The state validity checker has a setter of the same name: it should know, too.
+        """
+        self._motion = self._motion.with_min_clearance(distance, obstacles, exempt)
 
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
-        """Accept only motions that are free whatever obstacles do; see `CertifiedMotion.setMovingObstacles`."""
-        self.motion.setMovingObstacles(speeds, time)
+        """Accept only motions that are free whatever obstacles do; see `CertifiedMotion.with_moving_obstacles`."""
+        self._motion = self._motion.with_moving_obstacles(speeds, time)
+
+    def setSeparation(self, separation: Separation) -> None:
+        """Accept only motions that are proven to keep a separation, instead of what was set before."""
+        self._motion = self._motion.with_separation(separation)
+
+    def getSeparation(self) -> Separation:
+        """Return what motions must keep from obstacles."""
+        return self._motion.separation
 
     def checkMotion(self, start: Any, end: Any) -> bool:
         """Return whether the straight motion between two states is within limits and proven free."""
@@ -59,4 +76,4 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         q_start, q_end = self._bridge.read(start), self._bridge.read(end)
         if not isfinite(q_start.dot(q_end)):  # OMPL's bounds let NaN pass
             return False
-        return self.motion.is_free(q_start, q_end)
+        return self._motion.is_free(q_start, q_end)

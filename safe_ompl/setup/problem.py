@@ -14,7 +14,9 @@ from ompl import geometric as og
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.min_clearance import MinClearance
 from safe_ompl.collision.motion import FLOOR
+from safe_ompl.collision.separation import Separation
 from safe_ompl.counts import Counts
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
@@ -156,7 +158,7 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         Parameters
         ----------
         distance, obstacles, exempt
-            As in `CollisionChecker.setMinClearance`.
+            As in `MinClearance.of`.
 
         Raises
         ------
@@ -165,13 +167,22 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         InputError
             As there.
         """
-        before = self.checker.getMinClearance()
-        self.checker.setMinClearance(distance, obstacles, exempt)
+        before = self._validator.getSeparation()
+        self._keep_apart(before.with_min_clearance(self.checker, distance, obstacles, exempt))
         try:
             self._check_given()
         except BaseException:
-            self.checker.require(before)
+            self._keep_apart(before)
             raise
+
+    def getMinClearance(self) -> MinClearance | None:
+        """Return the distance that every path must keep from obstacles; None where none is required."""
+        return self._validator.getSeparation().min_clearance
+
+    def _keep_apart(self, separation: Separation) -> None:
+        self._validator.setSeparation(separation)
+        # Obstacles that move are the validator's: states have no time.
+        self._validity.setSeparation(Separation(separation.min_clearance, separation.margin))
 
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.
@@ -179,7 +190,7 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         Parameters
         ----------
         speeds, time
-            As in `CertifiedMotion.setMovingObstacles`.
+            As in `CertifiedMotion.with_moving_obstacles`.
 
         Raises
         ------
@@ -235,9 +246,10 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         pair = self.checker.colliding_pair(q)
         if pair is not None:
             raise CollisionError(f"{name} is in collision: {pair[0]!r} touches {pair[1]!r}")
-        if self.checker.too_near(q):
-            near = self.checker.pair_within_margins(q) or ("robot", "obstacle")
-            least = f"{1e3 * self.checker.required.max():g} mm"
+        required = self._validity.getSeparation().required(self.checker)
+        near = required.violating_pair(q)
+        if near is not None:
+            least = f"{1e3 * required.at_start.max():g} mm"
             raise CollisionError(f"{name} is too near: {near[0]!r} keeps less than {least} from {near[1]!r}")
         if self._danger_limit is not None and not self._danger_limit.allows(q):
             raise CollisionError(

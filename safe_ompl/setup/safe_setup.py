@@ -285,6 +285,8 @@ class SafeSetup(SafeProblem):
         if self._simplifier is None:
             self.setSimplification()
         assert self._simplifier is not None
+        if self._simplifier.motion is not self._validator.motion:
+            self._simplifier = self._simplifier.proving_by(self._validator.motion)
         return self._simplifier
 
     def setSimplification(self, **options: Any) -> None:

@@ -58,7 +58,7 @@ def test_proofs_in_all_kinds_of_scenes(robot_named, plain_check, name, scene, se
     if CertifiedMotion(checker).is_free(start, end):
         assert apart.min() > -ERROR
         assert verify(certificate([start, end], robot, scene), robot, scene).edges == 1
-    motion = CertifiedMotion(checker, margin=margin)
+    motion = CertifiedMotion(checker).with_margin(margin)
     found = motion.check(start, end)
     if found.verdict is Verdict.FREE:
         assert apart[:, of_obstacles].min() > margin - ERROR

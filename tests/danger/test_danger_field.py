@@ -341,13 +341,15 @@ def test_refuses_a_robot_without_links(tmp_path):
 
 def test_refuses_bad_configurations():
     danger = DangerField(ARM, POINTS)
-    with pytest.raises(InputError, match=r"configuration must have shape \(3,\), got \(2,\)"):
+    with pytest.raises(InputError, match=r"configuration must have shape \(3,?\), got \(2,\)"):
         danger.value([0.0, 0.0])
     with pytest.raises(InputError, match=r"configurations must have shape \(any, 3\), got \(3,\)"):
         danger.values(Q[0])
     for q in ([np.nan, 0, 0], [0, np.inf, 0]):
-        with pytest.raises(InputError, match="configurations must be finite, got"):
+        with pytest.raises(InputError, match="configuration must be finite, got"):
             danger.gradient(q)
+        with pytest.raises(InputError, match="configurations must be finite, got"):
+            danger.gradients([q])
 
 
 def test_refuses_bad_points_of_a_field():

@@ -110,12 +110,11 @@ def least_clearance(path: FloatArray, checker: CollisionChecker) -> float:
     least = min(checker.clearance(q).distance for q in samples[[0, -1]])
     if not 0 < least < np.inf:
         return max(0.0, least)
-    checker.cover(least)
-    checker.set_margins(np.where(checker.meets_obstacle, least, 0.0))
+    pairs = checker.pairs_within(least)
+    margins = pairs.margins(least)
     for q in samples:
-        if checker.within_margins(q) and (distance := checker.clearance(q).distance) < least:
+        if pairs.within_margins(q, margins) and (distance := checker.clearance(q).distance) < least:
             if distance <= 0:
                 return 0.0
-            least = distance
-            checker.set_margins(np.where(checker.meets_obstacle, least, 0.0))
+            least, margins = distance, pairs.margins(distance)
     return least

@@ -103,7 +103,6 @@ class Simplification:
         margin = 0.0
         if settings.nearness is not None:
             checker = settings.motion.checker
-            # First: the checker may cover more pairs for it, and nearness takes those that are covered.
             margin = least_clearance(path, checker) - _SAME
             self._nearness = settings.nearness.afresh()
             self._nearness.allow(_ALLOWANCE * min(checker.clearance(q).distance for q in path[[0, -1]]))

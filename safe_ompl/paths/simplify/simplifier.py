@@ -64,7 +64,6 @@ class Simplifier:
         length_factor: float = LENGTH_FACTOR,
         spacing: float = SPACING,
     ) -> None:
-        checker.cover(CLEARANCE)  # so that the first path need not wait for it
         self.robot = checker.robot
         self.checker = checker
         self.motion = motion or CertifiedMotion(checker)
@@ -76,6 +75,12 @@ class Simplifier:
         )
         self.danger = DangerDensity(field, reference_danger(field, checker), weight, exponent)
         self.cost = PathCost(self.robot, [self.danger])
+
+    def proving_by(self, motion: CertifiedMotion) -> Simplifier:
+        """Return the same simplifier whose edges another certified motion proves."""
+        other = copy(self)
+        other.motion = motion
+        return other
 
     def refined(self, times: int) -> Simplifier:
         """Return a simplifier that goes on where this one ends: the spacing halved so many times, smaller gains."""
