@@ -1,4 +1,4 @@
-"""What a path costs: length, and danger and nearness along it; with the exact gradient at its way points."""
+"""The cost functional of a path: length, and densities such as danger along it; with the exact gradient."""
 
 from __future__ import annotations
 
