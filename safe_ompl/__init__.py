@@ -13,7 +13,7 @@ from safe_ompl.errors import (
     SafeOmplError,
     UnknownNameError,
 )
-from safe_ompl.paths.certificate.certificate import certificate
+from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.simplifier import simplify_danger

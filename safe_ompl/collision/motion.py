@@ -213,6 +213,11 @@ class CertifiedMotion:
         self._moving = dict(speeds), last
         self._required = None
 
+    def getMovingObstacles(self) -> tuple[dict[str, float], float]:
+        """Return the speeds by obstacle [m/s] and the time [s] of `setMovingObstacles`; no speeds: all stand still."""
+        speeds, time = self._moving
+        return dict(speeds), time
+
     def _check_speeds(self, speeds: Mapping[str, float]) -> None:
         for name, speed in speeds.items():
             if not (self.checker.scene[name] and isfinite(speed) and speed >= 0):

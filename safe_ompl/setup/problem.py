@@ -188,6 +188,10 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         """
         self._validator.setMovingObstacles(speeds, time)
 
+    def getMovingObstacles(self) -> tuple[dict[str, float], float]:
+        """Return the speeds by obstacle [m/s] and the time [s] of `setMovingObstacles`; no speeds: all stand still."""
+        return self._validator.motion.getMovingObstacles()
+
     def _check_given(self) -> None:
         """Raise an error if the start or all goals that were given are not allowed any more."""
         start, goals = self._given
