@@ -46,10 +46,13 @@ def carried_scene(scene: Scene) -> dict[str, Any]:
                 files[name] = _read(path)
                 obstacle[key] = {**value, "file": name}
     carried = {"hash": scene.content_hash(), "content": content, "files": files}
-    if files and built_scene(carried).content_hash() != scene.content_hash():
+    try:
+        if files:
+            built_scene(carried)
+    except CertificateError:
         raise InputError(
             "a mesh or point file of the scene has changed since it was read: read the scene anew"
-        )
+        ) from None
     return carried
 
 
@@ -159,12 +162,13 @@ def built_robot(
         try:
             urdf = urdf or _file("urdf", files["urdf"], Path(folder))
             return Robot.from_urdf(urdf, srdf, folders, **options)
-        except TypeError as error:
-            raise InputError(f"not a recipe of a robot: {error}", "recipe") from None
-        except InputError as error:
+        except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as error:
+            if not isinstance(error, InputError):
+                line = str(error).partition("\n")[0]
+                raise InputError(f"not a recipe of a robot: {line}", "recipe") from None
             raise InputError(
                 f"the robot {name!r} cannot be built from what is carried; meshes are not: give its URDF, or the "
-                f"folder above its packages ({error})"
+                f"folder above its packages ({str(error).replace(f'{folder}/', '')})"
             ) from None
 
 
