@@ -153,23 +153,23 @@ def built_robot(
         raise InputError(
             f"it carries no recipe of its robot {name!r}: give the scenario, or the robot in Python"
         )
-    options = document.mapping("recipe", recipe)
+    options, given = document.mapping("recipe", recipe), urdf is not None or bool(package_dirs)
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
-        files = {key: options.pop(key, None) for key in _FILES}
-        srdf = None if files["srdf"] is None else _file("srdf", files["srdf"], Path(folder))
+        files = {key: _file(key, options.pop(key, None), Path(folder)) for key in _FILES}
         examples = _examples()
         folders = [*package_dirs, *([] if examples is None else [examples.parents[1]])]
         try:
-            urdf = urdf or _file("urdf", files["urdf"], Path(folder))
-            return Robot.from_urdf(urdf, srdf, folders, **options)
-        except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as error:
-            if not isinstance(error, InputError):
-                line = str(error).partition("\n")[0]
-                raise InputError(f"not a recipe of a robot: {line}", "recipe") from None
+            return Robot.from_urdf(urdf or files["urdf"] or "", files["srdf"], folders, **options)
+        except InputError as error:
+            if given:
+                raise
             raise InputError(
                 f"the robot {name!r} cannot be built from what is carried; meshes are not: give its URDF, or the "
                 f"folder above its packages ({str(error).replace(f'{folder}/', '')})"
             ) from None
+        except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as error:
+            line = str(error).partition("\n")[0]
+            raise InputError(f"not a recipe of a robot: {line}", "recipe") from None
 
 
 def _recipe(robot: Robot) -> dict[str, Any] | None:
@@ -194,8 +194,10 @@ def _carried_file(name: str | None) -> dict[str, str] | None:
         raise InputError(f"cannot be carried in a certificate ({error})", name) from None
 
 
-def _file(key: str, carried: Any, folder: Path) -> Path:
+def _file(key: str, carried: Any, folder: Path) -> Path | None:
     """Return a URDF or SRDF where it can be read: in example-robot-data, or written into a folder."""
+    if carried is None and key == "srdf":
+        return None
     with document.within("recipe"):
         file = document.mapping(key, carried)
         with document.within(key):
