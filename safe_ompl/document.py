@@ -2,23 +2,22 @@
 
 Every check raises an `InputError` whose message starts with the key that it is about. Each level of a
 document wraps its children in `within`, so that the message grows into the full path on its way up:
-``scenarios/x.yaml: scene.obstacles[2] 'table'.box.size: -0.2 must be > 0``.
+``scenarios/x.yaml: scene.obstacles[2] 'table'.box.size: must be a positive number, got -0.2``.
 """
 
 from __future__ import annotations
 
 import difflib
-import math
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from safe_ompl import inputs
 from safe_ompl.errors import InputError
 
 
@@ -69,7 +68,7 @@ def parse_document(content: str) -> dict[str, Any]:
     if data is None:
         return {}
     if not isinstance(data, dict):
-        raise InputError(f"must be a mapping of keys to values, not {_kind(data)}")
+        raise InputError(f"must be a mapping of keys to values, got {_kind(data)}")
     return data
 
 
@@ -81,7 +80,7 @@ def dump_document(data: Mapping[str, Any]) -> str:
 def mapping(key: str, value: Any, valid: Iterable[str] | None = None) -> dict[str, Any]:
     """Return `value` as a mapping with text keys, all of them among `valid` if given."""
     if not isinstance(value, Mapping):
-        raise InputError(f"must be a mapping of keys to values, not {_kind(value)}", key)
+        raise InputError(f"must be a mapping of keys to values, got {_kind(value)}", key)
     for name in value:
         if not isinstance(name, str):
             raise InputError(f"the key {name!r} must be text", key)
@@ -110,22 +109,18 @@ def require(data: Mapping[str, Any], key: str) -> Any:
 
 def text(key: str, value: Any) -> str:
     """Return `value` as text that is not empty."""
-    if not isinstance(value, str) or not value.strip():
-        raise InputError(f"must be text that is not empty, not {value!r}", key)
-    return value
+    return inputs.text(f"{key}:", value)
 
 
 def flag(key: str, value: Any) -> bool:
     """Return `value` as a bool."""
-    if not isinstance(value, bool):
-        raise InputError(f"must be true or false, not {value!r}", key)
-    return value
+    return inputs.flag(f"{key}:", value)
 
 
 def file(key: str, value: Any, endings: tuple[str, ...]) -> Path:
     """Return `value` as the absolute path of a file that exists and ends in one of `endings`."""
-    if not isinstance(value, (str, Path)):
-        raise InputError(f"must be a file name, not {value!r}", key)
+    if not isinstance(value, (str, os.PathLike)):
+        raise InputError(f"must be a file name, got {inputs.shown(value)}", key)
     path = Path(value).resolve()
     if path.suffix.lower() not in endings:
         raise InputError(f"{str(value)!r} must end in {' or '.join(endings)}", key)
@@ -139,31 +134,31 @@ def file_name(path: Path, folder: Path | None) -> str:
     return str(path) if folder is None else Path(os.path.relpath(path, folder.resolve())).as_posix()
 
 
-def number(key: str, value: Any, *, above: float | None = None, at_least: float | None = None) -> float:
-    """Return `value` as a finite float, larger than `above` or no smaller than `at_least` if given."""
-    if not isinstance(value, Real) or isinstance(value, bool):
-        raise InputError(f"must be a number, not {value!r}", key)
-    try:
-        result = float(value)
-    except OverflowError:
-        result = math.inf
-    if not math.isfinite(result):
-        raise InputError(f"must be a finite number, not {result}", key)
-    if above is not None and not result > above:
-        raise InputError(f"{result:g} must be > {above:g}", key)
-    if at_least is not None and not result >= at_least:
-        raise InputError(f"{result:g} must be ≥ {at_least:g}", key)
-    return result
+def number(
+    key: str,
+    value: Any,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+) -> float:
+    """Return `value` as a finite float within bounds."""
+    return inputs.number(f"{key}:", value, above=above, at_least=at_least, at_most=at_most)
 
 
 def numbers(
-    key: str, value: Any, count: int | None = None, *, above: float | None = None
+    key: str,
+    value: Any,
+    count: int | None = None,
+    *,
+    above: float | None = None,
+    at_most: float | None = None,
 ) -> tuple[float, ...]:
-    """Return `value` as `count` finite floats, each larger than `above` if given."""
+    """Return `value` as `count` finite floats, each larger than `above` and no larger than `at_most` if given."""
     items = sequence(key, value)
     if count is not None and len(items) != count:
-        raise InputError(f"must be {count} numbers, not {len(items)}: {list(items)!r}", key)
-    return tuple(number(key, item, above=above) for item in items)
+        raise InputError(f"must be {count} numbers, got {len(items)}: {inputs.shown(items)}", key)
+    return tuple(number(key, item, above=above, at_most=at_most) for item in items)
 
 
 def sequence(key: str, value: Any) -> list[Any]:
@@ -171,12 +166,12 @@ def sequence(key: str, value: Any) -> list[Any]:
     if hasattr(value, "tolist"):
         value = value.tolist()
     if not isinstance(value, (list, tuple)):
-        raise InputError(f"must be a list, not {_kind(value)}", key)
+        raise InputError(f"must be a list, got {_kind(value)}", key)
     return list(value)
 
 
 def _kind(value: Any) -> str:
-    return "nothing" if value is None else f"{type(value).__name__} {value!r}"
+    return "nothing" if value is None else f"{type(value).__name__} {inputs.shown(value)}"
 
 
 class _StrictLoader(yaml.SafeLoader):

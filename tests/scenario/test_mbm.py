@@ -112,13 +112,16 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"start": None}, "start: must be a list, not nothing"),
-        ({"start": [0]}, "start: must be 2 numbers, not 1"),
-        ({"start": [0, "x"]}, "start: must be a number, not 'x'"),
+        ({"start": None}, "start: must be a list, got nothing"),
+        ({"start": [0]}, "start: must be 2 numbers, got 1"),
+        ({"start": [0, "x"]}, "start: must be a finite number, got 'x'"),
         ({"goals": []}, "goals: must hold at least one goal"),
         ({"goals": [[0, float("nan")]]}, "goals[0]: must be a finite number"),
         ({"index": "one"}, "index: must be a whole number"),
-        ({"box": [{"name": "a", "half_extents": [0, 1, 1], **PLACE}]}, "box[0].half_extents: 0 must be > 0"),
+        (
+            {"box": [{"name": "a", "half_extents": [0, 1, 1], **PLACE}]},
+            "box[0].half_extents: must be a positive number, got 0",
+        ),
         ({"octree": [{"name": "a"}]}, "octree: obstacles of this kind are not read"),
     ],
 )

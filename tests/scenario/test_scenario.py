@@ -138,9 +138,9 @@ def test_goals_of_all_kinds() -> None:
     [
         (("start:", "strat:"), "strat: unknown key; did you mean 'start'?"),
         (("start: [0, 0, 0]", ""), "start: missing, but needed"),
-        (("start: [0, 0, 0]", "start: here"), "start: must be a list, not str 'here'"),
-        (("[0, 0, 0]", "[0, .nan, 0]"), "start: must be a finite number, not nan"),
-        (("[0, 0, 0]", "{joint1: fast}"), "start.joint1: must be a number, not 'fast'"),
+        (("start: [0, 0, 0]", "start: here"), "start: must be a list, got str 'here'"),
+        (("[0, 0, 0]", "[0, .nan, 0]"), "start: must be a finite number, got nan"),
+        (("[0, 0, 0]", "{joint1: fast}"), "start.joint1: must be a finite number, got 'fast'"),
         (("configuration:", "config:"), "goal.config: unknown key; did you mean 'configuration'?"),
         (("{configuration: [1, 0, 0]}", "{}"), "goal.configuration: missing: give configuration, "),
         (("{configuration: [1, 0, 0]}", "[1, 0, 0]"), "goal: must be a mapping"),
@@ -149,14 +149,14 @@ def test_goals_of_all_kinds() -> None:
         (("{configuration: [1, 0, 0]}", "{position: [0, 0]}"), "goal.position: must be 3 numbers"),
         (
             ("{configuration: [1, 0, 0]}", "{position: [0, 0, 0], tolerance: 0}"),
-            "goal.tolerance: 0 must be > 0",
+            "goal.tolerance: must be a positive number, got 0",
         ),
         (("planar3.urdf", "planar9.urdf"), "robot.urdf: "),
         (("tip: tip", "tpi: tip"), "robot.tpi: unknown key; did you mean 'tip'?"),
         (("urdf: planar3.urdf,", ""), "robot.example: give either example or urdf"),
-        (("tip: tip", "locked: {joint3: stiff}"), "robot.locked.joint3: must be a number"),
-        (("tip: tip", "hulls: maybe"), "robot.hulls: must be true or false, not 'maybe'"),
-        (("start:", "time: -1\nstart:"), "time: -1 must be > 0"),
+        (("tip: tip", "locked: {joint3: stiff}"), "robot.locked.joint3: must be a finite number"),
+        (("tip: tip", "hulls: maybe"), "robot.hulls: must be true or false, got 'maybe'"),
+        (("start:", "time: -1\nstart:"), "time: must be a positive number, got -1"),
         (("start:", "danger: 3\nstart:"), "danger: must be a mapping"),
         (("start:", "danger: {spacing: .nan}\nstart:"), "danger.spacing: must be a finite number"),
         (
@@ -165,7 +165,7 @@ def test_goals_of_all_kinds() -> None:
         ),
         (
             ("start:", "scene: {obstacles: [{name: a, sphere: {radius: 0}}]}\nstart:"),
-            "scene.obstacles[0] 'a'.sphere.radius: 0 must be > 0",
+            "scene.obstacles[0] 'a'.sphere.radius: must be a positive number, got 0",
         ),
     ],
 )

@@ -89,7 +89,7 @@ def test_truncated_ply_is_refused(tmp_path: Path) -> None:
         ({}, "points: give either points or file"),
         ({"file": "missing.ply"}, "file: 'missing.ply' does not exist"),
         ({"file": "cloud.xyz"}, "file: 'cloud.xyz' must end in .ply or .npy"),
-        ({"points": [[0, 0, 0]], "radius": 0}, "radius: 0 must be > 0"),
+        ({"points": [[0, 0, 0]], "radius": 0}, "radius: must be a positive number, got 0"),
     ],
 )
 def test_unusable_clouds_are_refused(fields: dict, message: str) -> None:

@@ -136,11 +136,17 @@ def test_world_keypoints_are_in_the_world() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("obstacles: [{name: a, box: {size: [1, -0.2, 1]}}]", "obstacles[0] 'a'.box.size: -0.2 must be > 0"),
-        ("obstacles: [{name: a, sphere: {radius: .nan}}]", "'a'.sphere.radius: must be a finite number"),
+        (
+            "obstacles: [{name: a, box: {size: [1, -0.2, 1]}}]",
+            "obstacles[0] 'a'.box.size: must be a positive number, got -0.2",
+        ),
+        (
+            "obstacles: [{name: a, sphere: {radius: .nan}}]",
+            "'a'.sphere.radius: must be a positive number, got nan",
+        ),
         ("obstacles: [{name: a, sphere: {raduis: 1}}]", "sphere.raduis: unknown key; did you mean 'radius'?"),
         ("obstacles: [{name: a, sphere: {}}]", "'a'.sphere.radius: missing, but needed"),
-        ("obstacles: [{name: a, sphere: 3}]", "'a'.sphere: must be a mapping of keys to values, not int 3"),
+        ("obstacles: [{name: a, sphere: 3}]", "'a'.sphere: must be a mapping of keys to values, got int 3"),
         ("obstacles: [{name: a, shpere: {radius: 1}}]", "'a'.shpere: unknown key; did you mean 'sphere'?"),
         ("obstacles: [{name: a}]", "'a'.shape: give exactly one of box, sphere"),
         ("obstacles: [{name: a, sphere: {radius: 1}, box: {size: [1, 1, 1]}}]", "found box and sphere"),
@@ -159,12 +165,21 @@ def test_world_keypoints_are_in_the_world() -> None:
             "obstacles: [{name: a, sphere: {radius: 1}, yaw: 0, rpy: [0, 0, 0]}]",
             "give only one of rpy and yaw",
         ),
-        ("obstacles: [{name: a, sphere: {radius: 1}, weight: -1}]", "'a'.weight: -1 must be ≥ 0"),
-        ("obstacles: [{name: a, sphere: {radius: 1}, weight: heavy}]", "'a'.weight: must be a number"),
+        (
+            "obstacles: [{name: a, sphere: {radius: 1}, weight: -1}]",
+            "'a'.weight: must be a finite number >= 0, got -1",
+        ),
+        (
+            "obstacles: [{name: a, sphere: {radius: 1}, weight: heavy}]",
+            "'a'.weight: must be a finite number >= 0, got 'heavy'",
+        ),
         ("obstacles: [{name: a, sphere: {radius: 1}, color: red}]", "'a'.color: must be '#rrggbb'"),
         ("obstacles: [{name: a, mesh: {file: no.stl}}]", "'a'.mesh.file: "),
         ("obstacles: [{name: a, pointcloud: {radius: 1, points: []}}]", "the point cloud is empty"),
-        ("obstacles: [{name: a, person: {height: tall}}]", "'a'.person.height: must be a number, not 'tall'"),
+        (
+            "obstacles: [{name: a, person: {height: tall}}]",
+            "'a'.person.height: must be a positive number, got 'tall'",
+        ),
         (
             "obstacles: [{name: a, person: {world_keypoints: {hat: [0, 0, 0]}}}]",
             "'a'.person.world_keypoints.hat: unknown key",
@@ -173,11 +188,11 @@ def test_world_keypoints_are_in_the_world() -> None:
             "obstacles: [{name: a, sphere: {radius: 1}}, {name: a, sphere: {radius: 1}}]",
             "obstacles[1].name: 'a' is already obstacles[0]",
         ),
-        ("obstacles: {a: 1}", "obstacles: must be a list, not dict"),
-        ("obstacles: [7]", "obstacles[0]: must be a mapping of keys to values, not int 7"),
+        ("obstacles: {a: 1}", "obstacles: must be a list, got dict"),
+        ("obstacles: [7]", "obstacles[0]: must be a mapping of keys to values, got int 7"),
         ("obstacle: []", "obstacle: unknown key; did you mean 'obstacles'? valid keys: spacing, obstacles"),
-        ("spacing: 0", "spacing: 0 must be > 0"),
-        ("[1, 2]", "must be a mapping of keys to values, not list [1, 2]"),
+        ("spacing: 0", "spacing: must be a positive number, got 0"),
+        ("[1, 2]", "must be a mapping of keys to values, got list [1, 2]"),
         ("spacing: 1\nobstacles: [}", "line 2: malformed YAML"),
         ("spacing: 1\nspacing: 2", "line 2: malformed YAML: the key 'spacing' is given twice"),
         ("spacing: !!python/object:os.system 1", "malformed YAML: could not determine a constructor"),
@@ -240,7 +255,7 @@ def test_danger_points_carry_weight_and_owner(kitchen: Scene) -> None:
     assert np.abs(top - [0.5, 0, 0.4]).max(axis=0) == pytest.approx([0.5, 0.3, 0.025])
     assert (kitchen.danger_points()[0] == points).all()
     assert len(kitchen.danger_points(0.1)[0]) > len(points)
-    with pytest.raises(InputError, match="spacing: 0 must be > 0"):
+    with pytest.raises(InputError, match="spacing: must be a positive number, got 0"):
         kitchen.danger_points(0)
 
 
@@ -296,7 +311,7 @@ def test_from_mbm_makes_everything_dangerous() -> None:
         ({"sphere": 3}, "sphere: must be a list"),
         (
             {"sphere": [{"radius": -1, "position": [0, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}]},
-            "sphere[0].radius: -1 must be > 0",
+            "sphere[0].radius: must be a positive number, got -1",
         ),
     ],
 )

@@ -124,14 +124,14 @@ def test_triangles_face_outwards_and_enclose_the_volume(shape: Shape, expected: 
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Box((1, -0.2, 1)), "size: -0.2 must be > 0"),
-        (lambda: Box((1, 1)), "size: must be 3 numbers, not 2"),
-        (lambda: Box("big"), "size: must be a list, not str 'big'"),
-        (lambda: Sphere(0), "radius: 0 must be > 0"),
-        (lambda: Sphere(float("nan")), "radius: must be a finite number, not nan"),
-        (lambda: Sphere(True), "radius: must be a number, not True"),
-        (lambda: Cylinder(0.1, float("inf")), "length: must be a finite number"),
-        (lambda: Capsule("0.1 m", 1), "radius: must be a number, not '0.1 m'"),
+        (lambda: Box((1, -0.2, 1)), "size: must be a positive number, got -0.2"),
+        (lambda: Box((1, 1)), "size: must be 3 numbers, got 2"),
+        (lambda: Box("big"), "size: must be a list, got str 'big'"),
+        (lambda: Sphere(0), "radius: must be a positive number, got 0"),
+        (lambda: Sphere(float("nan")), "radius: must be a positive number, got nan"),
+        (lambda: Sphere(True), "radius: must be a positive number, got True"),
+        (lambda: Cylinder(0.1, float("inf")), "length: must be a positive number, got inf"),
+        (lambda: Capsule("0.1 m", 1), "radius: must be a positive number, got '0.1 m'"),
     ],
 )
 def test_impossible_sizes_are_refused(build, message: str) -> None:
@@ -179,7 +179,7 @@ def test_unusable_meshes_are_refused(tmp_path: Path) -> None:
     broken.write_text("this is no mesh")
     with pytest.raises(InputError, match="cannot be read as a mesh"):
         Mesh(broken)
-    with pytest.raises(InputError, match="scale: 0 must be > 0"):
+    with pytest.raises(InputError, match="scale: must be a positive number, got 0"):
         Mesh(write_cube(tmp_path / "cube.obj"), (1, 0, 1))
 
 
@@ -244,7 +244,7 @@ def test_a_hand_alone() -> None:
 @pytest.mark.parametrize(
     ("fields", "kind", "message"),
     [
-        ({"height": -1.8}, InputError, "height: -1.8 must be > 0"),
+        ({"height": -1.8}, InputError, "height: must be a positive number, got -1.8"),
         ({"keypoints": {"left_wrst": (0, 0, 1)}}, InputError, "left_wrst: unknown key; did you mean"),
         ({"keypoints": {"head": (0, 0)}}, InputError, "keypoints.head: must be 3 numbers"),
         ({"keypoints": {"left_hand": (2, 0, 1)}}, InputError, "keypoints.left_hand: the wrist is"),

@@ -290,14 +290,14 @@ def test_a_negative_clearance_lets_nothing_overlap(ur5, clutter, plain_check):
         "clearance": clearance(clutter, -5.0),
         "edges": [[{"centre": 0.5, "half_length": 0.5, "margins": (pairs.distances(q) - 1e-4).tolist()}]],
     }
-    with pytest.raises(InputError, match=r"clearance\.distance: -5 must be ≥ 0"):
+    with pytest.raises(InputError, match=r"clearance\.distance: must be a finite number >= 0, got -5"):
         verify(signed(content), ur5, clutter)
 
 
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("distance", "0.1", "must be a number"),
+        ("distance", "0.1", "must be a (finite|positive) number"),
         ("distance", float("nan"), "must be a finite number"),
         ("distance", 10**400, "must be a finite number"),
         ("obstacles", ["ghost"], "unknown obstacle 'ghost'"),
@@ -324,12 +324,12 @@ def test_clearances_that_cannot_be_claimed(tampered, ur5, clutter, key, value, m
     [
         ("bound", float("inf"), "must be a finite number"),
         ("bound", float("nan"), "must be a finite number"),
-        ("bound", "9.0", "must be a number"),
-        ("k1", -1.0, "must be > 0"),
-        ("k1", 0, "must be > 0"),
-        ("spacing", None, "must be a number"),
-        ("sharpness", 0, "must be > 0"),
-        ("sharpness", -1e-6, "must be > 0"),
+        ("bound", "9.0", "must be a (finite|positive) number"),
+        ("k1", -1.0, "must be a positive number"),
+        ("k1", 0, "must be a positive number"),
+        ("spacing", None, "must be a (finite|positive) number"),
+        ("sharpness", 0, "must be a positive number"),
+        ("sharpness", -1e-6, "must be a positive number"),
         ("aggregate", "least", "unknown aggregate 'least'"),
         ("weighting", [], "unknown weighting"),
         ("extra", 1, "unknown key"),
