@@ -10,7 +10,7 @@ import numpy as np
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.witnesses import Proximity, Witnesses
-from safe_ompl.paths.simplify.cost import number
+from safe_ompl.inputs import number
 
 WEIGHT = 20.0
 _STEEPNESS = 10.0

@@ -14,9 +14,10 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
+from safe_ompl.inputs import number
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.simplify.constraints import GoalSet
-from safe_ompl.paths.simplify.cost import STEP, WEIGHT, DangerDensity, PathCost, number, reference_danger
+from safe_ompl.paths.simplify.cost import STEP, WEIGHT, DangerDensity, PathCost, reference_danger
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.run import Better, Settings, SimplificationRun, Stop, unrolled
 
@@ -70,11 +71,11 @@ class Simplifier:
         self.robot = checker.robot
         self.checker = checker
         self.motion = motion or CertifiedMotion(checker)
-        self.length_factor = number("length_factor", length_factor, least=1.0)
+        self.length_factor = number("length_factor", length_factor, at_least=1.0)
         self.spacing = number("spacing", spacing, above=0.0)
         self.precision = _CONVERGED
         self.obstacle_cost = (
-            ObstacleCost(checker, clearance) if number("clearance", clearance, least=0.0) else None
+            ObstacleCost(checker, clearance) if number("clearance", clearance, at_least=0.0) else None
         )
         self.danger = DangerDensity(field, reference_danger(field, checker), weight, exponent)
         self.cost = PathCost(self.robot, [self.danger])

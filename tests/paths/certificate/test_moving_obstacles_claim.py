@@ -101,7 +101,7 @@ def test_another_obstacle_is_not_proven(ur5, clutter, nearest):
     [
         ({"time": -1.0}, r"moving_obstacles\.time: "),
         ({"time": float("nan")}, r"moving_obstacles\.time: must be a finite number"),
-        ({"time": "1"}, r"moving_obstacles\.time: must be a number"),
+        ({"time": "1"}, r"moving_obstacles\.time: must be a finite number >= 0, got '1'"),
         ({"speeds": {}}, r"moving_obstacles\.speeds: must name an obstacle at least"),
         ({"speeds": {"ball": -1}}, r"moving_obstacles\.speeds\.ball: "),
         ({"speeds": {"ghost": 1.0}}, "unknown obstacle 'ghost'"),
