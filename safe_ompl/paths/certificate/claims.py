@@ -7,17 +7,19 @@ negative distance would let bodies overlap.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from safe_ompl import document
-from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError, UnknownNameError
 from safe_ompl.paths.certificate.format import CLAIMS
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.cloud import PointCloud
+
+if TYPE_CHECKING:
+    from safe_ompl.danger.field import DangerField
 
 _CHOICES = {"aggregate": ("max", "mean", "softmax"), "weighting": ("unit", "length")}
 _POSITIVE = ("spacing", "k1", "sharpness")

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError
 from safe_ompl.paths.certificate.claims import check_claims, check_kind, claimed, not_claimed, not_covered
 from safe_ompl.paths.certificate.format import check_form, digest
@@ -24,6 +23,9 @@ from safe_ompl.paths.certificate.portable import built_robot, built_scene, links
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from safe_ompl.danger.field import DangerField
 
 _GJK = 1e-5  # [m] coal's distances are at most this far off
 _FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
