@@ -214,9 +214,8 @@ class CertifiedMotion:
         self._required = None
 
     def getMovingObstacles(self) -> tuple[dict[str, float], float]:
-        """Return the speeds by obstacle [m/s] and the time [s] of `setMovingObstacles`; no speeds: all stand still."""
-        speeds, time = self._moving
-        return dict(speeds), time
+        """Return the speeds [m/s] by name and the time [s] that `setMovingObstacles` has set."""
+        return dict(self._moving[0]), self._moving[1]
 
     def _check_speeds(self, speeds: Mapping[str, float]) -> None:
         for name, speed in speeds.items():
