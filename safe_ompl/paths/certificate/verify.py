@@ -93,8 +93,9 @@ def verify(
         with document.within("scene"):
             carried = built_scene(document.mapping("carried", content["scene"]))
         with document.within("robot"):
-            robot = robot or built_robot(document.mapping("carried", content["robot"]))
-        scene = scene or carried
+            if robot is None:
+                robot = built_robot(document.mapping("carried", content["robot"]))
+        scene = carried if scene is None else scene
         found = _verified(content, robot, scene)
         if field is not None and content["danger"] is not None:
             check_kind(content["danger"], field, scene.spacing if spacing is None else spacing)
