@@ -256,8 +256,8 @@ def test_scenarios_have_limits(scenario: Scenario, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        ({"max_danger": -1}, "limits.max_danger: -1 must be ≥ 0"),
-        ({"min_clearance": "far"}, "limits.min_clearance: must be a number"),
+        ({"max_danger": -1}, "limits.max_danger: must be a finite number >= 0, got -1"),
+        ({"min_clearance": "far"}, "limits.min_clearance: must be a finite number >= 0"),
         ({"exempt": [["link1"]]}, "limits.exempt: must be pairs of a link and an obstacle"),
         ({"exempt": "link1"}, "limits.exempt"),
         ({"danger": 3}, "limits.*danger"),
