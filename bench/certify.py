@@ -33,7 +33,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.certificate.certificate import certificate
+from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.report import PROFILE_POINTS

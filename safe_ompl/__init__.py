@@ -13,10 +13,10 @@ from safe_ompl.errors import (
     SafeOmplError,
     UnknownNameError,
 )
-from safe_ompl.paths.certificate.certificate import certificate
+from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplify.simplify import simplify_danger
+from safe_ompl.paths.simplify.simplifier import simplify_danger
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM

@@ -206,6 +206,11 @@ class Robot:
             name=name,
         )
 
+    @property
+    def recipe(self) -> dict[str, Any]:
+        """Return the arguments of `from_urdf` that build the same robot."""
+        return dict(self._recipe)
+
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Robot:
         """Return the same robot with other limits [rad or m] for the joints named."""
         return _rebuild({**self._recipe, "limits": {**self._recipe["limits"], **limits}})

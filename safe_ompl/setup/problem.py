@@ -199,6 +199,11 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         """
         self._validator.setMovingObstacles(speeds, time)
 
+    def getMovingObstacles(self) -> tuple[dict[str, float], float]:
+        """Return the speeds by obstacle [m/s] and the time [s] of `setMovingObstacles`; no speeds: all stand still."""
+        separation = self._validator.getSeparation()
+        return dict(separation.speeds), separation.time
+
     def _check_given(self) -> None:
         """Raise an error if the start or all goals that were given are not allowed any more."""
         start, goals = self._given

@@ -20,9 +20,8 @@ from safe_ompl.collision.motion import FLOOR
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplify.simplification import Stop
-from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.paths.simplify.simplify import timed
+from safe_ompl.paths.simplify.run import Stop
+from safe_ompl.paths.simplify.simplifier import Simplifier, timed
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot

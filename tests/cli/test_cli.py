@@ -305,7 +305,7 @@ def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
     )
     status, _, err = run("verify", "proof.json")
     assert status == 2
-    assert err == "safe-ompl: proof.json: robot: must be a mapping of keys to values, got int 3\n"
+    assert err == "safe-ompl: proof.json: source.robot: must be a mapping of keys to values, got int 3\n"
 
 
 @pytest.mark.parametrize(

@@ -1,36 +1,33 @@
-"""Departures: how a path leaves an end that is near obstacles, such as a grasp between two fingers."""
+"""Retreat: the way from an end of a path that is near obstacles, such as a grasp between two fingers, to free space."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.simplify.nearness import NearnessDensity
+from safe_ompl.paths.simplify.constraints import FeasibleSet
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 
 STEP = 0.02  # [rad]
 _LONGEST = 1.0  # [rad]
-_LEFT = 0.3  # a departure is over when this share of the cost of its end is left
+_LEFT = 0.3  # a retreat is over when this share of the cost of its end is left
 _EXCESS = 600.0  # weight of danger: at 1.4 times that of the end it costs what a contact costs
 _ONSET = 0.8  # share of the end's danger from which a point counts
 _STUCK = 0.1  # share of a step: where the best one is shorter, nothing leads on
 _BISECTIONS = 30
 
 
-class Limits(Protocol):
-    """Where configurations may be, such as a `Freedom`."""
-
-    def within(self, Q: FloatArray) -> FloatArray:
-        """Return the configurations within limits that are nearest to `Q: (B, n)`."""
-
-
-def way_out(
-    end: FloatArray, nearness: NearnessDensity, field: DangerField, limits: Limits, stop: Callable[[], bool]
+def retreat(
+    end: FloatArray,
+    obstacles: ObstacleCost,
+    field: DangerField,
+    feasible: FeasibleSet,
+    stop: Callable[[], bool],
 ) -> FloatArray:
-    """Return the way (K, n) from an end of a path to where obstacles and danger have become less; K = 1: there is none.
+    """Return the retreat (K, n) from an end of a path to where obstacles and danger are less; K = 1: there is none.
 
     The steepest descent of what is near, Σ over pairs of link and obstacle, and of what is dangerous, the field of
     the danger points over that of the most dangerous one at the end: w Σ_m (CDF(p_m)/CDF(end) − 0.8)₊². Sums of hinges
@@ -42,11 +39,11 @@ def way_out(
     ----------
     end : ndarray, shape (n,)
         Where the path begins or ends.
-    nearness : NearnessDensity
+    obstacles : ObstacleCost
         Says what is near, and that the end needs a way out at all. It is anchored anew.
     field : DangerField
         The danger.
-    limits : Limits
+    feasible : FeasibleSet
         The joint limits.
     stop : callable
         When it says so, there is none.
@@ -59,11 +56,11 @@ def way_out(
     reference = field.value(end)
     q, way, enough = end, [end], None
     while len(way) * STEP <= _LONGEST and not stop():
-        cost, gradient, bends = _model(q, nearness, field, reference)
+        cost, gradient, bends = _model(q, obstacles, field, reference)
         enough = _LEFT * cost if enough is None else enough
         if cost <= enough:
             return np.array(way)
-        q = limits.within(q + _step(gradient, bends.T @ bends))
+        q = feasible.within(q + _step(gradient, bends.T @ bends))
         if np.linalg.norm(q - way[-1]) < _STUCK * STEP:
             break
         way.append(q)
@@ -71,13 +68,13 @@ def way_out(
 
 
 def _model(
-    q: FloatArray, nearness: NearnessDensity, field: DangerField, reference: float
+    q: FloatArray, obstacles: ObstacleCost, field: DangerField, reference: float
 ) -> tuple[float, FloatArray, FloatArray]:
     """Return what `q: (n,)` costs, the gradient (n,), and vectors v (C, n): it bends like Σ vvᵀ."""
     Q = q[None]
-    nearness.anchor(Q)
-    near, slopes = nearness.values_and_gradients(Q)
-    bends = nearness.bends(Q)[1]
+    obstacles.anchor(Q)
+    near, slopes = obstacles.values_and_gradients(Q)
+    bends = obstacles.bends(Q)[1]
     if not near[0] or not 0 < reference < np.inf:
         return float(near[0]), slopes[0], bends
     _, danger, rises = field.terms_above(Q, _ONSET * reference)

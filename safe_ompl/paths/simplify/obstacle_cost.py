@@ -1,4 +1,7 @@
-"""Nearness to obstacles as a cost: a danger field of centre lines does not see a finger's width."""
+"""The obstacle cost of a path: hinges of the distances between links and obstacles, as in CHOMP and TrajOpt.
+
+A danger field of centre lines does not see a finger's width; this does.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,17 @@ import numpy as np
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.witnesses import Proximity, Witnesses
-from safe_ompl.paths.simplify.cost import number
+from safe_ompl.inputs import number
 
 WEIGHT = 20.0
 _STEEPNESS = 10.0
 
 
-class NearnessDensity:
-    """w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²), over the pairs of link and obstacle at distance d.
+class ObstacleCost:
+    """Obstacle cost of a radian of path, w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²) over pairs of link and obstacle.
 
-    D is where nearness begins to count; d₀ ≤ D what the ends of a path allow: where they are near an obstacle
-    themselves, the path between them shall at least not come nearer.
+    d is the distance of the two, D where obstacles begin to count; d₀ ≤ D what the ends of a path allow: where these
+    are near an obstacle themselves, the path between them shall at least not come nearer.
 
     Exact distances cost a hundred times what the danger costs. While a path descends, `anchor` keeps their witnesses,
     and these move with the links until it is anchored again.
@@ -50,11 +53,11 @@ class NearnessDensity:
         self._anchored: Witnesses | None = None
 
     def __repr__(self) -> str:
-        return f"NearnessDensity({self._proximity.checker!r}, {self.distance:g}, {self.weight:g})"
+        return f"ObstacleCost({self._proximity.checker!r}, {self.distance:g}, {self.weight:g})"
 
-    def afresh(self) -> NearnessDensity:
+    def afresh(self) -> ObstacleCost:
         """Return the same that remembers nothing: no d₀, no witnesses, nor what coal keeps from query to query."""
-        return NearnessDensity(self._proximity.checker, self.distance, self.weight)
+        return ObstacleCost(self._proximity.checker, self.distance, self.weight)
 
     def allow(self, distance: float) -> None:
         """Set d₀ to a distance [m], no larger than D."""

@@ -1,16 +1,13 @@
-"""A certificate: a path with the proof that it may be driven, which anyone can check (`paths.certificate.verify`).
+"""Issues certificates: paths with the proof that they may be driven, which anyone can check (`certificate.verify`).
 
-It holds, for each edge, intervals that cover it. At the centre of each interval every pair of bodies is farther
-apart than its margin, and the margin is more than the two can approach each other within the interval. The digest
-shows that a file has changed; it is no signature, for whoever changes a file can compute it.
+A certificate holds, for each edge, intervals that cover it. At the centre of each interval every pair of bodies is
+farther apart than its margin, and the margin is more than the two can approach each other within the interval. The
+digest shows that a file has changed; it is no signature, for whoever changes a file can compute it.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
-from hashlib import sha256
-from itertools import pairwise
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,13 +18,12 @@ from safe_ompl.arrays import BoolArray, FloatArray, finite_array
 from safe_ompl.collision.checker import DISTANCE_ERROR
 from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
 from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import PlanningError
-from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.errors import InputError, PlanningError
+from safe_ompl.paths.certificate.claims import check_clearance, check_moving_obstacles
+from safe_ompl.paths.certificate.format import FORMAT, OBSTACLE, VERSION, digest, edges_of
+from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
-
-FORMAT, VERSION = "safe-ompl certificate", 1
-OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
 
 _FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
 _FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any more
@@ -46,6 +42,8 @@ def certificate(
     spacing: float | None = None,
     max_danger: float | None = None,
     clearance: Mapping[str, Any] | None = None,
+    moving_obstacles: Mapping[str, Any] | None = None,
+    also_sampled: str | None = None,
     source: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the certificate of a path, as plain numbers, lists and strings.
@@ -66,49 +64,52 @@ def certificate(
         Claim this bound of the danger, if it can be proven and is lower than what is claimed otherwise.
     clearance : mapping, optional
         Claim a clearance, too: `distance` [m], the names of the `obstacles`, and `exempt` pairs of link and obstacle.
+    moving_obstacles : mapping, optional
+        Claim, too, that the path stays free, and keeps its clearance, whatever obstacles do that move no faster than
+        their `speeds` (by name [m/s]), until a `time` [s] after the moment of the scene: see
+        `CertifiedMotion.setMovingObstacles`.
+    also_sampled : str, optional
+        What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad": whoever verifies
+        is told that it is not covered.
     source : mapping, optional
-        Where robot and scene come from: kept as it is.
+        Where robot and scene come from: kept as it is. They travel inside in any case.
 
     Raises
     ------
     InputError
-        If the path has the wrong shape or is not finite.
+        If the path has the wrong shape or is not finite, a claim has no meaning, or a file of robot or scene is gone.
     PlanningError
         If an edge cannot be proven.
     """
     points = finite_array(path, (None, robot.n), "path")
+    if not len(points):
+        raise InputError("path must have a configuration at least, got none")
+    check_clearance(clearance, robot, scene)
+    check_moving_obstacles(moving_obstacles, scene)
+    clear, moving = _plain_clearance(clearance), _plain_moving_obstacles(moving_obstacles)
     pairs = Pairs(robot, scene)
-    required = pairs.required(clearance)
+    required = pairs.required(clear, moving)
     content = {
         "format": FORMAT,
         "version": VERSION,
         "source": dict(source or {}),
-        "robot": {"name": robot.name, "hash": robot_hash(robot)},
-        "scene": {"hash": scene.content_hash()},
+        "robot": carried_robot(robot),
+        "scene": carried_scene(scene),
         "joint_names": list(robot.joint_names),
         "path": points.tolist(),
         "pairs": [list(names) for names in pairs.names],
-        "clearance": None if clearance is None else dict(clearance),
+        "clearance": clear,
         "danger": None
         if field is None
         else _danger_claim(field, scene.spacing if spacing is None else spacing, points, max_danger),
+        "moving_obstacles": moving,
+        "also_sampled": also_sampled,
         "edges": [
             _intervals(pairs, required, k, start, robot.difference(start, end))
             for k, (start, end) in enumerate(edges_of(points))
         ],
     }
     return {**content, "digest": digest(content)}
-
-
-def digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of all of a certificate but its digest."""
-    rest = {key: value for key, value in content.items() if key != "digest"}
-    return sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
-
-
-def edges_of(path: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Return the edges of a path (N, n); a path of one configuration is an edge to itself."""
-    return pairwise(path) if len(path) > 1 else iter([(path[0], path[0])])
 
 
 class Pairs:
@@ -162,15 +163,17 @@ class Pairs:
         first, second = moves[self._first], moves[self._second]
         return np.where(self._approaching, first + second, 0.0)
 
-    def required(self, clearance: Mapping[str, Any] | None) -> FloatArray:
-        """Return the distance (P,) [m] that each pair must keep: that of a claim of clearance, else 0."""
+    def required(self, clearance: Mapping[str, Any] | None, moving: Mapping[str, Any] | None) -> FloatArray:
+        """Return the distance (P,) [m] that each pair must keep: its clearance, and as far as its obstacle moves."""
+        clear = clearance or {"distance": 0.0, "obstacles": (), "exempt": ()}
+        reach = {} if moving is None else {n: speed * moving["time"] for n, speed in moving["speeds"].items()}
+        exempt = {tuple(pair) for pair in clear["exempt"]}
         distances = np.zeros(len(self._pairs))
-        for k, (a, b) in enumerate(self._pairs if clearance is not None else ()):
-            assert clearance is not None
-            link = self._geometry.geometryObjects[a].name.rsplit("_", 1)[0]
-            chosen = self._owners[b] in clearance["obstacles"]
-            if chosen and [link, self._owners[b]] not in [list(pair) for pair in clearance["exempt"]]:
-                distances[k] = clearance["distance"]
+        for k, (a, b) in enumerate(self._pairs):
+            link, obstacle = self._geometry.geometryObjects[a].name.rsplit("_", 1)[0], self._owners[b]
+            if obstacle in clear["obstacles"] and (link, obstacle) not in exempt:
+                distances[k] = clear["distance"]
+            distances[k] += reach.get(obstacle, 0.0)
         return distances
 
 
@@ -197,6 +200,20 @@ def _intervals(
         else:
             half = max(0.9 * free, half / 3)
     return proven
+
+
+def _plain_clearance(claim: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if claim is None:
+        return None
+    exempt = [list(pair) for pair in claim["exempt"]]
+    return {"distance": float(claim["distance"]), "obstacles": list(claim["obstacles"]), "exempt": exempt}
+
+
+def _plain_moving_obstacles(claim: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if claim is None:
+        return None
+    speeds = {name: float(speed) for name, speed in claim["speeds"].items()}
+    return {"speeds": speeds, "time": float(claim["time"])}
 
 
 def _danger_claim(

@@ -1,4 +1,4 @@
-"""What way points may do while a path descends: joint limits, a fixed start, a goal fixed or free on its set."""
+"""Constraints of way points: joint limits, a fixed start, and a goal that is fixed or free on its set."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from safe_ompl.robot.robot import Robot
 _DAMPING = 1e-6  # [m²/rad²] of the projection: keeps it defined where the arm is singular
 
 
-class Freedom:
-    """Way points within the joint limits, between ends that are fixed.
+class FeasibleSet:
+    """The set of feasible paths: way points within the joint limits, between ends that are fixed.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ class GoalSet(Protocol):
     tolerance: float
 
 
-class FreeGoal(Freedom):
-    """Way points within the joint limits; the last one anywhere where the tip is at its place.
+class FreeGoal(FeasibleSet):
+    """The set of feasible paths whose last way point may be anywhere where the tip is at its place.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Way points where they are needed: close together near obstacles, far apart elsewhere."""
+"""Resampling of paths: way points close together near obstacles, far apart elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Departures from ends that are near obstacles: the way out, and what it does for simplified paths."""
+"""Retreats from ends that are near obstacles, and what they do for simplified paths."""
 
 from pathlib import Path
 
@@ -9,9 +9,9 @@ from ompl import util as ou
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.simplify.departure import STEP, _step, way_out
-from safe_ompl.paths.simplify.freedom import Freedom
-from safe_ompl.paths.simplify.nearness import NearnessDensity
+from safe_ompl.paths.simplify.constraints import FeasibleSet
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
+from safe_ompl.paths.simplify.retreat import STEP, _step, retreat
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -47,13 +47,13 @@ def clearances(setup, way):
 
 @pytest.fixture
 def nearness(setup):
-    density = NearnessDensity(setup.checker, 0.05)
+    density = ObstacleCost(setup.checker, 0.05)
     density.allow(1.3 * setup.checker.clearance(GRASP).distance)
     return density
 
 
 def test_the_way_out_of_a_grasp(setup, panda, nearness):
-    way = way_out(GRASP, nearness, setup.field, Freedom(panda), lambda: False)
+    way = retreat(GRASP, nearness, setup.field, FeasibleSet(panda), lambda: False)
     np.testing.assert_array_equal(way[0], GRASP)
     assert len(way) > 1
     assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= STEP * (1 + 1e-6)
@@ -65,7 +65,7 @@ def test_the_way_out_of_a_grasp(setup, panda, nearness):
 
 def test_far_from_obstacles_there_is_nothing_to_leave(setup, panda, nearness):
     np.testing.assert_array_equal(
-        way_out(START, nearness, setup.field, Freedom(panda), lambda: False), [START]
+        retreat(START, nearness, setup.field, FeasibleSet(panda), lambda: False), [START]
     )
 
 
@@ -74,14 +74,14 @@ def test_where_no_way_leads_out_there_is_none(setup, nearness):
         def within(self, Q):
             return np.broadcast_to(GRASP, np.shape(Q))
 
-    np.testing.assert_array_equal(way_out(GRASP, nearness, setup.field, Stuck(), lambda: False), [GRASP])
+    np.testing.assert_array_equal(retreat(GRASP, nearness, setup.field, Stuck(), lambda: False), [GRASP])
 
 
 def test_on_a_danger_point_only_obstacles_count(panda, nearness):
     hand = panda.keypoints(GRASP)[panda.segments[-1]].mean(axis=0)
     field = DangerField(panda, hand[None])
     assert field.value(GRASP) > 1e6
-    assert len(way_out(GRASP, nearness, field, Freedom(panda), lambda: False)) > 1
+    assert len(retreat(GRASP, nearness, field, FeasibleSet(panda), lambda: False)) > 1
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -115,18 +115,18 @@ def test_where_no_joint_changes_what_is_near_there_is_no_way_out():
     robot = Robot.from_urdf(PLANAR2, tip="tip")
     plate = Obstacle("plate", Box((2.0, 2.0, 0.02)), Pose((0.0, 0.0, 0.06)))
     checker = CollisionChecker(robot, Scene((plate,)))
-    nearness = NearnessDensity(checker, 0.1)
+    nearness = ObstacleCost(checker, 0.1)
     stretched, field = np.zeros(2), DangerField(robot, [[1.3, 0.0, 0.0]])
     assert nearness.near(stretched[None])
     assert not field.gradient(stretched).any()
     np.testing.assert_array_equal(
-        way_out(stretched, nearness, field, Freedom(robot), lambda: False), [stretched]
+        retreat(stretched, nearness, field, FeasibleSet(robot), lambda: False), [stretched]
     )
 
 
 def test_told_to_stop_there_is_none(setup, panda, nearness):
     np.testing.assert_array_equal(
-        way_out(GRASP, nearness, setup.field, Freedom(panda), lambda: True), [GRASP]
+        retreat(GRASP, nearness, setup.field, FeasibleSet(panda), lambda: True), [GRASP]
     )
 
 

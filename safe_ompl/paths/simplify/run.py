@@ -1,4 +1,4 @@
-"""What makes one path shorter and safer: departures, shortcuts, then descent along the gradient of its cost."""
+"""One run of the simplifier on one path: retreats from its ends, shortcuts, then descent along the gradient."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.simplify.active_set import ActiveSetCost
+from safe_ompl.paths.simplify.constraints import FeasibleSet, FreeGoal, GoalSet
 from safe_ompl.paths.simplify.cost import DangerDensity
-from safe_ompl.paths.simplify.departure import way_out
 from safe_ompl.paths.simplify.descent import LARGEST, Descent
-from safe_ompl.paths.simplify.division import divided, path_length, refined, with_way_points
-from safe_ompl.paths.simplify.freedom import Freedom, FreeGoal, GoalSet
-from safe_ompl.paths.simplify.nearby import NearbyCost
-from safe_ompl.paths.simplify.nearness import NearnessDensity
+from safe_ompl.paths.simplify.edge_proofs import EdgeProofs, least_clearance
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.peaks import peaks_beside_ends
-from safe_ompl.paths.simplify.proof import PathProof, least_clearance
+from safe_ompl.paths.simplify.resampling import divided, path_length, refined, with_way_points
+from safe_ompl.paths.simplify.retreat import retreat
 from safe_ompl.paths.simplify.shortcut import shortcut
 from safe_ompl.robot.robot import Robot
 
@@ -39,18 +39,18 @@ Better = Callable[[FloatArray, float], None]
 
 @dataclass(frozen=True)
 class Settings:
-    """By what paths of one robot in one scene are simplified; see `Simplifier`."""
+    """Settings of all runs of a `Simplifier`."""
 
     motion: CertifiedMotion
     danger: DangerDensity
-    nearness: NearnessDensity | None
+    obstacle_cost: ObstacleCost | None
     spacing: float
     precision: float
     length_factor: float
 
 
-class Simplification:
-    """One path on its way down.
+class SimplificationRun:
+    """A run that lowers the cost of one path, step by proven step.
 
     Parameters
     ----------
@@ -89,25 +89,25 @@ class Simplification:
         proven: bool,
     ) -> None:
         self.best = path
-        self._path = path  # between the departures: proven, too
-        self._departures = path[:1], path[-1:]
-        self._pending = False  # nothing with these departures is as cheap as the given path
+        self._path = path  # between the retreats: proven, too
+        self._retreats = path[:1], path[-1:]
+        self._pending = False  # nothing with these retreats is as cheap as the given path
         self._settings = settings
         self._robot = settings.danger.field.robot
         self._stop = stop
         self._on_better = on_better
         self._goal_is_free = goal is not None
-        self._place = Freedom(self._robot) if goal is None else FreeGoal(goal)
+        self._feasible = FeasibleSet(self._robot) if goal is None else FreeGoal(goal)
         self._longest = settings.length_factor * path_length(path)
-        self._nearness: NearnessDensity | None = None
+        self._obstacles: ObstacleCost | None = None
         margin = 0.0
-        if settings.nearness is not None:
+        if settings.obstacle_cost is not None:
             checker = settings.motion.checker
             margin = least_clearance(path, checker) - _SAME
-            self._nearness = settings.nearness.afresh()
-            self._nearness.allow(_ALLOWANCE * min(checker.clearance(q).distance for q in path[[0, -1]]))
-        self._proof = PathProof.of(path, settings.motion, margin, proven=proven)
-        self._cost = NearbyCost(settings.danger, self._nearness, path)
+            self._obstacles = settings.obstacle_cost.afresh()
+            self._obstacles.allow(_ALLOWANCE * min(checker.clearance(q).distance for q in path[[0, -1]]))
+        self._proofs = EdgeProofs.of(path, settings.motion, margin, proven=proven)
+        self._cost = ActiveSetCost(settings.danger, self._obstacles, path)
         self._ceiling = self._cost.of(path)
         self._level = np.inf
 
@@ -116,40 +116,40 @@ class Simplification:
     def improve(self) -> None:
         """Make the path cheaper until the cost falls no more."""
         given = self.best
-        if self._depart():
+        if self._take_retreats():
             self._descend()
             if self.best is not given:
                 return
-        self._path, self._departures, self._pending = given, (given[:1], given[-1:]), False
+        self._path, self._retreats, self._pending = given, (given[:1], given[-1:]), False
         self._cost.look_at(given)
         self._shorten()
         self._descend()
 
-    def _depart(self) -> bool:
-        """Leave ends that are near obstacles by the way out, and take shortcuts between; return whether that goes."""
-        start = self._way_out(self.best[0])
-        goal = self.best[-1:] if self._goal_is_free else self._way_out(self.best[-1])
+    def _take_retreats(self) -> bool:
+        """Leave ends that are near obstacles by a retreat, and take shortcuts between; return whether that goes."""
+        start = self._retreat(self.best[0])
+        goal = self.best[-1:] if self._goal_is_free else self._retreat(self.best[-1])
         apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
         if len(start) == len(goal) == 1 or apart <= path_length(start) + path_length(goal):
             return False  # nothing to leave, or nowhere to go from there
         path = divided(self.best, self._settings.spacing)
-        if self._proof.refused(start) or self._proof.refused(goal[::-1]) or not self._proof.admit(path):
+        if self._proofs.refused(start) or self._proofs.refused(goal[::-1]) or not self._proofs.admit(path):
             return False
         between = self._shortcut(np.concatenate([start[-1:], path[1:-1], goal[-1:]]))
         if between is None:
             return False
         goal = goal + (between[-1] - goal[-1])  # continuous joints may have been unwound
-        self._departures, self._pending = (start, goal[::-1]), True
+        self._retreats, self._pending = (start, goal[::-1]), True
         whole = self._whole(between)
         if path_length(whole) > self._longest:
             return False
         self._cost.look_at(whole)
         return self._go_on_from(between)
 
-    def _way_out(self, end: FloatArray) -> FloatArray:
-        if self._nearness is None:
+    def _retreat(self, end: FloatArray) -> FloatArray:
+        if self._obstacles is None:
             return end[None]
-        return way_out(end, self._nearness, self._settings.danger.field, self._place, self._stop)
+        return retreat(end, self._obstacles, self._settings.danger.field, self._feasible, self._stop)
 
     def _shorten(self) -> None:
         """Take shortcuts."""
@@ -161,7 +161,7 @@ class Simplification:
             self._cost.look_at(self._path)
 
     def _shortcut(self, path: FloatArray) -> FloatArray | None:
-        found = shortcut(path, self._cost.danger, self._proof, self._stop)
+        found = shortcut(path, self._cost.danger, self._proofs, self._stop)
         return None if found is None else unrolled(self._robot, found)
 
     def _descend(self) -> None:
@@ -187,13 +187,13 @@ class Simplification:
         """Descend until the cost falls no more, or way points have moved far; return whether they have."""
         first = self._path
         self._level = self._cost.level(first)
-        descent = Descent(self._cost.total, self._path, self._place)
+        descent = Descent(self._cost.total, self._path, self._feasible)
         largest, round_ = LARGEST, 0
         while largest >= _SMALLEST and not self._stop():
             for _ in range(_ROUNDS[round_]):
                 if self._stop() or not descent.step(largest):
                     break
-            path, back = self._proof.held_back(descent.path, self._path)
+            path, back = self._proofs.held_back(descent.path, self._path)
             gain = self._take(path)
             if self._stop():
                 break
@@ -219,7 +219,7 @@ class Simplification:
         if (
             np.array_equal(path, self._path)
             or path_length(whole) > self._longest
-            or not self._place.holds(path)
+            or not self._feasible.holds(path)
         ):
             return 0.0
         gain = self._level - self._cost.level(path)  # NaN where both are infinite, from a danger point
@@ -229,7 +229,7 @@ class Simplification:
         return gain
 
     def _go_on_from(self, path: FloatArray) -> bool:
-        """Take a proven path for the one between the departures, unless what is published would become too dear."""
+        """Take a proven path for the one between the retreats, unless what is published would become too dear."""
         whole = self._whole(path)
         cost = self._cost.of(whole)
         cheap = cost <= self._ceiling
@@ -242,16 +242,16 @@ class Simplification:
         return cheap or self._pending
 
     def _whole(self, path: FloatArray) -> FloatArray:
-        """Return `path` with the departures on both sides."""
-        start, goal = self._departures
+        """Return `path` with the retreats on both sides."""
+        start, goal = self._retreats
         return np.concatenate([start[:-1], path, goal[1:]])
 
     def _divide(self) -> None:
         """Put way points where the descent needs them; the path stays what it is."""
         path = divided(self._path, self._settings.spacing)
-        if self._nearness is not None:
-            path = refined(path, self._nearness.near)
-        if self._proof.admit(path):
+        if self._obstacles is not None:
+            path = refined(path, self._obstacles.near)
+        if self._proofs.admit(path):
             self._path = path
 
     def _resolve_peaks(self) -> bool:
@@ -263,7 +263,7 @@ class Simplification:
         forced = float(field.values(self.best[[0, -1]]).max())
         places, peaks = peaks_beside_ends(Curve(self._robot, self._path), field, forced)
         path = with_way_points(self._path, places, _APART)
-        if len(path) == len(self._path) or not self._proof.admit(path):
+        if len(path) == len(self._path) or not self._proofs.admit(path):
             return False
         self._path = path
         self._cost.look_at(self._whole(path), peaks)

@@ -9,9 +9,9 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.simplify.proof import PathProof, least_clearance
+from safe_ompl.paths.simplify.edge_proofs import EdgeProofs, least_clearance
+from safe_ompl.paths.simplify.run import unrolled
 from safe_ompl.paths.simplify.shortcut import shortcut
-from safe_ompl.paths.simplify.simplification import unrolled
 from safe_ompl.paths.simplify.simplifier import Simplifier
 from safe_ompl.robot.kinematics import Place
 from safe_ompl.robot.robot import Robot
@@ -196,7 +196,7 @@ def test_a_path_that_is_held_back_does_not_leave_the_goal_set(ur5, monkeypatch):
     def half(proof, path, known):
         return 0.5 * (path + known), np.zeros(len(path), dtype=bool)
 
-    monkeypatch.setattr(PathProof, "held_back", half)
+    monkeypatch.setattr(EdgeProofs, "held_back", half)
     goal, ends = AtPlace(ur5, GOAL), []
     simplifier = Simplifier(CollisionChecker(ur5, Scene()), DangerField(ur5, [[0.4, -0.6, 0.5]]))
     path = np.array([START, START * [0, 1, 1, 1, 1, 1], GOAL])

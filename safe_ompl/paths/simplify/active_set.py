@@ -1,4 +1,4 @@
-"""What a path costs by the danger points and obstacles near it: all that a descent has to look at."""
+"""The cost of a path by its active set: the danger points that can be the most dangerous near it, and obstacles."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.paths.simplify.cost import DangerDensity, PathCost
-from safe_ompl.paths.simplify.division import divided, path_length
-from safe_ompl.paths.simplify.nearness import NearnessDensity
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
+from safe_ompl.paths.simplify.resampling import divided, path_length
 
 _SCAN = 0.15  # [rad] between the configurations at which all danger points are looked at
 _SHARE = 0.85  # of the greatest danger: points that reach it somewhere matter
 
 
-class NearbyCost:
-    """J of a path, and nearness, for the danger points that matter near the path that was last looked at.
+class ActiveSetCost:
+    """J of a path, and its obstacle cost, for the danger points that matter near the path that was last looked at.
 
     Paths that have moved far may be near other danger points: these can only add to what is said here.
 
@@ -22,8 +22,8 @@ class NearbyCost:
     ----------
     danger : DangerDensity
         Of all danger points.
-    nearness : NearnessDensity or None
-        None where nearness does not count.
+    obstacles : ObstacleCost or None
+        None where distances to obstacles do not count.
     path : ndarray, shape (N, n)
         What to look at first.
 
@@ -32,12 +32,12 @@ class NearbyCost:
     danger : PathCost
         J = ∫ (1 + λ·CDFᵖ) ds.
     total : PathCost
-        With nearness, whose witnesses are those of the path that was last anchored.
+        With the obstacle cost, whose witnesses are those of the path that was last anchored.
     """
 
-    def __init__(self, danger: DangerDensity, nearness: NearnessDensity | None, path: FloatArray) -> None:
+    def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
         self._everywhere = danger
-        self._nearness = nearness
+        self._obstacles = obstacles
         self.look_at(path)
 
     def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> None:
@@ -48,21 +48,21 @@ class NearbyCost:
         robot = self._everywhere.field.robot
         danger = self._everywhere.restricted(self._everywhere.field.active(samples, _SHARE))
         self.danger = PathCost(robot, [danger])
-        self.total = PathCost(robot, [danger, *([] if self._nearness is None else [self._nearness])])
+        self.total = PathCost(robot, [danger, *([] if self._obstacles is None else [self._obstacles])])
 
     def of(self, path: FloatArray) -> float:
-        """Return J of a path (N, n), without nearness."""
+        """Return J of a path (N, n), without obstacle cost."""
         return self.danger.of(path)
 
     def level(self, path: FloatArray) -> float:
-        """Return what a path (N, n) costs, nearness included; it is anchored then."""
-        if self._nearness is None:
+        """Return what a path (N, n) costs, obstacle cost included; it is anchored then."""
+        if self._obstacles is None:
             return self.of(path)
         self.anchor(path)
-        nearness = PathCost(self.total.robot, [self._nearness]).value_and_gradient(path)[0]
-        return self.of(path) + nearness - path_length(path)
+        near = PathCost(self.total.robot, [self._obstacles]).value_and_gradient(path)[0]
+        return self.of(path) + near - path_length(path)
 
     def anchor(self, path: FloatArray) -> None:
-        """From here on take the witnesses of nearness along a path (N, n)."""
-        if self._nearness is not None:
-            self._nearness.anchor(self.total.nodes(path))
+        """From here on take the witnesses of obstacles along a path (N, n)."""
+        if self._obstacles is not None:
+            self._obstacles.anchor(self.total.nodes(path))

@@ -1,4 +1,4 @@
-"""Proof that a path may be driven, edge by edge; what was proven once is remembered."""
+"""Proofs of the edges of paths; what was proven once is remembered."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at fi
 _WIDENINGS = 6  # then twice as much, so many times
 
 
-class PathProof:
+class EdgeProofs:
     """Proves that every edge of a path is free, and keeps more than a margin from obstacles.
 
     Parameters
@@ -34,7 +34,7 @@ class PathProof:
         self._proven: set[bytes] = set()
 
     @classmethod
-    def of(cls, path: FloatArray, motion: CertifiedMotion, margin: float, *, proven: bool) -> PathProof:
+    def of(cls, path: FloatArray, motion: CertifiedMotion, margin: float, *, proven: bool) -> EdgeProofs:
         """Return a proof that accepts the edges of a path (N, n), though these may keep less than the margin [m].
 
         Raises
