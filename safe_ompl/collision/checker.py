@@ -77,7 +77,7 @@ class CollisionChecker:
         self.robot = robot
         self.scene = scene
         self.counts = Counts() if counts is None else counts
-        bodies = robot.collision_model
+        bodies = robot.shared.collision_model
         geometry, self._names = _with_obstacles(bodies, scene)
         obstacles = range(len(bodies.geometryObjects), len(geometry.geometryObjects))
         moving = {
@@ -93,14 +93,14 @@ class CollisionChecker:
                 self._never_nearer.append(_least_distance(reach, geometry.geometryObjects[obstacle]))
         self._apart_pairs = indices(self._apart)
         self._distances = fresh_data(self._apart)
-        self._distance_data = robot.model.createData()
+        self._distance_data = robot.shared.model.createData()
         self._touching = geometry.copy()  # with the pairs that may touch
         for (body, obstacle), least in zip(self._apart_pairs, self._never_nearer, strict=True):
             if least < DISTANCE_ERROR:
                 self._touching.addCollisionPair(pin.CollisionPair(body, obstacle))
         self._pair_distances = fresh_data(self._touching)
         self._pair_results = list(self._pair_distances.distanceResults)
-        self._contact = Queries(robot.model, self._touching, len(obstacles))
+        self._contact = Queries(robot.shared.model, self._touching, len(obstacles))
         prove_manager(robot, self._contact)
         self._links = self._names[: len(bodies.geometryObjects)]
         self._min_clearance: MinClearance | None = None
@@ -121,7 +121,9 @@ class CollisionChecker:
         self.pair_radii: FloatArray = self._pair_radii()
         self.meets_obstacle: BoolArray = self._pairs.max(axis=1, initial=-1) >= len(self._links)
         self.required: FloatArray = self._required()
-        self._margin = Queries(self.robot.model, geometry, len(geometry.geometryObjects) - len(self._links))
+        self._margin = Queries(
+            self.robot.shared.model, geometry, len(geometry.geometryObjects) - len(self._links)
+        )
         self._margin.set_margins(np.full(len(pairs), _PROOF_MARGIN))
         prove_manager(self.robot, self._margin)
 
@@ -174,21 +176,21 @@ class CollisionChecker:
 
     def _pair_radii(self) -> FloatArray:
         """Displacement radii (P, n) of the pairs: joints that move both bodies alike do not count."""
-        bodies = self.robot.displacement_radii
+        bodies = self.robot.joint_radii
         moves = np.vstack(
-            [bodies, np.zeros((len(self.geometry.geometryObjects) - len(bodies), self.robot.n))]
+            [bodies, np.zeros((len(self.geometry.geometryObjects) - len(bodies), bodies.shape[1]))]
         )
         first, second = moves[self._pairs[:, 0]], moves[self._pairs[:, 1]]
         radii = np.where((first > 0) != (second > 0), first + second, 0.0)
-        return np.minimum(radii, self._obstacle_radii[self._pairs[:, 1]])
+        return self.robot.coupling.radii(np.minimum(radii, self._obstacle_radii[self._pairs[:, 1]]))
 
     @cached_property
     def _obstacle_radii(self) -> FloatArray:
         """How far each obstacle is from the joints' axes at most; infinite for the robot's own bodies (G, n)."""
-        distances = np.full((len(self._touching.geometryObjects), self.robot.n), np.inf)
+        distances = np.full((len(self._touching.geometryObjects), self.robot.joint_radii.shape[1]), np.inf)
         for k, part in list(enumerate(self._touching.geometryObjects))[len(self._links) :]:
             hull = bounding_hull(part.geometry).moved(part.placement)
-            distances[k] = self.robot.chain.axis_distances(hull)
+            distances[k] = self.robot.shared.chain.axis_distances(hull)
         return distances
 
     def _required(self) -> FloatArray:
@@ -234,7 +236,7 @@ class CollisionChecker:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
         self.counts.distance_queries += 1
         pin.computeDistances(
-            self.robot.model,
+            self.robot.shared.model,
             self._distance_data,
             self._apart,
             self._distances,
@@ -249,7 +251,7 @@ class CollisionChecker:
         """
         self.counts.distance_queries += 1
         pin.computeDistances(
-            self.robot.model,
+            self.robot.shared.model,
             self._distance_data,
             self._touching,
             self._pair_distances,
@@ -303,7 +305,7 @@ def _with_obstacles(bodies: pin.GeometryModel, scene: Scene) -> tuple[pin.Geomet
 
 def _reach(robot: Robot, body: pin.GeometryObject) -> coal.CollisionObject:
     """Return a cylinder in the world that a moving body never leaves."""
-    reach = robot.chain.reach(body.parentJoint, bounding_hull(body.geometry).moved(body.placement))
+    reach = robot.shared.chain.reach(body.parentJoint, bounding_hull(body.geometry).moved(body.placement))
     rotation = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach.axis).matrix()
     return coal.CollisionObject(coal.Cylinder(reach.radius, 2 * reach.half_length), rotation, reach.center)
 

@@ -83,7 +83,7 @@ def indices(geometry: pin.GeometryModel) -> list[tuple[int, int]]:
 
 def prove_manager(robot: Robot, queries: Queries) -> None:
     """Hold the broad-phase manager against the plain query; do without it where they differ."""
-    for q in sample_configurations(robot.model)[:_PROOF_SAMPLES]:
+    for q in sample_configurations(robot.shared.model)[:_PROOF_SAMPLES]:
         if queries.touches(q) != queries.touches_plainly(q):
             _log.warning(
                 "%s: broad phase %s disagrees with coal; not used", robot.name, type(queries.manager).__name__

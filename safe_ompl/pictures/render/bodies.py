@@ -74,7 +74,7 @@ class RobotBody:
         return (low[:2] + high[:2]) / 2, float((high - low)[:2].max()) / 2, float(low[2])
 
     def _placements(self, q: FloatArray) -> list[pin.SE3]:
-        model, data = self._robot.model, self._robot.model.createData()
+        model, data = self._robot.shared.model, self._robot.shared.model.createData()
         bodies = self._geometry.createData()
         pin.updateGeometryPlacements(
             model, data, self._geometry, bodies, self._robot.pinocchio_configuration(q)
