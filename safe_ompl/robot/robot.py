@@ -27,6 +27,7 @@ from safe_ompl.robot.coupling import Mimic
 from safe_ompl.robot.displacement import JointChain
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.examples import find_example, robots_folder
+from safe_ompl.robot.handout import Handout
 from safe_ompl.robot.parts import RobotParts, independent
 from safe_ompl.robot.urdf import existing_file
 from safe_ompl.scene.pose import Pose
@@ -333,17 +334,19 @@ class Robot(DisplacementBounds):
     @property
     def model(self) -> pin.Model:
         """A copy of Pinocchio's model of the joints that move, mimic joints included."""
-        return self._model.copy()
+        model: pin.Model = self._handed_model.get()
+        return model
 
     @property
     def collision_model(self) -> pin.GeometryModel:
         """A copy of the bodies of the links, with the pairs of them that are checked against each other."""
-        return independent(self.shared.collision_model)
+        bodies: pin.GeometryModel = self._handed_bodies.get()
+        return bodies
 
-    @property
+    @cached_property
     def visual_model(self) -> pin.GeometryModel:
         """A copy of the visual geometry; of the collision bodies where the visual meshes are missing."""
-        return independent(self._visual_model)
+        return self.shared.read_visual() or independent(self.shared.collision_model)
 
     @property
     def chain(self) -> JointChain:
@@ -351,8 +354,12 @@ class Robot(DisplacementBounds):
         return copy.deepcopy(self._chain)
 
     @cached_property
-    def _visual_model(self) -> pin.GeometryModel:
-        return self.shared.read_visual() or self.shared.collision_model
+    def _handed_model(self) -> Handout:
+        return Handout(self.shared.model, pin.Model.copy, f"{self.name}: model")
+
+    @cached_property
+    def _handed_bodies(self) -> Handout:
+        return Handout(self.shared.collision_model, independent, f"{self.name}: collision_model")
 
 
 def _standing(blueprint: Blueprint, base: PoseLike | None, mobile_base: Ranges | None) -> Blueprint:

@@ -29,7 +29,7 @@ def gripper(data_folder):
 
 @pytest.fixture(scope="module")
 def parallel(data_folder, tmp_path_factory):
-    """The same with a forearm that stays parallel: the hand turns back by twice the elbow's angle, less 0.3."""
+    """Two links and a hand that turns back by twice the angle of the elbow, less 0.3."""
     text = (data_folder / "gripper_arm.urdf").read_text()
     wrist = '<joint name="wrist" type="fixed">'
     assert wrist in text

@@ -42,9 +42,9 @@ class RobotBody:
 
     def __init__(self, robot: Robot, *, coarse: bool = False) -> None:
         self._robot = robot
-        self._geometry = robot.collision_model if coarse else robot.visual_model
+        self._geometry = robot.shared.collision_model if coarse else robot.visual_model
         if not len(self._geometry.geometryObjects):
-            self._geometry = robot.collision_model
+            self._geometry = robot.shared.collision_model
         self._links = [
             Surface.from_triangles(*tessellate(part.geometry)) for part in self._geometry.geometryObjects
         ]
