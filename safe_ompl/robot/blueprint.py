@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -343,3 +343,12 @@ def mobile_ranges(value: Any) -> tuple[tuple[float, float], tuple[float, float]]
             raise InputError(f"[{low:g}, {high:g}] is no interval [m]", "mobile_base")
         found.append((low, high))
     return found[0], found[1]
+
+
+def check_prefixes(prefixes: Iterable[str]) -> None:
+    """Raise InputError if a name that begins with one prefix may belong to another."""
+    known = sorted(prefixes)
+    for one in known:
+        for other in known:
+            if other.startswith(f"{one}_"):
+                raise InputError(f"the prefixes {one!r} and {other!r} cannot be told apart in '{other}_…'")

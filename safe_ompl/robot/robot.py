@@ -21,6 +21,7 @@ from safe_ompl.robot.blueprint import (
     OnMobileBase,
     Placed,
     UrdfBlueprint,
+    check_prefixes,
     mobile_ranges,
 )
 from safe_ompl.robot.coupling import Mimic
@@ -259,6 +260,7 @@ class Robot(DisplacementBounds):
                 raise InputError(f"{prefix}: must be a Robot, not {robot!r}")
         if len(robots) < 2:
             raise InputError(f"give two robots or more, not {len(robots)}")
+        check_prefixes(robots)
         if tip is not None and tip not in robots:
             raise UnknownNameError("robot with the tip", tip, robots)
         blueprints = {prefix: robot.blueprint for prefix, robot in robots.items()}
@@ -309,8 +311,11 @@ class Robot(DisplacementBounds):
             If the shape is another, the link does not exist, or its name is taken.
         """
         where = self.tip if link is None else link
-        held = Attachment(name, shape, where, as_pose(pose), tuple(touch_links), danger)
-        blueprint = Attached(self.blueprint, held)
+        return self.holding(Attachment(name, shape, where, as_pose(pose), tuple(touch_links), danger))
+
+    def holding(self, item: Attachment) -> Robot:
+        """Return the same robot with an object in its gripper, as `with_attached` describes it."""
+        blueprint = Attached(self.blueprint, item)
         return Robot(blueprint, blueprint.applied(self.shared))
 
     def without_attached(self, name: str) -> Robot:
