@@ -6,7 +6,7 @@ import copy
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import pinocchio as pin
 
@@ -17,12 +17,12 @@ from safe_ompl.robot.blueprint import (
     Attached,
     Blueprint,
     Combined,
-    ModelsBlueprint,
-    OnMobileBase,
+    Limits,
     Placed,
-    UrdfBlueprint,
+    PoseLike,
+    Ranges,
     check_prefixes,
-    mobile_ranges,
+    standing,
 )
 from safe_ompl.robot.coupling import Mimic
 from safe_ompl.robot.displacement import JointChain
@@ -30,12 +30,9 @@ from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.examples import find_example, robots_folder
 from safe_ompl.robot.handout import Handout
 from safe_ompl.robot.parts import RobotParts, independent
+from safe_ompl.robot.sources import ModelsBlueprint, UrdfBlueprint, check_models
 from safe_ompl.robot.urdf import existing_file
-from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.basic import Shape
-
-PoseLike: TypeAlias = Pose | pin.SE3 | Mapping[str, Any] | Sequence[float]
-Ranges: TypeAlias = Sequence[Sequence[float]]
 
 
 class Robot(DisplacementBounds):
@@ -94,7 +91,7 @@ class Robot(DisplacementBounds):
         *,
         hulls: bool = True,
         name: str | None = None,
-        limits: Mapping[str, tuple[float, float]] | None = None,
+        limits: Limits | None = None,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
     ) -> Robot:
@@ -142,7 +139,7 @@ class Robot(DisplacementBounds):
             name,
             dict(limits or {}),
         )
-        return cls(_standing(blueprint, base, mobile_base))
+        return cls(standing(blueprint, base, mobile_base))
 
     @classmethod
     def from_example(
@@ -194,7 +191,7 @@ class Robot(DisplacementBounds):
         locked: Mapping[str, float] | None = None,
         hulls: bool = True,
         name: str | None = None,
-        limits: Mapping[str, tuple[float, float]] | None = None,
+        limits: Limits | None = None,
         mimics: Mapping[str, Mimic] | None = None,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
@@ -220,7 +217,7 @@ class Robot(DisplacementBounds):
         InputError
             If the models are not Pinocchio's, or as in `from_urdf`.
         """
-        _check_models(model, collision_model, visual_model)
+        check_models(model, collision_model, visual_model)
         blueprint = ModelsBlueprint(
             model.copy(),
             independent(collision_model),
@@ -232,7 +229,7 @@ class Robot(DisplacementBounds):
             dict(limits or {}),
             dict(mimics or {}),
         )
-        return cls(_standing(blueprint, base, mobile_base))
+        return cls(standing(blueprint, base, mobile_base))
 
     @classmethod
     def combined(cls, name: str, robots: Mapping[str, Robot], *, tip: str | None = None) -> Robot:
@@ -269,7 +266,7 @@ class Robot(DisplacementBounds):
 
     # -------------------------------------------------------------------------------------------- variations
 
-    def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Robot:
+    def with_limits(self, limits: Limits) -> Robot:
         """Return the same robot with other limits [rad or m] for the joints named."""
         return Robot(self.blueprint.with_limits(limits))
 
@@ -365,18 +362,3 @@ class Robot(DisplacementBounds):
     @cached_property
     def _handed_bodies(self) -> Handout:
         return Handout(self.shared.collision_model, independent, f"{self.name}: collision_model")
-
-
-def _standing(blueprint: Blueprint, base: PoseLike | None, mobile_base: Ranges | None) -> Blueprint:
-    """Return the blueprint of a robot on its base."""
-    if mobile_base is not None:
-        blueprint = OnMobileBase(blueprint, mobile_ranges(mobile_base))
-    return blueprint if base is None else Placed(blueprint, as_pose(base, "base"))
-
-
-def _check_models(model: Any, *geometries: Any) -> None:
-    if not isinstance(model, pin.Model):
-        raise InputError(f"model must be a pin.Model, not {type(model).__name__}")
-    for geometry in geometries:
-        if geometry is not None and not isinstance(geometry, pin.GeometryModel):
-            raise InputError(f"geometry must be a pin.GeometryModel, not {type(geometry).__name__}")
