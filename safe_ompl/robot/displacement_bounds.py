@@ -87,7 +87,7 @@ class DisplacementBounds(ForwardKinematics):
         Tighter than `displacement_radii`, and dearer. Between `q` and q + Δ no point of body g moves more than
         Σ_i R_gi·|Δ_i| (`math.md` §3: the radii at the centre are enough).
         """
-        return self.coupling.radii(self.joint_radii_at(self._batch(np.asarray(q)[None])[0]))
+        return self.coupling.radii(self.joint_radii_at(self._checked(q)))
 
     def joint_radii_at(self, q: FloatArray) -> FloatArray:
         """Return the radii R (G, m) at `q: (n,)` by the joints of Pinocchio's model."""
