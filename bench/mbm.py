@@ -50,12 +50,12 @@ def touches(robot: Robot, scene: Scene, path: np.ndarray) -> bool:
             added = geometry.addGeometryObject(pin.GeometryObject(f"obstacle:{name}", 0, placement, shape))
             for body in moving:
                 geometry.addCollisionPair(pin.CollisionPair(body, added))
-    data, contacts = robot.model.createData(), pin.GeometryData(geometry)
+    data, contacts = robot.shared.model.createData(), pin.GeometryData(geometry)
     for start, end in pairwise(path):
         delta = robot.difference(start, end)
         for t in np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(delta) / SAMPLING)):
             q = robot.pinocchio_configuration(start + t * delta)
-            if pin.computeCollisions(robot.model, data, geometry, contacts, q, True):
+            if pin.computeCollisions(robot.shared.model, data, geometry, contacts, q, True):
                 return True
     return False
 
