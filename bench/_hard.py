@@ -179,10 +179,10 @@ def _pieces(robot: Robot, kind: str, way: FloatArray, rng: np.random.Generator) 
 
 def _body_points(robot: Robot, q: FloatArray) -> FloatArray:
     """Return points (P, 3) whose hull holds the moving bodies at `q` [m]."""
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
+    data = robot.shared.model.createData()
+    pin.forwardKinematics(robot.shared.model, data, robot.pinocchio_configuration(q))
     found = []
-    for part in robot.collision_model.geometryObjects:
+    for part in robot.shared.collision_model.geometryObjects:
         if part.parentJoint:
             hull = bounding_hull(part.geometry).moved(part.placement)
             pose = data.oMi[part.parentJoint]

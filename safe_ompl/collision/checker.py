@@ -72,7 +72,7 @@ class CollisionChecker:
         self.robot = robot
         self.scene = scene
         self.counts = Counts() if counts is None else counts
-        bodies = robot.collision_model
+        bodies = robot.shared.collision_model
         geometry, self._names = _with_obstacles(bodies, scene)
         obstacles = range(len(bodies.geometryObjects), len(geometry.geometryObjects))
         moving = {
@@ -89,14 +89,14 @@ class CollisionChecker:
                 self._never_nearer.append(_least_distance(reach, geometry.geometryObjects[obstacle]))
         self._apart_pairs = indices(self._apart)
         self._distances = fresh_data(self._apart)
-        self._distance_data = robot.model.createData()
+        self._distance_data = robot.shared.model.createData()
         self._touching = geometry.copy()  # with the pairs that may touch
         for (body, obstacle), least in zip(self._apart_pairs, self._never_nearer, strict=True):
             if least < DISTANCE_ERROR:
                 self._touching.addCollisionPair(pin.CollisionPair(body, obstacle))
         self._pair_distances = fresh_data(self._touching)
         self._pair_results = list(self._pair_distances.distanceResults)
-        self._contact = Queries(robot.model, self._touching, len(obstacles))
+        self._contact = Queries(robot.shared.model, self._touching, len(obstacles))
         prove_manager(robot, self._contact, 0.0)
         self._pair_sets: dict[int, PairSet] = {}
         self.pairs = self.pairs_within(0.0)
@@ -145,11 +145,11 @@ class CollisionChecker:
 
     @cached_property
     def _obstacle_radii(self) -> FloatArray:
-        """How far each obstacle is from the joints' axes at most; infinite for the robot's own bodies (G, n)."""
-        distances = np.full((len(self._touching.geometryObjects), self.robot.n), np.inf)
+        """How far each obstacle is from the joints' axes at most; infinite for the robot's own bodies (G, m)."""
+        distances = np.full((len(self._touching.geometryObjects), self.robot.joint_radii.shape[1]), np.inf)
         for k, part in list(enumerate(self._touching.geometryObjects))[len(self.links) :]:
             hull = bounding_hull(part.geometry).moved(part.placement)
-            distances[k] = self.robot.chain.axis_distances(hull)
+            distances[k] = self.robot.shared.chain.axis_distances(hull)
         return distances
 
     # -------------------------------------------------------------------------------------------------- queries
@@ -195,7 +195,7 @@ class CollisionChecker:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
         full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
         self.counts.distance_queries += 1
-        pin.computeDistances(self.robot.model, self._distance_data, self._apart, self._distances, full)
+        pin.computeDistances(self.robot.shared.model, self._distance_data, self._apart, self._distances, full)
         return np.array([result.min_distance for result in self._distances.distanceResults])
 
     def pair_distances(self, q: ArrayLike) -> FloatArray:
@@ -203,7 +203,7 @@ class CollisionChecker:
         full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
         self.counts.distance_queries += 1
         pin.computeDistances(
-            self.robot.model, self._distance_data, self._touching, self._pair_distances, full
+            self.robot.shared.model, self._distance_data, self._touching, self._pair_distances, full
         )
         return np.array([result.min_distance for result in self._pair_results])
 
@@ -246,7 +246,7 @@ def _with_obstacles(bodies: pin.GeometryModel, scene: Scene) -> tuple[pin.Geomet
 
 def _reach(robot: Robot, body: pin.GeometryObject) -> coal.CollisionObject:
     """Return a cylinder in the world that a moving body never leaves."""
-    reach = robot.chain.reach(body.parentJoint, bounding_hull(body.geometry).moved(body.placement))
+    reach = robot.shared.chain.reach(body.parentJoint, bounding_hull(body.geometry).moved(body.placement))
     rotation = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach.axis).matrix()
     return coal.CollisionObject(coal.Cylinder(reach.radius, 2 * reach.half_length), rotation, reach.center)
 

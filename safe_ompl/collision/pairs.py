@@ -27,8 +27,8 @@ class PairSet:
         Its bodies and, after them, the parts of the obstacles, with the pairs.
     names : sequence of str
         Link or obstacle of each body.
-    obstacle_radii : ndarray, shape (G, n)
-        How far each of the G bodies is from the joints' axes at most; infinite for the robot's own.
+    obstacle_radii : ndarray, shape (G, m)
+        How far each of the G bodies is from the axes of the model's m ≥ n joints at most; infinite for the robot's own.
     counts : Counts
         Counts the queries.
 
@@ -55,17 +55,17 @@ class PairSet:
         obstacle_radii: FloatArray,
         counts: Counts,
     ) -> None:
-        pairs, links = indices(geometry), len(robot.displacement_radii)
+        pairs, links = indices(geometry), len(robot.joint_radii)
         self.geometry = geometry
         self.names = tuple((names[a], names[b]) for a, b in pairs)
         self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        self.radii = _pair_radii(robot.displacement_radii, self.bodies, obstacle_radii)
+        self.radii = robot.coupling.radii(_pair_radii(robot.joint_radii, self.bodies, obstacle_radii))
         self.meets_obstacle: BoolArray = self.bodies.max(axis=1, initial=-1) >= links
         for array in (self.bodies, self.radii, self.meets_obstacle):
             array.setflags(write=False)
         self._robot = robot
         self._counts = counts
-        self._queries = Queries(robot.model, geometry, len(geometry.geometryObjects) - links)
+        self._queries = Queries(robot.shared.model, geometry, len(geometry.geometryObjects) - links)
         prove_manager(robot, self._queries)
 
     def __repr__(self) -> str:
@@ -94,7 +94,7 @@ class PairSet:
 
 
 def _pair_radii(links: FloatArray, bodies: IntArray, obstacle_radii: FloatArray) -> FloatArray:
-    """Return the displacement radii (P, n) of pairs: joints that move both bodies alike do not count."""
+    """Return the displacement radii (P, m) of pairs: joints that move both bodies alike do not count."""
     moves = np.zeros_like(obstacle_radii)
     moves[: len(links)] = links
     first, second = moves[bodies[:, 0]], moves[bodies[:, 1]]

@@ -122,7 +122,7 @@ def prove_manager(robot: Robot, queries: Queries, margin: float = _PROOF_MARGIN)
     """Hold the broad-phase manager against the plain query, at a margin [m]; do without it where they differ."""
     margins = np.full_like(queries.no_margins, margin)
     margins.setflags(write=False)
-    for q in sample_configurations(robot.model)[:_PROOF_SAMPLES]:
+    for q in sample_configurations(robot.shared.model)[:_PROOF_SAMPLES]:
         if queries.touches(q, margins) != queries.touches_plainly(q, margins):
             _log.warning(
                 "%s: broad phase %s disagrees with coal; not used", robot.name, type(queries.manager).__name__

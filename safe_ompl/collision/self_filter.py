@@ -81,8 +81,8 @@ def robot_points(points: ArrayLike, robot: Robot, q: ArrayLike, margin: float) -
     places = finite_array(points, (None, 3), "points")
     configuration = finite_array(q, (robot.n,), "q")
     reach = number("margin", margin, at_least=0.0)
-    data, bodies = robot.model.createData(), robot.collision_model
-    pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(configuration))
+    data, bodies = robot.shared.model.createData(), robot.shared.collision_model
+    pin.forwardKinematics(robot.shared.model, data, robot.pinocchio_configuration(configuration))
     own = np.zeros(len(places), dtype=bool)
     for body in bodies.geometryObjects:
         placement = data.oMi[int(body.parentJoint)] * body.placement

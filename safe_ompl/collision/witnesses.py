@@ -80,7 +80,7 @@ class Proximity:
         self._geometry = geometry
         self._joints = [geometry.geometryObjects[link].parentJoint for link, _ in bodies]
         self._data = fresh_data(geometry)
-        self._kinematics = checker.robot.model.createData()
+        self._kinematics = checker.robot.shared.model.createData()
         self._results = list(self._data.distanceResults)
 
     def near(self, Q: FloatArray) -> BoolArray:
@@ -106,7 +106,7 @@ class Proximity:
         robot = self.checker.robot
         self.checker.counts.distance_queries += 1
         full = robot.pinocchio_configuration(q)
-        pin.computeDistances(robot.model, self._kinematics, self._geometry, self._data, full)
+        pin.computeDistances(robot.shared.model, self._kinematics, self._geometry, self._data, full)
         found = []
         for k, result in enumerate(self._results):
             if 0 < result.min_distance < self.within:

@@ -427,7 +427,7 @@ def _danger_weights(weights: ArrayLike, number: int | None) -> FloatArray:
 
 def _constant_lengths(robot: Robot) -> FloatArray | None:
     """Return the lengths (L,) [m] of the segments, or None where a prismatic joint may change them."""
-    if robot.prismatic.any():
+    if robot.joint_prismatic.any():
         return None
     start, end = robot.keypoints(np.zeros(robot.n))[robot.segments.T]
     lengths: FloatArray = np.linalg.norm(end - start, axis=-1)

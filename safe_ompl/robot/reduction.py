@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.coupling import Mimic
 from safe_ompl.robot.skeleton import frame_index
-from safe_ompl.robot.urdf import UrdfFile
 
 _log = logging.getLogger(__name__)
 
@@ -37,41 +38,50 @@ def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], 
 
 
 def joints_to_hold(
-    full: pin.Model, urdf: UrdfFile, tip: str | None, locked: Mapping[str, float]
+    full: pin.Model, mimics: Mapping[str, Mimic], tip: str | None, locked: Mapping[str, float], source: str
 ) -> dict[str, float]:
-    """Return the joints to lock with their values: those asked for, those that do not move the tip, and mimics.
+    """Return the joints to lock with their values: those asked for, those that do not move the tip, and their mimics.
+
+    Parameters
+    ----------
+    full : pin.Model
+        All joints.
+    mimics : mapping of str to Mimic
+        Which of them mimic which, chains resolved.
+    tip : str, optional
+        Frame that must move; None: lock no joint for its sake.
+    locked : mapping of str to float
+        What is asked for [rad or m].
+    source : str
+        For errors and the log.
 
     Raises
     ------
     InputError
-        If a joint to lock does not exist, its value cannot be, or a joint mimics one that is free.
+        If a joint to lock does not exist, its value cannot be, or a joint mimics one that does not exist.
     """
-    source = str(urdf.path)
     names = list(full.names)[1:]
     held: dict[str, float] = {}
     for name, value in locked.items():
         if name not in names:
             raise UnknownNameError("joint to lock", name, names, source)
         held[name] = _joint_value(full, name, value, source)
-    followers = {name: mimic for name, mimic in urdf.mimics().items() if name in names and name not in held}
+    followers = {name: mimic for name, mimic in mimics.items() if name in names and name not in held}
+    for name, mimic in followers.items():
+        if mimic.primary not in names:
+            raise UnknownNameError(f"joint that {name!r} mimics", mimic.primary, names, source)
     if tip is not None:
         moving = {full.names[j] for j in full.supports[full.frames[frame_index(full, tip)].parentJoint]}
+        moving |= {mimic.primary for name, mimic in followers.items() if name in moving}
         for name in names:
             if name not in moving and name not in held and name not in followers:
                 held[name] = _resting_value(full, name)
-    while followers:
-        ready = [name for name, mimic in followers.items() if mimic.primary in held]
-        if not ready:
-            name, mimic = next(iter(followers.items()))
-            raise InputError(
-                f"joint {name!r} mimics {mimic.primary!r}, which is free: lock {mimic.primary!r}", source
-            )
-        for name in ready:
-            mimic = followers.pop(name)
-            held[name] = mimic.multiplier * held[mimic.primary] + mimic.offset
+    for name, mimic in followers.items():
+        if mimic.primary in held or mimic.multiplier == 0:
+            held[name] = mimic.multiplier * held.get(mimic.primary, 0.0) + mimic.offset
     implied = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in locked)
     if implied:
-        _log.info("%s: locked, too, as not moving the tip or mimicking: %s", urdf.path.name, implied)
+        _log.info("%s: locked, too, as not moving the tip or mimicking: %s", Path(source).name, implied)
     return held
 
 
@@ -143,6 +153,45 @@ def check_joints(model: pin.Model, source: str) -> None:
                 "can be planned for: lock it",
                 source,
             )
+
+
+def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: str) -> None:
+    """Narrow the limits of joints that others mimic, so that these keep to theirs, which become what is left of them.
+
+    Raises
+    ------
+    InputError
+        If a joint that turns on and on is mimicked: its mimic joint would have no place at ±π.
+    """
+    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    single = {name: _coordinate(model, name) for name in mimics}
+    for name, mimic in mimics.items():
+        first, own = _coordinate(model, mimic.primary), single[name]
+        if first is None:
+            raise InputError(
+                f"joint {name!r} mimics {mimic.primary!r}, which is continuous: lock one of them", source
+            )
+        if own is None:
+            continue  # it may turn on and on
+        low, high = sorted((float(end) - mimic.offset) / mimic.multiplier for end in (lower[own], upper[own]))
+        if low > lower[first] or high < upper[first]:
+            lower[first], upper[first] = max(low, lower[first]), min(high, upper[first])
+            _log.info(
+                "%s: %s keeps to [%g, %g], so that %s keeps to its limits",
+                *(source, mimic.primary, lower[first], upper[first], name),
+            )
+    for name, mimic in mimics.items():
+        first, own = _coordinate(model, mimic.primary), single[name]
+        if own is not None:
+            ends = (mimic.multiplier * float(end) + mimic.offset for end in (lower[first], upper[first]))
+            lower[own], upper[own] = sorted(ends)
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+
+
+def _coordinate(model: pin.Model, name: str) -> int | None:
+    """Return where the value of a joint is in Pinocchio's configuration; None for continuous joints."""
+    joint = model.joints[model.getJointId(name)]
+    return int(joint.idx_q) if joint.nq == 1 else None
 
 
 def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]:

@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import pinocchio as pin
 
 from safe_ompl.errors import InputError
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """A joint that follows another one: value = multiplier · primary + offset."""
-
-    primary: str
-    multiplier: float
-    offset: float
+from safe_ompl.robot.coupling import Mimic
 
 
 class UrdfFile:

@@ -22,6 +22,7 @@ class PlanarArm:
         self.segments = np.array([[k, k + 1] for k in range(self.n)])
         self.prismatic = np.zeros(self.n, dtype=bool)
         self.prismatic[-1] = slides
+        self.joint_prismatic = self.prismatic
 
     def __repr__(self):
         return f"PlanarArm({self.lengths.tolist()})"

@@ -60,7 +60,7 @@ def check_clearance(claim: Any, robot: Robot, scene: Scene) -> None:
             raise InputError("must name an obstacle at least", "obstacles")
         for name in obstacles:
             _check_known("obstacle", name, scene.names)
-        links = sorted({body.name.rsplit("_", 1)[0] for body in robot.collision_model.geometryObjects})
+        links = sorted({body.name.rsplit("_", 1)[0] for body in robot.shared.collision_model.geometryObjects})
         for pair in document.sequence("exempt", document.require(claim, "exempt")):
             names = document.sequence("exempt", pair)
             if len(names) != 2:

@@ -125,8 +125,8 @@ class Pairs:
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self._robot = robot
-        self._geometry = robot.collision_model.copy()
-        bodies = list(robot.collision_model.geometryObjects)
+        self._geometry = robot.shared.collision_model.copy()
+        bodies = list(robot.shared.collision_model.geometryObjects)
         self._owners: list[str | None] = [None] * len(bodies)
         for obstacle in scene:
             for name, shape, placement in obstacle.geometries():
@@ -139,29 +139,29 @@ class Pairs:
         self._pairs = [(int(pair.first), int(pair.second)) for pair in self._geometry.collisionPairs]
         objects = self._geometry.geometryObjects
         self.names = [(objects[a].name, objects[b].name) for a, b in self._pairs]
-        still = np.zeros((len(objects) - len(bodies), robot.n))
-        self._moves: FloatArray = np.vstack([robot.displacement_radii, still])
+        still = np.zeros((len(objects) - len(bodies), robot.joint_radii.shape[1]))
+        self._moves: FloatArray = np.vstack([robot.joint_radii, still])
         self._first, self._second = np.array(self._pairs, dtype=np.intp).reshape(-1, 2).T
         self._approaching: BoolArray = (self._moves[self._first] > 0) != (self._moves[self._second] > 0)
         self.radii: FloatArray = self._between(self._moves)
-        self._data, self._results = robot.model.createData(), pin.GeometryData(self._geometry)
+        self._data, self._results = robot.shared.model.createData(), pin.GeometryData(self._geometry)
 
     def distances(self, q: FloatArray) -> FloatArray:
         """Return the distance (P,) [m] of every pair at `q: (n,)`."""
         full = self._robot.pinocchio_configuration(q)
-        pin.computeDistances(self._robot.model, self._data, self._geometry, self._results, full)
+        pin.computeDistances(self._robot.shared.model, self._data, self._geometry, self._results, full)
         return np.array([result.min_distance for result in self._results.distanceResults])
 
     def radii_at(self, q: FloatArray) -> FloatArray:
         """Return the displacement radii (P, n) for motions that start at `q: (n,)`; none larger than `radii`."""
         moves = self._moves.copy()
-        known = len(self._robot.displacement_radii)
-        moves[:known] = np.minimum(moves[:known], self._robot.displacement_radii_at(q))
+        known = len(self._robot.joint_radii)
+        moves[:known] = np.minimum(moves[:known], self._robot.joint_radii_at(q))
         return self._between(moves)
 
     def _between(self, moves: FloatArray) -> FloatArray:
         first, second = moves[self._first], moves[self._second]
-        return np.where(self._approaching, first + second, 0.0)
+        return self._robot.coupling.radii(np.where(self._approaching, first + second, 0.0))
 
     def required(self, clearance: Mapping[str, Any] | None, moving: Mapping[str, Any] | None) -> FloatArray:
         """Return the distance (P,) [m] that each pair must keep: its clearance, and as far as its obstacle moves."""

@@ -39,8 +39,8 @@ class Separations:
     """
 
     def __init__(self, robot: Robot, scene: Scene, claims: Mapping[str, Any]) -> None:
-        self._robot, self._data = robot, robot.model.createData()
-        self._links = list(robot.collision_model.geometryObjects)
+        self._robot, self._data = robot, robot.shared.model.createData()
+        self._links = list(robot.shared.collision_model.geometryObjects)
         self._points = [_corners(link.geometry) for link in self._links]
         self._movers = [_joints_below(robot, int(link.parentJoint)) for link in self._links]
         self._obstacles = [
@@ -48,8 +48,10 @@ class Separations:
             for obstacle in scene
             for name, shape, place in obstacle.geometries()
         ]
-        self._own = [(int(pair.first), int(pair.second)) for pair in robot.collision_model.collisionPairs]
-        self._axes = robot.chain.axes
+        self._own = [
+            (int(pair.first), int(pair.second)) for pair in robot.shared.collision_model.collisionPairs
+        ]
+        self._axes = robot.shared.chain.axes
         self._request = coal.DistanceRequest()
         self._required = [
             [_required(claims, plain_name(link.name), name) for _, name, _, _ in self._obstacles]
@@ -64,7 +66,8 @@ class Separations:
     ) -> Iterator[tuple[tuple[str, str], float, float, float]]:
         """For each pair: its names, its distance at `q`, how far it can approach in `steps`, what it must keep."""
         robot, links = self._robot, self._links
-        pin.forwardKinematics(robot.model, self._data, robot.pinocchio_configuration(q))
+        steps = robot.coupling.reach(steps)
+        pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
         places = [self._data.oMi[int(link.parentJoint)] * link.placement for link in links]
         poses = [coal.Transform3s(place.rotation, place.translation) for place in places]
         radii = self._radii(places)
@@ -94,12 +97,12 @@ class Separations:
         joints = list(self._data.oMi)[1:]
         axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)])
         origins = np.array([joint.translation for joint in joints])
-        radii = np.zeros((len(places), self._robot.n))
+        radii = np.zeros((len(places), len(self._axes)))
         for k, ((points, pad), place, by) in enumerate(zip(self._points, places, self._movers, strict=True)):
             arms = (points @ place.rotation.T + place.translation)[:, None, :] - origins[by]
             across = arms - (arms * axes[by]).sum(axis=2)[:, :, None] * axes[by]
             radii[k, by] = np.sqrt((across * across).sum(axis=2).max(axis=0)) + pad
-        return np.where(self._robot.prismatic, 1.0, radii)
+        return np.where(self._robot.joint_prismatic, 1.0, radii)
 
 
 def plain_name(name: str) -> str:
@@ -122,7 +125,7 @@ def _joints_below(robot: Robot, joint: int) -> list[int]:
     found = []
     while joint != 0:
         found.append(joint - 1)
-        joint = int(robot.model.parents[joint])
+        joint = int(robot.shared.model.parents[joint])
     return found
 
 

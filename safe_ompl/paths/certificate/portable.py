@@ -18,6 +18,7 @@ from safe_ompl.errors import CertificateError, InputError
 from safe_ompl.robot.examples import robots_folder
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.sources import UrdfBlueprint
 from safe_ompl.scene.scene import Scene
 
 _FILES = ("urdf", "srdf")
@@ -173,7 +174,9 @@ def built_robot(
 
 
 def _recipe(robot: Robot) -> dict[str, Any] | None:
-    recipe = dict(robot.recipe)
+    if not isinstance(robot.blueprint, UrdfBlueprint):
+        return None
+    recipe = dict(vars(robot.blueprint))
     del recipe["package_dirs"]
     options = {key: value for key, value in recipe.items() if key not in _FILES}
     if not _is_plain(options):
