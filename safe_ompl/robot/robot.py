@@ -14,7 +14,12 @@ import pinocchio as pin
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths.halton import halton_point
-from safe_ompl.robot.convex import make_convex, sample_configurations, select_self_pairs
+from safe_ompl.robot.collision_shapes import (
+    CollisionSource,
+    build_collision_geometry,
+    links_without_collision,
+)
+from safe_ompl.robot.convex import make_convex
 from safe_ompl.robot.displacement import Hull, JointChain, bounding_hull
 from safe_ompl.robot.examples import find_example, robots_folder
 from safe_ompl.robot.joint_frames import JointFrames
@@ -26,6 +31,7 @@ from safe_ompl.robot.reduction import (
     override_limits,
     reduce_model,
 )
+from safe_ompl.robot.self_collision import sample_configurations, select_self_pairs
 from safe_ompl.robot.skeleton import Skeleton, frame_index
 from safe_ompl.robot.urdf import UrdfFile, existing_file
 
@@ -60,6 +66,8 @@ class Robot:
         Pinocchio's model of the joints that move.
     collision_model : pin.GeometryModel
         Convex bodies of the links, with the pairs of them that are checked against each other.
+    links_without_collision : tuple of str
+        Moving links that have visual shapes but no collision shapes: nothing is checked for them.
     """
 
     def __init__(
@@ -71,6 +79,7 @@ class Robot:
         hulls: bool,
         name: str | None,
         limits: Mapping[str, tuple[float, float]],
+        collision: str = "required",
     ) -> None:
         full = urdf.build_model()
         override_limits(full, limits, str(urdf.path))
@@ -84,6 +93,7 @@ class Robot:
             "hulls": hulls,
             "name": self.name,
             "limits": dict(limits),
+            "collision": collision,
         }
         if tip is not None and not full.existFrame(tip):
             raise UnknownNameError(
@@ -91,9 +101,12 @@ class Robot:
             )
         held = joints_to_hold(full, urdf, tip, locked)
         self._held = held
-        geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION)
+        geometry = build_collision_geometry(urdf, full, collision)
         self.model, self.collision_model = reduce_model(full, geometry, held)
         check_joints(self.model, str(urdf.path))
+        self.links_without_collision: tuple[str, ...] = links_without_collision(
+            urdf, self.model, self.collision_model, collision, self.name
+        )
         if hulls:
             make_convex(self.collision_model)
 
@@ -137,6 +150,7 @@ class Robot:
         hulls: bool = True,
         name: str | None = None,
         limits: Mapping[str, tuple[float, float]] | None = None,
+        collision: CollisionSource = "required",
     ) -> Robot:
         """Build a robot from its URDF.
 
@@ -160,6 +174,10 @@ class Robot:
             Name for reports; the URDF's by default.
         limits : mapping of str to (float, float), optional
             Joint limits that replace the URDF's [rad or m].
+        collision : {"required", "visual", "optional"}
+            What collides of links that have visual shapes only. "visual": those shapes. Otherwise nothing, which
+            `links_without_collision` and a warning say; a robot with no collision shape on any moving link is refused
+            unless this is "optional".
 
         Raises
         ------
@@ -168,7 +186,14 @@ class Robot:
         """
         srdf_file = None if srdf is None else str(existing_file(srdf, "SRDF"))
         return cls(
-            UrdfFile(urdf, package_dirs), srdf_file, tip, dict(locked or {}), hulls, name, dict(limits or {})
+            UrdfFile(urdf, package_dirs),
+            srdf_file,
+            tip,
+            dict(locked or {}),
+            hulls,
+            name,
+            dict(limits or {}),
+            collision,
         )
 
     @classmethod
@@ -179,6 +204,7 @@ class Robot:
         tip: str | None = None,
         locked: Mapping[str, float] | None = None,
         hulls: bool = True,
+        collision: CollisionSource = "required",
     ) -> Robot:
         """Build a robot of example-robot-data.
 
@@ -186,7 +212,7 @@ class Robot:
         ----------
         name : str
             A key of `safe_ompl.robot.examples.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
-        tip, locked, hulls
+        tip, locked, hulls, collision
             As in `from_urdf`; by default those of the table of examples.
 
         Raises
@@ -204,6 +230,7 @@ class Robot:
             example.locked if locked is None else locked,
             hulls=hulls,
             name=name,
+            collision=collision,
         )
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Robot:
@@ -214,7 +241,9 @@ class Robot:
         return _rebuild, (self._recipe,)
 
     def __repr__(self) -> str:
-        return f"Robot({self.name!r}, joints={list(self.joint_names)}, tip={self.tip!r})"
+        bare = self.links_without_collision
+        unchecked = f", links_without_collision={list(bare)}" if bare else ""
+        return f"Robot({self.name!r}, joints={list(self.joint_names)}, tip={self.tip!r}{unchecked})"
 
     # ---------------------------------------------------------------------------------------- configurations
 
