@@ -14,6 +14,7 @@ import pinocchio as pin
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths.halton import halton_point
+from safe_ompl.robot.chosen_joints import group_tip, joints_and_posture
 from safe_ompl.robot.collision_shapes import (
     CollisionSource,
     build_collision_geometry,
@@ -22,10 +23,10 @@ from safe_ompl.robot.collision_shapes import (
 from safe_ompl.robot.convex import make_convex
 from safe_ompl.robot.displacement import Hull, JointChain, bounding_hull
 from safe_ompl.robot.examples import find_example, robots_folder
+from safe_ompl.robot.fingers import default_tip
 from safe_ompl.robot.joint_frames import JointFrames
 from safe_ompl.robot.reduction import (
     check_joints,
-    farthest_body,
     joint_limits,
     joints_to_hold,
     override_limits,
@@ -33,6 +34,7 @@ from safe_ompl.robot.reduction import (
 )
 from safe_ompl.robot.self_collision import sample_configurations, select_self_pairs
 from safe_ompl.robot.skeleton import Skeleton, frame_index
+from safe_ompl.robot.srdf import SrdfFile
 from safe_ompl.robot.urdf import UrdfFile, existing_file
 
 _log = logging.getLogger(__name__)
@@ -80,6 +82,8 @@ class Robot:
         name: str | None,
         limits: Mapping[str, tuple[float, float]],
         collision: str = "required",
+        group: str | None = None,
+        locked_state: str | None = None,
     ) -> None:
         full = urdf.build_model()
         override_limits(full, limits, str(urdf.path))
@@ -94,12 +98,24 @@ class Robot:
             "name": self.name,
             "limits": dict(limits),
             "collision": collision,
+            "group": group,
+            "locked_state": locked_state,
         }
         if tip is not None and not full.existFrame(tip):
             raise UnknownNameError(
                 "tip frame", tip, (frame.name for frame in list(full.frames)[1:]), str(urdf.path)
             )
-        held = joints_to_hold(full, urdf, tip, locked)
+        locked = joints_and_posture(
+            full,
+            urdf.mimics(),
+            locked,
+            tip=tip,
+            group=group,
+            locked_state=locked_state,
+            srdf=srdf,
+            source=str(urdf.path),
+        )
+        held = joints_to_hold(full, urdf, None if group else tip, locked)
         self._held = held
         geometry = build_collision_geometry(urdf, full, collision)
         self.model, self.collision_model = reduce_model(full, geometry, held)
@@ -122,7 +138,7 @@ class Robot:
             self.model, self.collision_model, srdf, sample_configurations(self.model), self.name
         )
 
-        self.tip: str = tip or farthest_body(self.model)
+        self.tip: str = tip or group_tip(srdf, group, str(urdf.path)) or default_tip(full, self.model)
         self.tip_frame: int = frame_index(self.model, self.tip)
         skeleton = Skeleton.from_model(self.model, list(full.names)[1:], self.tip)
         self.segments: IntArray = skeleton.segments
@@ -151,6 +167,8 @@ class Robot:
         name: str | None = None,
         limits: Mapping[str, tuple[float, float]] | None = None,
         collision: CollisionSource = "required",
+        group: str | None = None,
+        locked_state: str | None = None,
     ) -> Robot:
         """Build a robot from its URDF.
 
@@ -164,10 +182,11 @@ class Robot:
         package_dirs : sequence of path-like
             Folders that hold the packages of `package://` names; those above the URDF are searched as well.
         tip : str, optional
-            Frame at the end of the arm. Joints that do not move it are locked (the log says so). Default: the body
-            farthest from the base.
+            Frame at the end of the arm. Joints that do not move it are held; a warning says at which posture.
+            Default: the body farthest from the base; where that is a finger, the hand.
         locked : mapping of str to float, optional
             Joints to hold still, with their values [rad or m]. A joint that mimics a locked one is locked with it.
+            If it names all joints that are to move (such as `robot.named("home")`), it is the posture of the others.
         hulls : bool
             Replace meshes by their convex hulls (solid and fast). False keeps the meshes, which are hollow.
         name : str, optional
@@ -178,6 +197,11 @@ class Robot:
             What collides of links that have visual shapes only. "visual": those shapes. Otherwise nothing, which
             `links_without_collision` and a warning say; a robot with no collision shape on any moving link is refused
             unless this is "optional".
+        group : str, optional
+            Group of the SRDF whose joints move; the others are held as those are that do not move the tip.
+        locked_state : str, optional
+            State of the SRDF that says at which values joints are held that are not in the group or do not move the
+            tip; zero by default.
 
         Raises
         ------
@@ -194,6 +218,8 @@ class Robot:
             name,
             dict(limits or {}),
             collision,
+            group,
+            locked_state,
         )
 
     @classmethod
@@ -205,6 +231,8 @@ class Robot:
         locked: Mapping[str, float] | None = None,
         hulls: bool = True,
         collision: CollisionSource = "required",
+        group: str | None = None,
+        locked_state: str | None = None,
     ) -> Robot:
         """Build a robot of example-robot-data.
 
@@ -212,7 +240,7 @@ class Robot:
         ----------
         name : str
             A key of `safe_ompl.robot.examples.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
-        tip, locked, hulls, collision
+        tip, locked, hulls, collision, group, locked_state
             As in `from_urdf`; by default those of the table of examples.
 
         Raises
@@ -226,11 +254,13 @@ class Robot:
             folder / example.urdf,
             folder / example.srdf if example.srdf else None,
             (folder.parents[1],),
-            tip or example.tip,
+            tip or (example.tip if group is None else None),
             example.locked if locked is None else locked,
             hulls=hulls,
             name=name,
             collision=collision,
+            group=group,
+            locked_state=locked_state,
         )
 
     def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Robot:
@@ -270,8 +300,20 @@ class Robot:
         inside: BoolArray = (q >= self.lower - tolerance) & (q <= self.upper + tolerance)
         return inside | self.continuous
 
-    def named(self, q: FloatArray) -> dict[str, float]:
-        """Return `q: (n,)` as a mapping from joint name to value."""
+    def named(self, q: FloatArray | str) -> dict[str, float]:
+        """Return `q: (n,)`, or the state of the SRDF that it names, as a mapping from joint name to value [rad or m].
+
+        A state holds what the SRDF says, for whichever joints: of several groups with that state, those of all.
+
+        Raises
+        ------
+        InputError
+            If there is no state of that name, or no SRDF.
+        """
+        if isinstance(q, str):
+            if self._recipe["srdf"] is None:
+                raise InputError(f"no state {q!r}: states come with an SRDF", self.name)
+            return SrdfFile(self._recipe["srdf"]).state(q)
         return dict(zip(self.joint_names, q.tolist(), strict=True))
 
     # -------------------------------------------------------------------------------------------- kinematics

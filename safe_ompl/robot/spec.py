@@ -9,6 +9,7 @@ from typing import Any
 
 from safe_ompl import document
 from safe_ompl.errors import InputError
+from safe_ompl.robot.collision_shapes import CollisionSource, check_source
 from safe_ompl.robot.robot import Robot
 
 
@@ -30,6 +31,10 @@ class RobotSpec:
         Joints that are held still [rad or m]. None: those that the example locks by default.
     hulls : bool, optional
         Collide with the convex hulls of meshes.
+    group, locked_state : str, optional
+        Group of the SRDF whose joints move, state of the SRDF in which others are held.
+    collision : {"required", "visual", "optional"}, optional
+        What collides of links without collision shapes.
 
     Raises
     ------
@@ -44,6 +49,9 @@ class RobotSpec:
     tip: str | None = None
     locked: Mapping[str, float] | None = None
     hulls: bool = True
+    group: str | None = None
+    locked_state: str | None = None
+    collision: CollisionSource = "required"
 
     def __post_init__(self) -> None:
         if (self.example is None) == (self.urdf is None):
@@ -52,13 +60,14 @@ class RobotSpec:
             raise InputError(
                 "an example robot brings its own; give it with urdf only", "srdf or package_dirs"
             )
-        for key in ("example", "tip"):
+        for key in ("example", "tip", "group", "locked_state"):
             if getattr(self, key) is not None:
                 document.text(key, getattr(self, key))
         document.flag("hulls", self.hulls)
+        check_source(self.collision, "collision")
         folders = document.sequence("package_dirs", self.package_dirs)
         values = {
-            "urdf": self.urdf and document.file("urdf", self.urdf, (".urdf", ".xml")),
+            "urdf": self.urdf and document.file("urdf", self.urdf, (".urdf", ".xml", ".xacro")),
             "srdf": self.srdf and document.file("srdf", self.srdf, (".srdf", ".xml")),
             "package_dirs": tuple(Path(folder).resolve() for folder in folders),
             "locked": None if self.locked is None else _joint_values(self.locked),
@@ -95,12 +104,16 @@ class RobotSpec:
 
     def build(self) -> Robot:
         """Return the robot; raise InputError as `Robot.from_example` and `Robot.from_urdf` do."""
+        chosen: dict[str, Any] = {
+            "hulls": self.hulls,
+            "group": self.group,
+            "locked_state": self.locked_state,
+            "collision": self.collision,
+        }
         if self.example is not None:
-            return Robot.from_example(self.example, tip=self.tip, locked=self.locked, hulls=self.hulls)
+            return Robot.from_example(self.example, tip=self.tip, locked=self.locked, **chosen)
         assert self.urdf is not None
-        return Robot.from_urdf(
-            self.urdf, self.srdf, self.package_dirs, self.tip, self.locked, hulls=self.hulls
-        )
+        return Robot.from_urdf(self.urdf, self.srdf, self.package_dirs, self.tip, self.locked, **chosen)
 
 
 def _joint_values(locked: Mapping[str, float]) -> dict[str, float]:
