@@ -1,7 +1,7 @@
 """Which robots work: python bench/robots.py FOLDER … [--out FILE] [--pairs N] [--time SECONDS] [--package-dir DIR …].
 
 Every URDF below the folders is loaded twice (the second time with what the first has left in the cache), each in a
-process of its own, so that one that crashes or hangs is a line of the table and not its end. The joints that move the
+process of its own, so that one that crashes or hangs is a line of the table and not its end (a dash: no time to ask). The joints that move the
 default tip are planned for; the others are held. Beside the arm stands a box; between random free configurations
 every planner is run, and each path gets a certificate, which is verified. Robots with visual shapes only are taken
 with these. Writes FILE.md and FILE.json.
@@ -41,7 +41,6 @@ from safe_ompl.setup.safe_setup import SafeSetup
 
 PLANNERS = ("SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect")
 TRIES = 2000  # for a free configuration
-PATIENCE = 180  # [s] for a robot
 
 Record = dict[str, Any]
 
@@ -50,12 +49,13 @@ def main() -> None:
     """Ask each robot in a process of its own, and write the table."""
     options = _options()
     if options.one:
-        print(json.dumps(examine(options.one, options)))
+        for record in examine(options.one, options):
+            print(json.dumps(record), flush=True)
         return
     files = sorted({file for folder in options.folders for file in Path(folder).resolve().rglob("*.urdf")})
     with tempfile.TemporaryDirectory() as kept, ThreadPoolExecutor(options.jobs) as pool:
         records = []
-        for record in pool.map(lambda file: _in_a_process(file, kept), files):
+        for record in pool.map(lambda file: _in_a_process(file, kept, options.patience), files):
             records.append(record)
             print(_row(record), flush=True)
     if options.out:
@@ -73,56 +73,62 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--time", type=float, default=2.0, help="of each planner [s] (default: %(default)s)")
     parser.add_argument("--package-dir", action="append", default=[], metavar="DIR")
     parser.add_argument("--jobs", type=int, default=1, help="robots at a time (default: %(default)s)")
+    parser.add_argument(
+        "--patience", type=float, default=180.0, help="with a robot [s] (default: %(default)s)"
+    )
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     return parser.parse_args()
 
 
-def _in_a_process(file: Path, kept: str) -> Record:
+def _in_a_process(file: Path, kept: str, patience: float) -> Record:
+    """Return the last that the process says of a robot; how it ended, if that was not well."""
     command = [sys.executable, __file__, "--one", str(file), *sys.argv[1:]]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, VARIABLE: kept}
+    )
     try:
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-            env={**os.environ, VARIABLE: kept},
-            check=False,
+        out, errors = process.communicate(timeout=patience)
+        ending = (
+            {} if process.returncode == 0 else {"error": (errors.strip() or "it crashed").splitlines()[-1]}
         )
     except subprocess.TimeoutExpired:
-        return {"robot": file.name, "error": f"more than {PATIENCE} s"}
-    if done.returncode:
-        last = done.stderr.strip().splitlines()[-1:] or [f"exit status {done.returncode}"]
-        return {"robot": file.name, "error": last[0]}
-    record: Record = json.loads(done.stdout.splitlines()[-1])
-    return record
+        process.kill()
+        out, _ = process.communicate()
+        ending = {"cut": True} if out.strip() else {"error": f"not loaded within {patience:g} s"}
+    records = [json.loads(line) for line in out.splitlines() if line.startswith("{")]
+    return {"robot": file.name, **(records[-1] if records else {}), **ending}
 
 
 # ------------------------------------------------------------------------------------------------- one robot
 
 
-def examine(file: Path, options: argparse.Namespace) -> Record:
-    """Return what there is to say about a robot."""
+def examine(file: Path, options: argparse.Namespace) -> Iterator[Record]:
+    """Yield what there is to say about a robot, more each time: once it is loaded, and after each planner."""
     logging.getLogger("safe_ompl").setLevel(logging.ERROR)
     record: Record = {"robot": file.name}
     folders = [Path(folder).resolve() for folder in (*options.package_dir, *options.folders)]
     try:
         robot, record["collision"], record["first"] = _load(file, folders)
     except SafeOmplError as error:
-        return {**record, "error": " ".join(str(error).split()).replace(str(file), file.name)}
+        line = " ".join(str(error).split())
+        yield {**record, "error": line.replace(str(file.resolve()), file.name).replace(f"{file.name}: ", "")}
+        return
     record["second"] = _load(file, folders)[2]
     record.update(joints=robot.n, tip=robot.tip, unchecked=list(robot.links_without_collision))
+    record.update(pairs=0, solved={}, paths=0, verified=0)
+    yield record
     scene = _box_beside(robot)
     free = list(_free_configurations(robot, scene, 2 * options.pairs))
     pairs = list(zip(free[::2], free[1::2], strict=False))
-    record.update(pairs=len(pairs), solved={}, paths=0, verified=0)
+    record["pairs"] = len(pairs)
     for planner in PLANNERS:
         paths = [
             path for pair in pairs if (path := _plan(robot, scene, planner, *pair, options.time)) is not None
         ]
+        record["verified"] += sum(_verifies(path, robot, scene) for path in paths)
         record["solved"][planner] = len(paths)
         record["paths"] += len(paths)
-        record["verified"] += sum(_verifies(path, robot, scene) for path in paths)
-    return record
+        yield record
 
 
 def _load(file: Path, folders: list[Path]) -> tuple[Robot, str, float]:
@@ -193,6 +199,11 @@ def _table(records: list[Record]) -> list[str]:
     ]
 
 
+def _solved(record: Record, planner: str) -> str:
+    """Return how many problems a planner solved; a dash where there was no time to ask it."""
+    return f"{record['solved'][planner]}/{record['pairs']}" if planner in record["solved"] else "–"
+
+
 def _row(record: Record) -> str:
     if "error" in record:
         return f"| {record['robot']} | {record['error']} |" + " |" * (len(PLANNERS) + 4)
@@ -203,7 +214,7 @@ def _row(record: Record) -> str:
         record["joints"],
         record["tip"],
         ", ".join(record["unchecked"]),
-        *(f"{record['solved'][planner]}/{record['pairs']}" for planner in PLANNERS),
+        *(_solved(record, planner) for planner in PLANNERS),
         f"{record['verified']}/{record['paths']}",
     ]
     return f"| {' | '.join(map(str, cells))} |"

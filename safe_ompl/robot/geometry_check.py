@@ -1,7 +1,7 @@
-"""What a URDF says about shapes and joints, checked element by element before the parser sees it.
+"""Shapes and joints of a URDF, checked element by element before the parser sees them.
 
-The parser takes negative radii, zero sizes and zero axes as they come, and where it cannot read one collision
-element it drops all of the link: what it leaves out would be "proven free".
+The parser takes negative radii, zero sizes and zero axes as they come, and where it cannot read one element of a link
+it drops all shapes of the link: what it leaves out would be "proven free".
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from safe_ompl.errors import InputError
 
-_SIZES = {  # attributes of each shape: how many numbers, and whether they may be negative
+_SIZES = {  # attributes of each shape, and how many positive numbers they hold
     "box": {"size": 3},
     "sphere": {"radius": 1},
     "cylinder": {"radius": 1, "length": 1},
@@ -105,18 +105,34 @@ def _finite_numbers(
     return values
 
 
-# ------------------------------------------------------------------------------------------------ capsules
+# ------------------------------------------------------------------------- what the parser stumbles over
 
 
-def has_capsules(root: ElementTree.Element) -> bool:
-    """Return whether a link has a `<capsule>`, which the parser does not read."""
-    return next(root.iterfind("link/*/geometry/capsule"), None) is not None
+def is_readable(root: ElementTree.Element) -> bool:
+    """Return whether the parser reads every link: none has a `<capsule>` or an incomplete `<inertial>`."""
+    has_capsule = next(root.iterfind("link/*/geometry/capsule"), None) is not None
+    return not has_capsule and not any(_broken_inertials(link) for link in root.findall("link"))
 
 
-def disguise_capsules(root: ElementTree.Element) -> None:
-    """Turn every `<capsule>` of `root`, in place, into the cylinder of the same radius and length."""
+def make_readable(root: ElementTree.Element) -> None:
+    """Put `root`, in place, in terms that the parser reads, for otherwise it drops all shapes of the link.
+
+    Capsules become cylinders of the same radius and length (see `restore_capsules`); incomplete inertials, which say
+    nothing about where a body is, go.
+    """
     for shape in root.iterfind("link/*/geometry/capsule"):
         shape.tag = "cylinder"
+    for link in root.findall("link"):
+        for inertial in _broken_inertials(link):
+            link.remove(inertial)
+
+
+def _broken_inertials(link: ElementTree.Element) -> list[ElementTree.Element]:
+    return [
+        element
+        for element in link.findall("inertial")
+        if element.find("mass") is None or element.find("inertia") is None
+    ]
 
 
 def restore_capsules(geometry: pin.GeometryModel, root: ElementTree.Element, tag: str) -> None:
@@ -142,6 +158,7 @@ def check_complete(
         name, wanted = link.get("name", ""), len(link.findall(tag))
         if built.get(name, 0) != wanted:
             raise InputError(
-                f"link {name!r}: {wanted} {tag} shapes are in the file, {built.get(name, 0)} could be read",
+                f"link {name!r}: {wanted} {tag} shapes are in the file, {built.get(name, 0)} could be read; "
+                "the parser drops those of a link of which it cannot read every element",
                 source,
             )

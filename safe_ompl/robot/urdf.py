@@ -139,10 +139,10 @@ class UrdfFile:
         meshes = [mesh.get("filename", "") for mesh in self._root.iterfind("link/*/geometry/mesh")]
         moved = {mesh: places[0] for mesh in set(meshes) if len(places := self._places(mesh)) == 1}
         moved = {mesh: place for mesh, place in moved.items() if mesh.startswith(_PACKAGE)}
-        if not moved and not geometry_check.has_capsules(self._root):
+        if not moved and geometry_check.is_readable(self._root):
             return None
         root = deepcopy(self._root)
-        geometry_check.disguise_capsules(root)
+        geometry_check.make_readable(root)
         for mesh in root.iterfind("link/*/geometry/mesh"):
             name = mesh.get("filename", "")
             mesh.set("filename", str(moved.get(name, name)))

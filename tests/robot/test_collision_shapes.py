@@ -111,6 +111,17 @@ def test_a_capsule_is_read_with_all_other_shapes_of_its_link(file):
         assert CollisionChecker(robot, wall).in_collision(np.zeros(2)) != free
 
 
+def test_an_incomplete_inertial_takes_no_shape_with_it(file):
+    robot = Robot.from_urdf(arm(file, COLLISION, COLLISION + '<inertial><mass value="1"/></inertial>'))
+    assert {body.name for body in robot.collision_model.geometryObjects} == {"upper_0", "lower_0"}
+
+
+def test_what_the_parser_drops_for_other_reasons_is_refused(file):
+    strange = '<inertial><mass value="one"/><inertia ixx="1"/></inertial>'
+    with pytest.raises(InputError, match="link 'lower': 1 collision shapes are in the file, 0 could be read"):
+        Robot.from_urdf(arm(file, COLLISION, COLLISION + strange))
+
+
 @pytest.mark.parametrize(
     ("element", "message"),
     [
