@@ -1,10 +1,10 @@
 """Which robots work: python bench/robots.py FOLDER … [--out FILE] [--pairs N] [--time SECONDS] [--package-dir DIR …].
 
 Every URDF below the folders is loaded twice (the second time with what the first has left in the cache), each in a
-process of its own, so that one that crashes or hangs is a line of the table and not its end (a dash: no time to ask). The joints that move the
-default tip are planned for; the others are held. Beside the arm stands a box; between random free configurations
-every planner is run, and each path gets a certificate, which is verified. Robots with visual shapes only are taken
-with these. Writes FILE.md and FILE.json.
+process of its own, so that one that crashes or hangs is a line of the table and not its end (a dash: no time to ask).
+The joints that move the default tip are planned for; the others are held. Beside the arm stands a box; between random
+free configurations every planner is run, and each path gets a certificate, which is verified. Robots with visual
+shapes only are taken with these. Writes FILE.md and FILE.json.
 """
 
 from __future__ import annotations
