@@ -111,7 +111,7 @@ def examine(file: Path, options: argparse.Namespace) -> Iterator[Record]:
         robot, record["collision"], record["first"] = _load(file, folders)
     except SafeOmplError as error:
         line = " ".join(str(error).split())
-        yield {**record, "error": line.replace(str(file.resolve()), file.name).replace(f"{file.name}: ", "")}
+        yield {**record, "error": line.replace(f"{file.resolve()}: ", "").replace(f"{file}: ", "")}
         return
     record["second"] = _load(file, folders)[2]
     record.update(joints=robot.n, tip=robot.tip, unchecked=list(robot.links_without_collision))
@@ -150,7 +150,7 @@ def _box_beside(robot: Robot) -> Scene:
     """Return a box at two thirds of the arm's reach, to its side."""
     points = robot.keypoints((robot.lower + robot.upper) / 2)
     reach = float(np.linalg.norm(np.diff(points[robot.segments], axis=1)[:, 0], axis=1).sum())
-    center = points[robot.segments[0, 0]] + 0.66 * reach * np.array([0.5, 0.8, 0.3])
+    center = points[robot.segments[:1, 0]].sum(axis=0) + 0.66 * reach * np.array([0.5, 0.8, 0.3])
     size = max(0.1 * reach, 0.01)
     return Scene((Obstacle("box", Box((size, size, 2 * size)), Pose(tuple(center.tolist())), weight=1.0),))
 
