@@ -1,5 +1,6 @@
 """Robots and an independent collision check for the tests; robots are frozen, so all tests share them."""
 
+import os
 from functools import cache
 from math import ceil
 from pathlib import Path
@@ -16,6 +17,8 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
+
+os.environ["SAFE_OMPL_CACHE"] = "off"  # tests neither read nor leave anything in the user's cache
 
 DATA = Path(__file__).parent / "data"
 

@@ -34,6 +34,10 @@ class Blueprint(ABC):
     def with_limits(self, limits: Limits) -> Blueprint:
         """Return the blueprint of the same robot with other limits [rad or m] for the joints named."""
 
+    def state(self, name: str) -> dict[str, float]:
+        """Return a named state of the robot's SRDF by joint [rad or m]; raise InputError if there is none."""
+        raise InputError(f"no state {name!r}: states come with an SRDF")
+
     def attached(self) -> tuple[Attachment, ...]:
         """Return the objects that the robot holds, the last one last."""
         return ()
@@ -60,6 +64,10 @@ class _Change(Blueprint):
     def with_limits(self, limits: Limits) -> Blueprint:
         """Pass the limits on."""
         return replace(self, of=self.of.with_limits(limits))
+
+    def state(self, name: str) -> dict[str, float]:
+        """Return that of the robot that is changed."""
+        return self.of.state(name)
 
     def attached(self) -> tuple[Attachment, ...]:
         """Return those of the robot that is changed."""
@@ -139,6 +147,18 @@ class Combined(Blueprint):
     def joined(self, parts: Mapping[str, RobotParts]) -> RobotParts:
         """Return the parts of the robots as those of one."""
         return combined(self.name, parts, self.tip)
+
+    def state(self, name: str) -> dict[str, float]:
+        """Return the states of that name of all robots that have one, under the names that joints have here."""
+        found, refused = dict[str, float](), None
+        for prefix, blueprint in self.robots.items():
+            try:
+                found |= {f"{prefix}_{joint}": value for joint, value in blueprint.state(name).items()}
+            except InputError as error:
+                refused = error
+        if refused is not None and not found:
+            raise refused
+        return found
 
     def attached(self) -> tuple[Attachment, ...]:
         """Return the objects of all robots, under the names that they have here."""

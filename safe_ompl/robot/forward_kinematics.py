@@ -132,7 +132,7 @@ class ForwardKinematics:
         inside: BoolArray = (values >= self.lower - tolerance) & (values <= self.upper + tolerance)
         return inside | (self.continuous & np.isfinite(values)) if self._wraps else inside
 
-    def named(self, q: ArrayLike) -> dict[str, float]:
+    def named(self, q: ArrayLike | str) -> dict[str, float]:
         """Return `q: (n,)` as a mapping from joint name to value."""
         return dict(zip(self.joint_names, self.configuration(q).tolist(), strict=True))
 

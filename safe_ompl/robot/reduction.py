@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 import pinocchio as pin
@@ -75,7 +76,7 @@ def joints_to_hold(
         moving |= {mimic.primary for name, mimic in followers.items() if name in moving}
         for name in names:
             if name not in moving and name not in held and name not in followers:
-                held[name] = _resting_value(full, name)
+                held[name] = resting_value(full, name)
     for name, mimic in followers.items():
         if mimic.primary in held or mimic.multiplier == 0:
             held[name] = mimic.multiplier * held.get(mimic.primary, 0.0) + mimic.offset
@@ -106,8 +107,8 @@ def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float
     return number
 
 
-def _resting_value(full: pin.Model, name: str) -> float:
-    """Zero, or the limit nearest to it."""
+def resting_value(full: pin.Model, name: str) -> float:
+    """Return zero, or the limit nearest to it."""
     joint = full.joints[full.getJointId(name)]
     if joint.nq != 1:
         return 0.0
@@ -219,8 +220,15 @@ def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]
     return lower, upper
 
 
-def farthest_body(model: pin.Model) -> str:
-    """Return the body frame with the most joints above it, among those the one farthest from the last joint."""
+@overload
+def farthest_body(model: pin.Model) -> str: ...
+@overload
+def farthest_body(model: pin.Model, among: Container[str]) -> str | None: ...
+def farthest_body(model: pin.Model, among: Container[str] | None = None) -> str | None:
+    """Return the body frame with the most joints above it, among those the one farthest from the last joint.
+
+    With `among` only bodies of these names count; None if there is none.
+    """
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
 
@@ -228,5 +236,9 @@ def farthest_body(model: pin.Model) -> str:
         offset = float(np.linalg.norm(frame.placement.translation))
         return len(model.supports[frame.parentJoint]), offset
 
-    bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
-    return str(max(bodies, key=rank).name)
+    bodies = [
+        frame
+        for frame in model.frames
+        if frame.type == pin.FrameType.BODY and (among is None or frame.name in among)
+    ]
+    return str(max(bodies, key=rank).name) if bodies else None

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
@@ -24,6 +25,7 @@ from safe_ompl.robot.blueprint import (
     check_prefixes,
     standing,
 )
+from safe_ompl.robot.collision_shapes import CollisionSource
 from safe_ompl.robot.coupling import Mimic
 from safe_ompl.robot.displacement import JointChain
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
@@ -62,7 +64,7 @@ class Robot(DisplacementBounds):
     shared : RobotParts
         Pinocchio's models themselves, not copied: for code that never changes them.
     links_without_collision : tuple of str
-        Moving links that have visual but no collision shapes.
+        Moving links that have visual but no collision shapes: nothing is proven of them.
 
     Parameters
     ----------
@@ -94,6 +96,9 @@ class Robot(DisplacementBounds):
         limits: Limits | None = None,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
+        collision: CollisionSource = "required",
+        group: str | None = None,
+        locked_state: str | None = None,
     ) -> Robot:
         """Build a robot from its URDF.
 
@@ -107,10 +112,11 @@ class Robot(DisplacementBounds):
         package_dirs : sequence of path-like
             Folders that hold the packages of `package://` names; those above the URDF are searched as well.
         tip : str, optional
-            Frame at the end of the arm. Joints that do not move it are locked (the log says so). Default: the body
-            farthest from the base.
+            Frame at the end of the arm. Joints that do not move it are held; a warning says at which posture.
+            Default: the body farthest from the base; where that is a finger, the hand.
         locked : mapping of str to float, optional
             Joints to hold still, with their values [rad or m]. A joint that mimics a locked one is locked with it.
+            If it names all joints that are to move (such as `robot.named("home")`), it is the posture of the others.
         hulls : bool
             Replace meshes by their convex hulls (solid and fast). False keeps the meshes, which are hollow.
         name : str, optional
@@ -122,6 +128,15 @@ class Robot(DisplacementBounds):
         mobile_base : pair of (float, float), optional
             Limits ((x0, x1), (y0, y1)) [m] of a base that slides in x and y and turns about z: three joints more,
             base_x, base_y and base_yaw, before the others. `base` is then the origin of these.
+        collision : {"required", "visual", "optional"}
+            What collides of links that have visual shapes only. "visual": those shapes. Otherwise nothing, which
+            `links_without_collision` and a warning say; a robot with no collision shape on any moving link is refused
+            unless this is "optional".
+        group : str, optional
+            Group of the SRDF whose joints move; the others are held as those are that do not move the tip.
+        locked_state : str, optional
+            State of the SRDF that says at which values joints are held that are not in the group or do not move the
+            tip; zero by default.
 
         Raises
         ------
@@ -138,6 +153,9 @@ class Robot(DisplacementBounds):
             hulls,
             name,
             dict(limits or {}),
+            collision,
+            group,
+            locked_state,
         )
         return cls(standing(blueprint, base, mobile_base))
 
@@ -151,6 +169,9 @@ class Robot(DisplacementBounds):
         hulls: bool = True,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
+        collision: CollisionSource = "required",
+        group: str | None = None,
+        locked_state: str | None = None,
     ) -> Robot:
         """Build a robot of example-robot-data.
 
@@ -158,7 +179,7 @@ class Robot(DisplacementBounds):
         ----------
         name : str
             A key of `safe_ompl.robot.examples.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
-        tip, locked, hulls, base, mobile_base
+        tip, locked, hulls, base, mobile_base, collision, group, locked_state
             As in `from_urdf`; by default those of the table of examples.
 
         Raises
@@ -172,12 +193,15 @@ class Robot(DisplacementBounds):
             folder / example.urdf,
             folder / example.srdf if example.srdf else None,
             (folder.parents[1],),
-            tip or example.tip,
+            tip or (example.tip if group is None else None),
             example.locked if locked is None else locked,
             hulls=hulls,
             name=name,
             base=base,
             mobile_base=mobile_base,
+            collision=collision,
+            group=group,
+            locked_state=locked_state,
         )
 
     @classmethod
@@ -318,6 +342,18 @@ class Robot(DisplacementBounds):
     def without_attached(self, name: str) -> Robot:
         """Return the same robot without the object called `name`; raise UnknownNameError if it holds none."""
         return Robot(self.blueprint.without(name))
+
+    def named(self, q: ArrayLike | str) -> dict[str, float]:
+        """Return `q: (n,)`, or the state of the SRDF that it names, as a mapping from joint name to value [rad or m].
+
+        A state holds what the SRDF says, for whichever joints: of several groups with that state, those of all.
+
+        Raises
+        ------
+        InputError
+            If there is no state of that name, or no SRDF; if `q` has the wrong shape or is not finite.
+        """
+        return self.blueprint.state(q) if isinstance(q, str) else super().named(q)
 
     @property
     def attached(self) -> tuple[Attachment, ...]:

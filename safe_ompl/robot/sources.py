@@ -13,18 +13,22 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.blueprint import Blueprint, Limits
-from safe_ompl.robot.convex import make_convex, sample_configurations, select_self_pairs
+from safe_ompl.robot.chosen_joints import group_tip, joints_and_posture
+from safe_ompl.robot.collision_shapes import build_collision_geometry, links_without_collision
+from safe_ompl.robot.convex import make_convex
 from safe_ompl.robot.coupling import Mimic, resolved
+from safe_ompl.robot.fingers import default_tip
 from safe_ompl.robot.parts import RobotParts, independent
 from safe_ompl.robot.reduction import (
     apply_mimic_limits,
     check_joints,
-    farthest_body,
     joint_limits,
     joints_to_hold,
     override_limits,
     reduce_model,
 )
+from safe_ompl.robot.self_collision import sample_configurations, select_self_pairs
+from safe_ompl.robot.srdf import SrdfFile
 from safe_ompl.robot.urdf import UrdfFile
 
 _log = logging.getLogger(__name__)
@@ -42,12 +46,15 @@ class UrdfBlueprint(Blueprint):
     hulls: bool
     name: str | None
     limits: Limits
+    collision: str = "required"
+    group: str | None = None
+    locked_state: str | None = None
 
     def assemble(self) -> RobotParts:
         """Read the files, lock joints, and build what remains."""
         file = UrdfFile(self.urdf, self.package_dirs)
         full = file.build_model()
-        collision_model = file.build_geometry(full, pin.GeometryType.COLLISION)
+        collision_model = build_collision_geometry(file, full, self.collision)
         mimics = {name: mimic for name, mimic in file.mimics().items() if full.existJointName(name)}
 
         def read_visual() -> pin.GeometryModel | None:
@@ -60,10 +67,24 @@ class UrdfBlueprint(Blueprint):
 
         source = _Source(full, collision_model, read_visual, mimics, str(file.path))
         name = self.name or full.name or file.path.stem
-        return source.reduced(name, self.tip, self.locked, self.limits, self.hulls, self.srdf)
+        parts = source.reduced(
+            name,
+            self.tip,
+            self.locked,
+            self.limits,
+            self.hulls,
+            srdf=self.srdf,
+            group=self.group,
+            locked_state=self.locked_state,
+        )
+        lacking = links_without_collision(file, parts.model, parts.collision_model, self.collision, name)
+        return replace(parts, links_without_collision=lacking)
 
     def with_limits(self, limits: Limits) -> UrdfBlueprint:
         return replace(self, limits={**self.limits, **limits})
+
+    def state(self, name: str) -> dict[str, float]:
+        return super().state(name) if self.srdf is None else SrdfFile(self.srdf).state(name)
 
 
 @dataclass(frozen=True)
@@ -89,7 +110,7 @@ class ModelsBlueprint(Blueprint):
             self.mimics,
             self.name,
         )
-        return source.reduced(self.name, self.tip, self.locked, self.limits, self.hulls, None)
+        return source.reduced(self.name, self.tip, self.locked, self.limits, self.hulls)
 
     def with_limits(self, limits: Limits) -> ModelsBlueprint:
         return replace(self, limits={**self.limits, **limits})
@@ -112,14 +133,20 @@ class _Source:
         locked: Mapping[str, float],
         limits: Limits,
         hulls: bool,
-        srdf: str | None,
+        *,
+        srdf: str | None = None,
+        group: str | None = None,
+        locked_state: str | None = None,
     ) -> RobotParts:
         """Return the parts of the robot with its joints locked, bodies convex and self pairs chosen."""
         full, source, mimics = self.full, self.source, resolved(self.mimics, self.source)
         override_limits(full, limits, source)
         if tip is not None and not full.existFrame(tip):
             raise UnknownNameError("tip frame", tip, (frame.name for frame in list(full.frames)[1:]), source)
-        held = joints_to_hold(full, mimics, tip, locked, source)
+        locked = joints_and_posture(
+            full, mimics, locked, tip=tip, group=group, locked_state=locked_state, srdf=srdf, source=source
+        )
+        held = joints_to_hold(full, mimics, None if group else tip, locked, source)
         model, collision_model = reduce_model(full, self.collision_model, held)
         check_joints(model, source)
         if hulls:
@@ -136,7 +163,7 @@ class _Source:
             return None if drawn is None else reduce_model(full, drawn, held)[1]
 
         ends = tuple(full.names)[1:]
-        tips = (tip or farthest_body(model),)
+        tips = (tip or group_tip(srdf, group, source) or default_tip(full, model),)
         return RobotParts(name, source, model, collision_model, visual, ends, tips, mimics)
 
 

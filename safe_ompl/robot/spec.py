@@ -11,6 +11,7 @@ from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.attachment import Attachment, as_pose, attachments
 from safe_ompl.robot.blueprint import mobile_ranges
+from safe_ompl.robot.collision_shapes import CollisionSource, check_source
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.pose import Pose
 
@@ -44,6 +45,10 @@ class RobotSpec:
         Several robots in one cell, by the prefix of their names; `tip` is the prefix of one of them then.
     name : str, optional
         Name for reports; of several robots "cell" by default.
+    group, locked_state : str, optional
+        Group of the SRDF whose joints move, state of the SRDF in which others are held.
+    collision : {"required", "visual", "optional"}, optional
+        What collides of links without collision shapes.
 
     Raises
     ------
@@ -63,6 +68,9 @@ class RobotSpec:
     attached: tuple[Attachment, ...] = field(default=())
     robots: Mapping[str, RobotSpec] = field(default_factory=dict)
     name: str | None = None
+    group: str | None = None
+    locked_state: str | None = None
+    collision: CollisionSource = "required"
 
     def __post_init__(self) -> None:
         if sum((self.example is not None, self.urdf is not None, bool(self.robots))) != 1:
@@ -75,13 +83,14 @@ class RobotSpec:
             raise InputError(
                 "an example robot brings its own; give it with urdf only", "srdf or package_dirs"
             )
-        for key in ("example", "tip", "name"):
+        for key in ("example", "tip", "name", "group", "locked_state"):
             if getattr(self, key) is not None:
                 document.text(key, getattr(self, key))
         document.flag("hulls", self.hulls)
+        check_source(self.collision, "collision")
         folders = document.sequence("package_dirs", self.package_dirs)
         values = {
-            "urdf": self.urdf and document.file("urdf", self.urdf, (".urdf", ".xml")),
+            "urdf": self.urdf and document.file("urdf", self.urdf, (".urdf", ".xml", ".xacro")),
             "srdf": self.srdf and document.file("srdf", self.srdf, (".srdf", ".xml")),
             "package_dirs": tuple(Path(folder).resolve() for folder in folders),
             "locked": None if self.locked is None else _joint_values(self.locked),
@@ -153,11 +162,16 @@ class RobotSpec:
         if self.robots:
             parts = {prefix: spec.build() for prefix, spec in self.robots.items()}
             return Robot.combined(self.name or "cell", parts, tip=self.tip)
-        stands: dict[str, Any] = {"base": self.base, "mobile_base": self.mobile_base}
+        chosen: dict[str, Any] = {
+            "base": self.base,
+            "mobile_base": self.mobile_base,
+            "hulls": self.hulls,
+            "group": self.group,
+            "locked_state": self.locked_state,
+            "collision": self.collision,
+        }
         if self.example is not None:
-            return Robot.from_example(
-                self.example, tip=self.tip, locked=self.locked, hulls=self.hulls, **stands
-            )
+            return Robot.from_example(self.example, tip=self.tip, locked=self.locked, **chosen)
         assert self.urdf is not None
         return Robot.from_urdf(
             self.urdf,
@@ -165,9 +179,8 @@ class RobotSpec:
             self.package_dirs,
             self.tip,
             self.locked,
-            hulls=self.hulls,
             name=self.name,
-            **stands,
+            **chosen,
         )
 
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from safe_ompl.paths.certificate.certificate import certificate
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError
+from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
