@@ -12,6 +12,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import FLOOR, CertifiedMotion
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
+from safe_ompl.plugins.user_checks import UserCheck
 
 
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
@@ -34,10 +35,24 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         self.motion = CertifiedMotion(checker, floor)
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
         self._bridge = StateBridge(self._space)
+        self._danger: DangerLimit | None = None
+        self._checks: tuple[UserCheck, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"CertifiedMotionValidator({self.motion!r})"
 
     def setDangerLimit(self, limit: DangerLimit | None) -> None:
         """Accept only motions whose danger is proven to keep to a limit; None: whatever it is."""
-        self.motion.limits = () if limit is None else (limit,)
+        self._danger = limit
+        self._take_limits()
+
+    def setUserChecks(self, checks: Sequence[UserCheck]) -> None:
+        """Accept only motions that checks of the user's own accept, too; they are asked about what is proven free."""
+        self._checks = tuple(checks)
+        self._take_limits()
+
+    def _take_limits(self) -> None:
+        self.motion.limits = (*self._checks, *(() if self._danger is None else (self._danger,)))
 
     def setMinClearance(
         self,

@@ -9,13 +9,16 @@ from ompl import base as ob
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
+from safe_ompl.plugins.user_checks import SampledValidity
+from safe_ompl.robot.joint_limits import JointLimits
 
 
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
 
     States nearer to an obstacle than the checker's `setMinClearance` allows are refused, too, and so are states more
-    dangerous than `setDangerLimit` allows.
+    dangerous than `setDangerLimit` allows, and those that a checker of the user's own refuses (`setUserChecker`).
+    The limits are the robot's, however wide the space.
 
     Parameters
     ----------
@@ -29,6 +32,8 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         super().__init__(si)
         self.checker = checker
         self._limit: DangerLimit | None = None
+        self._user: SampledValidity | None = None
+        self._joint_limits = JointLimits(checker.robot)
         self._space = si.getStateSpace()
         self._bridge = StateBridge(self._space)
 
@@ -36,16 +41,24 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         """Accept only states whose danger keeps to a limit; None: whatever it is."""
         self._limit = limit
 
+    def __repr__(self) -> str:
+        return f"CollisionFreeValidity({self.checker!r})"
+
+    def setUserChecker(self, check: SampledValidity | None) -> None:
+        """Accept only states that a checker of the user's own accepts, too; None: whatever it says."""
+        self._user = check
+
     def isValid(self, state: Any) -> bool:
         """Return whether `state` is within limits, finite, and free of collision."""
         if not self._space.satisfiesBounds(state):
             return False
         q = self._bridge.view(state)
-        square = q.dot(q)
-        # OMPL's bounds let NaN pass: every comparison with it is false.
-        if square != square or self.checker.too_near(q):
+        # OMPL's bounds let NaN pass, and a space may be wider than the robot's limits.
+        if not self._joint_limits.hold(q) or self.checker.too_near(q):
             return False
-        return self._limit is None or self._limit.allows(q)
+        if self._limit is not None and not self._limit.allows(q):
+            return False
+        return self._user is None or self._user.accepts(state)
 
     def clearance(self, state: Any) -> float:
         """Return the distance [m] between the robot and the nearest obstacle."""
