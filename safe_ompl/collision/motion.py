@@ -217,6 +217,10 @@ class CertifiedMotion:
         self._moving = dict(speeds), last
         self._required = None
 
+    def getMovingObstacles(self) -> tuple[dict[str, float], float]:
+        """Return the speeds [m/s] by name and the time [s] that `setMovingObstacles` has set."""
+        return dict(self._moving[0]), self._moving[1]
+
     def _check_speeds(self, speeds: Mapping[str, float]) -> None:
         for name, speed in speeds.items():
             if not (self.checker.scene[name] and isfinite(speed) and speed >= 0):
