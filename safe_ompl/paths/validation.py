@@ -66,10 +66,7 @@ class Validation:
         return self.accepted
 
     def __str__(self) -> str:
-        if self.proven:
-            proof = f"certified: {', '.join(self.claims)}"
-        else:
-            proof = "not proven free"
+        proof = f"certified: {', '.join(self.claims)}" if self.proven else "not proven free"
         said = "; ".join([proof, *map(str, self.checks)])
         return said if self.refused is None else f"{said}; {self.why}"
 
@@ -118,9 +115,7 @@ def claims_of(motion: CertifiedMotion) -> tuple[str, ...]:
     return tuple(claims)
 
 
-def first_refused(
-    path: FloatArray, motion: CertifiedMotion | UserCheck
-) -> tuple[int, MotionVerdict] | None:
+def first_refused(path: FloatArray, motion: CertifiedMotion | UserCheck) -> tuple[int, MotionVerdict] | None:
     """Return the index of the first edge of `path: (N, n)` that is not proven free, with the verdict; else None.
 
     A path of a single configuration is checked as an edge to itself.

@@ -16,6 +16,7 @@ from safe_ompl.errors import InputError
 from safe_ompl.plugins.states import ScratchState, StateBridge
 
 RESOLUTION = 0.01  # [rad] between two samples of a motion
+_ROUNDING = 1e-9  # of a step
 REFUSES = "its own answer"  # what a witness names beside the check
 
 
@@ -95,7 +96,7 @@ class SampledValidity(UserCheck):
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Ask at even steps of the straight motion between `start` and `end: (n,)`; says where it is refused."""
         delta = self._bridge.difference(start, end)
-        count = max(1, ceil(float(np.linalg.norm(delta)) / self.resolution))
+        count = max(1, ceil(float(np.linalg.norm(delta)) / self.resolution - _ROUNDING))
         for k in range(count + 1):
             if not self.allows(start + k / count * delta):
                 return MotionVerdict(Verdict.BLOCKED, k / count, (self.name, REFUSES))

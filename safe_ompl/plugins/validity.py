@@ -44,6 +44,13 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     def __repr__(self) -> str:
         return f"CollisionFreeValidity({self.checker!r})"
 
+    def adds_nothing(self, other: Any) -> bool:
+        """Return whether another checker is this one, or asks for nothing that this one does not ask for."""
+        if other is self:
+            return True
+        plain = type(other) is CollisionFreeValidity and other.checker is self.checker
+        return plain and other._limit is None and other._user is None
+
     def setUserChecker(self, check: SampledValidity | None) -> None:
         """Accept only states that a checker of the user's own accepts, too; None: whatever it says."""
         self._user = check

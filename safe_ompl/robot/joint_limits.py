@@ -38,7 +38,7 @@ class JointLimits:
 
     def hold(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
-        for value, (low, high) in zip(q.tolist(), self._intervals, strict=True):
+        for value, (low, high) in zip(q.tolist(), self._intervals, strict=True):  # noqa: SIM110  # all() is slower
             if not low <= value <= high:
                 return False
         return True

@@ -26,18 +26,22 @@ RECORD = [
     "seed",
     "status",
     "solved",
+    "setup_time",
     "planning_time",
     "simplification_time",
+    "report_time",
     "joint_names",
     "path",
     "length",
     "danger",
     "clearance",
     "certified",
+    "validation",
+    "links_without_collision",
     "counts",
 ]
 DANGER = ["mean", "max", "max_bound", "integral", "avoidable", "profile"]
-CLEARANCE = ["min", "mean", "length_below_50mm", "link", "obstacle", "at"]
+CLEARANCE = ["min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"]
 COUNTS = [
     "nodes",
     "collision_queries",

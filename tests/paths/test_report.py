@@ -225,7 +225,15 @@ def test_as_plain_numbers(crank):
     }
     assert found["validation"] == {"proven": True, "claims": ["collision"], "checks": []}
     assert set(found["danger"]) == {"mean", "max", "max_bound", "integral", "avoidable", "profile"}
-    assert set(found["clearance"]) == {"min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"}
+    assert set(found["clearance"]) == {
+        "min",
+        "mean",
+        "length_below_50mm",
+        "link",
+        "obstacle",
+        "at",
+        "obstacles",
+    }
     assert report(crank, [[-1], [1]]).as_dict()["danger"] is None
 
 
