@@ -26,10 +26,12 @@ from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.robot.inverse_kinematics import inverse_kinematics
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
+from safe_ompl.setup.wiring import planner_data
 
 __all__ = [
     "Benchmark",
@@ -61,8 +63,10 @@ __all__ = [
     "Verdict",
     "WorkspaceGoal",
     "certificate",
+    "inverse_kinematics",
     "make_planner",
     "plan",
+    "planner_data",
     "planner_names",
     "simplify_danger",
     "verify",

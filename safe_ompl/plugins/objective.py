@@ -47,6 +47,9 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self.tolerance = positive(tolerance, "tolerance")
         self._bridge = StateBridge(si.getStateSpace())
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.field!r}, tolerance={self.tolerance:g})"
+
     def getDescription(self) -> str:
         """Return a line about the objective."""
         return "integral of the danger field (Lacevic & Rocco 2013)"

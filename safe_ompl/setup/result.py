@@ -82,6 +82,10 @@ class PlanResult:
     def __bool__(self) -> bool:
         return self.solved
 
+    def __repr__(self) -> str:
+        points = "no path" if self.path is None else f"{len(self.path)} way points"
+        return f"PlanResult({self.status!r}, {points}, {self.planner!r}, seed={self.seed})"
+
     def __str__(self) -> str:
         """Say in five lines what came of it: outcome, times, length and danger, clearance, proof."""
         seconds = f"planned in {self.planning_time:.3f} s"

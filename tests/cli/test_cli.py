@@ -650,3 +650,10 @@ def test_pictures_without_the_extra_are_refused_with_advice(
     assert_refused(
         run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]"
     )
+
+
+def test_one_file_for_two_results(tmp_path, capsys):
+    file = str(tmp_path / "both.json")
+    assert main(["plan", "planar3", "--json", file, "--certificate", file]) == 2
+    assert "--certificate" in (error := capsys.readouterr().err)
+    assert "is written by --json already: give another file" in error.replace("\n", " ")

@@ -135,7 +135,7 @@ def shelf(ur5):
         )
     )
     checker = CollisionChecker(ur5, scene)
-    away = START + np.array([np.pi, 0, 0, 0, 0, 0])
+    away = START - np.array([np.pi, 0, 0, 0, 0, 0])
     paths = (
         np.array([START, START + np.array([0, 0.3, -0.5, 0, 0.4, 0])]),
         np.array([away, away + np.array([0.5, 0.8, 0, 0, 0, 0])]),
