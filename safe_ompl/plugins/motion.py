@@ -41,6 +41,16 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     def __repr__(self) -> str:
         return f"CertifiedMotionValidator({self.motion!r})"
 
+    def adds_nothing(self, other: Any) -> bool:
+        """Return whether another validator is this one, or proves nothing that this one does not prove."""
+        if other is self:
+            return True
+        if type(other) is not CertifiedMotionValidator:
+            return False
+        ours, theirs = self.motion, other.motion
+        same = theirs.checker is ours.checker and theirs.margin <= ours.margin
+        return same and not theirs.limits and not theirs.getMovingObstacles()[0]
+
     def setDangerLimit(self, limit: DangerLimit | None) -> None:
         """Accept only motions whose danger is proven to keep to a limit; None: whatever it is."""
         self._danger = limit

@@ -10,9 +10,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
 
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
@@ -25,6 +22,7 @@ from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.endpoints import check_endpoints
+from safe_ompl.setup.given_planner import check_planner, nodes_of, seed_ompl
 from safe_ompl.setup.interrupts import Interrupts
 from safe_ompl.setup.optimise import optimise as optimise_paths
 from safe_ompl.setup.result import PlanResult as PlanResult
@@ -189,7 +187,7 @@ class SafeSetup(SimplifyingSetup):
                 _log.info("planning took all of the time limit: the path is not simplified")
             simplified = perf_counter()
         counts = self.counts - before
-        counts.nodes = _nodes(planner)
+        counts.nodes = nodes_of(planner)
         return PlanResult(
             *(status.asString(), found if exact else None, None),
             *(name, int(seed), self.robot.joint_names),
@@ -234,11 +232,11 @@ class SafeSetup(SimplifyingSetup):
         """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**32:
             raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
-        self._check_planner(planner)
+        check_planner(planner, self.getSpaceInformation())
         self._adopt_plugins()
         if not self.getSpaceInformation().isSetup():
             self.getSpaceInformation().setup()  # draws random numbers, so it goes before the seed
-        _seed_ompl(int(seed))
+        seed_ompl(int(seed))
         name = planner if isinstance(planner, str) else planner.getName()  # BITstar renames itself kBITstar
         if isinstance(planner, str):
             planner = make_planner(planner, self.getSpaceInformation(), parameters)
@@ -249,21 +247,6 @@ class SafeSetup(SimplifyingSetup):
         self.setPlanner(planner)
         self.setup()
         return planner, name
-
-    def _check_planner(self, planner: Any) -> None:
-        """Raise an error if this is neither a name nor a planner of this setup."""
-        if isinstance(planner, str):
-            return
-        if isinstance(planner, type) and issubclass(planner, ob.Planner):
-            raise InputError(
-                f"{planner.__name__} is a class: give a planner, {planner.__name__}(setup.getSpaceInformation())"
-            )
-        if not isinstance(planner, ob.Planner):
-            raise InputError(f"planner must be a name of planner_names() or an ob.Planner, got {planner!r}")
-        if planner.getSpaceInformation() is not self.getSpaceInformation():
-            raise InputError(
-                f"{planner.getName()} is a planner of another setup: make it with this one's getSpaceInformation()"
-            )
 
     def _limit_of(self, planner: Any) -> DangerLimit | None:
         """Return the limit that holds for what is made of a planner's path: the planner's own, or the setup's."""
@@ -284,7 +267,7 @@ class SafeSetup(SimplifyingSetup):
                 if isinstance(planner, SafePlanner):
                     planner.setSeed((int(seed) + start) % 2**32)
             found = self.solve(max(seconds, _SHORTEST))
-            nodes += _nodes(planner)
+            nodes += nodes_of(planner)
             if not self.haveExactSolutionPath():
                 return None
             status = found.asString()
@@ -382,25 +365,3 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
                 limits = scenario.limits
                 setup.setMinClearance(limits.min_clearance, limits.obstacles, limits.exempt)
     return setup
-
-
-def _seed_ompl(seed: int) -> None:
-    """Seed OMPL's C++ planners, quietly: it complains of a second seed, though planners built later do follow it."""
-    handler = ou.getOutputHandler()
-    ou.noOutputHandler()
-    ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"
-    if handler is not None:
-        ou.useOutputHandler(handler)
-
-
-def _nodes(planner: Any) -> int:
-    """Return how many nodes a planner kept."""
-    if isinstance(planner, SafePlanner):
-        return planner.counts.nodes
-    if isinstance(
-        planner, og.BITstar
-    ):  # reading its graph leaks it, and with it the robot: count its samples
-        return int(planner.numBatches() * planner.getSamplesPerBatch())
-    data = ob.PlannerData(planner.getSpaceInformation())
-    planner.getPlannerData(data)
-    return int(data.numVertices())

@@ -130,7 +130,8 @@ class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
         if checker is not self._validity:
             self._take_checker(self._sampled_version(checker))
         if validator is not self._validator:
-            self._asked = AskedMotions(validator, self._bridge)
+            ours = self._validator.adds_nothing(validator)
+            self._asked = None if ours else AskedMotions(validator, self._bridge)
             si.setMotionValidator(self._validator)
             self._take_user_checks()
         return checker is not self._validity or validator is not self._validator

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
+from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import Verdict
 from safe_ompl.errors import CollisionError, InputError
 from safe_ompl.planners.prm import SafePRM
+from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.user_checks import SampledValidity
+from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
@@ -260,3 +263,16 @@ def test_a_motion_validator_does_not_replace_the_proof(setup: SafeSetup) -> None
     assert through.checks[0].passed
     result = setup.plan(seed=0, time=20.0)
     assert result.report.validation.proven
+
+
+def test_the_packages_own_plugins_add_nothing(setup: SafeSetup) -> None:
+    si = setup.getSpaceInformation()
+    setup.setStateValidityChecker(low_only)
+    si.setMotionValidator(LowMotions(si))
+    assert [check.name for check in setup.report([START, START]).checks] == ["low_only", "LowMotions"]
+    setup.setStateValidityChecker(CollisionFreeValidity(si, setup.checker))
+    si.setMotionValidator(CertifiedMotionValidator(si, setup.checker))
+    assert setup.report([START, START]).checks == ()
+    assert setup.user_checks == ()
+    si.setStateValidityChecker(CollisionFreeValidity(si, CollisionChecker(setup.robot, setup.scene)))
+    assert [check.name for check in setup.report([START, START]).checks] == ["CollisionFreeValidity"]
