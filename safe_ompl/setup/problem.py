@@ -145,6 +145,7 @@ class SafeProblem(LimitedSetup):
         return free
 
     def _checked_configuration(self, value: Any, name: str) -> FloatArray:
+        super()._adopt_plugins()
         robot = self.robot
         q = configuration_of(robot, value, name)
         for i in np.flatnonzero(~robot.within_limits(q)):

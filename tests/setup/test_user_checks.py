@@ -171,6 +171,10 @@ def test_start_and_goal_are_asked_about(setup: SafeSetup) -> None:
     with pytest.raises(CollisionError, match="goal is refused by your state validity checker low_only"):
         setup.setConfigurations(START, high)
     setup.setStateValidityChecker(None)
+    function_on_si(setup)
+    with pytest.raises(CollisionError, match="start is refused by your state validity checker"):
+        setup.setStartConfiguration(high)
+    setup.setStateValidityChecker(None)
     setup.setConfigurations(START, high)
     with pytest.raises(CollisionError, match="goal is refused by your state validity checker"):
         setup.setStateValidityChecker(low_only)
