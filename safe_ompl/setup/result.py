@@ -120,10 +120,9 @@ class PlanResult:
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""
         report: dict[str, Any] = {
-            "length": None,
-            "danger": None,
-            "clearance": None,
-            "certified": self.certified,
+            **{"length": None, "danger": None, "clearance": None, "certified": self.certified},
+            "validation": None if self.validation is None else self.validation.as_dict(),
+            "links_without_collision": None,
         }
         if self.report is not None:
             report = self.report.as_dict()
@@ -143,8 +142,6 @@ class PlanResult:
         }
         if self.approximate_path is not None:
             told["approximate_path"] = self.approximate_path.tolist()
-        if self.report is None and self.validation is not None:
-            told["validation"] = self.validation.as_dict()
         if self.improvements:
             told["improvements"] = [improvement.as_dict() for improvement in self.improvements]
         if self.interrupted:
