@@ -135,6 +135,7 @@ class CertifiedMotion:
     def is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the straight motion between two configurations (n,) is within limits and proven free."""
         if not (self._joint_limits.hold(start) and self._joint_limits.hold(end)):
+            _check_finite(start, end)
             return False  # outside them nothing is proven: pairs that never meet within are not looked at
         if self._subdivide(start, end, self._still)[0] is not Verdict.FREE:
             return False
@@ -269,8 +270,7 @@ class CertifiedMotion:
     ) -> tuple[Verdict, float | None]:
         checker = self.checker
         delta = checker.robot.difference(start, end)
-        if not isfinite(sum(delta.tolist())):
-            raise InputError(f"motion between {start.tolist()} and {end.tolist()} is not finite")
+        _check_finite(start, end)
         approach = checker.pair_radii @ np.abs(delta)
         if required.growth is not None:
             approach = approach + required.growth
@@ -313,6 +313,11 @@ class CertifiedMotion:
             if self.checker.within_margins(start + t * delta):
                 return t
         return None
+
+
+def _check_finite(start: FloatArray, end: FloatArray) -> None:
+    if not isfinite(sum(start.tolist()) + sum(end.tolist())):
+        raise InputError(f"motion between {start.tolist()} and {end.tolist()} is not finite")
 
 
 class _Required:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from math import ceil
 from typing import Any
 
@@ -67,9 +66,6 @@ class SampledValidity(UserCheck):
         self.checker = checker
         self.resolution: float = positive(resolution, "resolution", "distance in joint space [rad]")
         self.name = _name(checker)
-        self._asked: Callable[[Any], Any] = (
-            checker.isValid if isinstance(checker, ob.StateValidityChecker) else checker
-        )
         self._bridge = bridge
         self._scratch = ScratchState(bridge)
 
@@ -84,7 +80,8 @@ class SampledValidity(UserCheck):
         InputError
             If it answers with anything but a bool: OMPL itself would refuse that.
         """
-        answer = self._asked(state)
+        asks = self.checker.isValid if isinstance(self.checker, ob.StateValidityChecker) else self.checker
+        answer = asks(state)
         if not isinstance(answer, (bool, np.bool_)):
             raise InputError(f"the state validity checker {self.name} must return a bool, got {answer!r}")
         return bool(answer)
