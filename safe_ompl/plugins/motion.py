@@ -12,7 +12,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import FLOOR, CertifiedMotion
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
-from safe_ompl.plugins.user_checks import UserCheck
+from safe_ompl.plugins.user_checks import BorrowedCheck, UserCheck
 
 
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
@@ -57,8 +57,11 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         self._take_limits()
 
     def setUserChecks(self, checks: Sequence[UserCheck]) -> None:
-        """Accept only motions that checks of the user's own accept, too; they are asked about what is proven free."""
-        self._checks = tuple(checks)
+        """Accept only motions that checks of the user's own accept, too; they are asked about what is proven free.
+
+        They are not kept alive: `CollisionFreeValidity.setUserChecks` does that.
+        """
+        self._checks = tuple(BorrowedCheck(check) for check in checks)
         self._take_limits()
 
     def _take_limits(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from math import ceil
 from typing import Any
+from weakref import ref
 
 import numpy as np
 from ompl import base as ob
@@ -126,6 +127,30 @@ class AskedMotions(UserCheck):
         if self.validator.checkMotion(self._from.set(start), self._to.set(end)):
             return MotionVerdict(Verdict.FREE)
         return MotionVerdict(Verdict.BLOCKED, None, (self.name, REFUSES))
+
+
+class BorrowedCheck(UserCheck):
+    """A check that somebody else keeps alive: what a motion validator holds of the user's is never freed by OMPL.
+
+    Parameters
+    ----------
+    check : UserCheck
+        It must live as long as it is asked.
+    """
+
+    def __init__(self, check: UserCheck) -> None:
+        self.name, self.resolution = check.name, check.resolution
+        self._check = ref(check)
+
+    def __repr__(self) -> str:
+        return f"BorrowedCheck({self.name})"
+
+    def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
+        """Check the straight motion between `start` and `end: (n,)`."""
+        check = self._check()
+        if check is None:
+            raise ReferenceError(f"the check {self.name} is gone")
+        return check.check(start, end)
 
 
 def _name(check: Any) -> str:

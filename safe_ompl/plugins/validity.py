@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ompl import base as ob
@@ -9,7 +10,7 @@ from ompl import base as ob
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
-from safe_ompl.plugins.user_checks import SampledValidity
+from safe_ompl.plugins.user_checks import SampledValidity, UserCheck
 from safe_ompl.robot.joint_limits import JointLimits
 
 
@@ -17,7 +18,7 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
 
     States nearer to an obstacle than the checker's `setMinClearance` allows are refused, too, and so are states more
-    dangerous than `setDangerLimit` allows, and those that a checker of the user's own refuses (`setUserChecker`).
+    dangerous than `setDangerLimit` allows, and those that a checker of the user's own refuses (`setUserChecks`).
     The limits are the robot's, however wide the space.
 
     Parameters
@@ -33,6 +34,7 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         self.checker = checker
         self._limit: DangerLimit | None = None
         self._user: SampledValidity | None = None
+        self._checks: tuple[UserCheck, ...] = ()
         self._joint_limits = JointLimits(checker.robot)
         self._space = si.getStateSpace()
         self._bridge = StateBridge(self._space)
@@ -51,9 +53,10 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         plain = type(other) is CollisionFreeValidity and other.checker is self.checker
         return plain and other._limit is None and other._user is None
 
-    def setUserChecker(self, check: SampledValidity | None) -> None:
-        """Accept only states that a checker of the user's own accepts, too; None: whatever it says."""
-        self._user = check
+    def setUserChecks(self, checks: Sequence[UserCheck]) -> None:
+        """Accept only states that a checker of the user's own among these accepts, too; and keep all of them alive."""
+        self._checks = tuple(checks)
+        self._user = next((check for check in checks if isinstance(check, SampledValidity)), None)
 
     def isValid(self, state: Any) -> bool:
         """Return whether `state` is within limits, finite, and free of collision."""

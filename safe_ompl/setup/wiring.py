@@ -117,7 +117,7 @@ class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
         return tuple(check for check in (self._sampled, self._asked) if check is not None)
 
     def _take_user_checks(self) -> None:
-        self._validity.setUserChecker(self._sampled)
+        self._validity.setUserChecks(self.user_checks)
         self._validator.setUserChecks(self.user_checks)
 
     def _adopt_plugins(self) -> bool:
