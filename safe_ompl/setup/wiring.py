@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 from collections.abc import Mapping
 from typing import Any
+from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +59,7 @@ class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
         self._sampled: SampledValidity | None = None  # the user's checker
         self._asked: AskedMotions | None = None  # the user's motion validator
         self._resolution = RESOLUTION
+        self._registered = False  # to let go of the user's checks when the program ends
         self._validity = CollisionFreeValidity(si, self.checker)
         super().setStateValidityChecker(self._validity)
         self._validator = CertifiedMotionValidator(si, self.checker, floor)
@@ -117,6 +120,10 @@ class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
         return tuple(check for check in (self._sampled, self._asked) if check is not None)
 
     def _take_user_checks(self) -> None:
+        if self.user_checks and not self._registered:
+            # A function knows its module, and that the setup: no collector finds the way back, which is C++'s.
+            atexit.register(_let_go, ref(self))
+            self._registered = True
         self._validity.setUserChecks(self.user_checks)
         self._validator.setUserChecks(self.user_checks)
 
@@ -202,6 +209,14 @@ class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
         else:
             data.clear()
             fill(data)
+
+
+def _let_go(setup: ref[WiredSetup]) -> None:
+    """Forget the checks of the user's own, at the end of the program: OMPL would call them leaked."""
+    alive = setup()
+    if alive is not None:
+        alive._sampled = alive._asked = None
+        alive._take_user_checks()
 
 
 def planner_data(planner: Any) -> Any:
