@@ -60,6 +60,9 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self._bridge = StateBridge(si.getStateSpace())
         self.scales: dict[Any, float] = {}
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.field!r}, tolerance={self.tolerance:g})"
+
     def getDescription(self) -> str:
         """Return a line about the objective."""
         return "integral of the danger field (Lacevic & Rocco 2013)"
