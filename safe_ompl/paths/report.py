@@ -154,7 +154,7 @@ class PathReport:
         report._parts = _Examination(path, checker, field)
         report.length = report._parts.curve.length
         report.validation = validate(path, motion or CertifiedMotion(checker))
-        report.links_without_collision = tuple(getattr(robot, "links_without_collision", ()))
+        report.links_without_collision = robot.links_without_collision
         return report
 
     @property

@@ -67,10 +67,12 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         return self._separation
 
     @property
-    def settings(self) -> tuple[object, ...]:
-        """What decides which states are valid: checker, distances, limit of danger, the user's own check; hashable."""
+    def settings(self) -> tuple[CollisionChecker, Separation, float | None] | None:
+        """What decides which states are valid: checker, distances, limit of danger; None where the user's own does."""
+        if self._user is not None:
+            return None
         limit = None if self._limit is None else self._limit.limit
-        return self.checker, self._separation, limit, self._user
+        return self.checker, self._separation, limit
 
     def adds_nothing(self, other: Any) -> bool:
         """Return whether another checker is this one, or asks for nothing that this one does not ask for."""

@@ -133,7 +133,7 @@ def test_without_a_report_the_path_is_validated(setup: SafeSetup) -> None:
 
 
 def test_links_without_collision_geometry_are_named(setup: SafeSetup, monkeypatch: Any) -> None:
-    monkeypatch.setattr(type(setup.robot), "links_without_collision", ("cover",), raising=False)
+    monkeypatch.setattr(setup.robot, "links_without_collision", ("cover",))
     result = setup.plan(seed=0, time=20.0)
     assert result.report.links_without_collision == ("cover",)
     assert result.as_dict()["links_without_collision"] == ["cover"]

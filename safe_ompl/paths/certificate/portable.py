@@ -125,7 +125,7 @@ def carried_robot(robot: Robot) -> dict[str, Any]:
 
 def links_without_collision(robot: Robot) -> list[str]:
     """Return the moving links that nothing is proven of, as they have visual but no collision shapes; in order."""
-    return sorted(getattr(robot, "links_without_collision", ()))
+    return sorted(robot.links_without_collision)
 
 
 def built_robot(
