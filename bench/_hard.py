@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -120,7 +121,7 @@ def _draw(robot: Robot, kind: str, rng: np.random.Generator, number: int) -> Har
 
 
 def _way_out(robot: Robot, checker: CollisionChecker, rng: np.random.Generator) -> FloatArray | None:
-    """Return configurations (N, n) from outside to inside: the hand in front of the arm, drawn back along its last link."""
+    """Return configurations (N, n) from outside to inside: the hand is drawn back along its last link."""
     q = rng.uniform(robot.lower, robot.upper)
     tip = robot.tip_pose(q)
     reach = float(robot.keypoint_reaches(np.zeros((1, 3))).max())
@@ -178,10 +179,10 @@ def _pieces(robot: Robot, kind: str, way: FloatArray, rng: np.random.Generator) 
 
 def _body_points(robot: Robot, q: FloatArray) -> FloatArray:
     """Return points (P, 3) whose hull holds the moving bodies at `q` [m]."""
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
+    data = robot.shared.model.createData()
+    pin.forwardKinematics(robot.shared.model, data, robot.pinocchio_configuration(q))
     found = []
-    for part in robot.collision_model.geometryObjects:
+    for part in robot.shared.collision_model.geometryObjects:
         if part.parentJoint:
             hull = bounding_hull(part.geometry).moved(part.placement)
             pose = data.oMi[part.parentJoint]
@@ -313,7 +314,7 @@ def _pose(place: pin.SE3) -> Pose:
 
 
 def _proven(motion: CertifiedMotion, path: FloatArray) -> bool:
-    return all(motion.is_free(a, b) for a, b in zip(path[:-1], path[1:], strict=True))
+    return all(motion.is_free(a, b) for a, b in pairwise(path))
 
 
 def _to_start(

@@ -33,7 +33,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.certificate.certificate import certificate
+from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.report import PROFILE_POINTS
@@ -224,12 +224,12 @@ class Subdivision:
         centres, unproven = [(2 * k + 1) * half for k in range(count)], []
         while True:
             known_free, unproven = set(unproven), []
-            checker.set_margins(half * approach)
+            margins = half * approach
             for t in centres:
                 q = start + t * delta
                 if self.centred:
-                    checker.set_margins(half * np.minimum(checker.pair_radii_at(q), self.radii) @ steps)
-                if self._within(q):
+                    margins = half * np.minimum(checker.pair_radii_at(q), self.radii) @ steps
+                if self._within(q, margins):
                     if t not in known_free and checker.in_collision(q):
                         return False
                     unproven.append(t)
@@ -240,18 +240,19 @@ class Subdivision:
             half /= 3
             centres = [t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)]
 
-    def _within(self, q: FloatArray) -> bool:
+    def _within(self, q: FloatArray, margins: FloatArray) -> bool:
         """Ask for the pair that failed last before all the others."""
         if not self.last_pair:
-            return self.checker.within_margins(q)
-        queries, full = self.checker._margin, self.checker.robot.pinocchio_configuration(q)
+            return self.checker.pairs.within_margins(q, margins)
+        queries, full = self.checker.pairs._queries, self.checker.robot.pinocchio_configuration(q)
         if self.blocker is not None:
+            queries.set_margins(margins)
             pin.updateGeometryPlacements(
                 queries.model, queries.kinematics, queries.geometry, queries.data, full
             )
             if pin.computeCollision(queries.geometry, queries.data, self.blocker):
                 return True
-        if not self.checker.within_margins(q):
+        if not self.checker.pairs.within_margins(q, margins):
             return False
         results = enumerate(queries.data.collisionResults)
         self.blocker = next((k for k, result in results if result.isCollision()), None)

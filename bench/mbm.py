@@ -43,19 +43,19 @@ def main() -> None:
 
 def touches(robot: Robot, scene: Scene, path: np.ndarray) -> bool:
     """Return whether a path (N, n) touches anything, by coal's plain calls on every sample."""
-    geometry = robot.collision_model.copy()
+    geometry = robot.shared.collision_model.copy()
     moving = [k for k, body in enumerate(geometry.geometryObjects) if body.parentJoint]
     for obstacle in scene.obstacles:
         for name, shape, placement in obstacle.geometries():
             added = geometry.addGeometryObject(pin.GeometryObject(f"obstacle:{name}", 0, placement, shape))
             for body in moving:
                 geometry.addCollisionPair(pin.CollisionPair(body, added))
-    data, contacts = robot.model.createData(), pin.GeometryData(geometry)
+    data, contacts = robot.shared.model.createData(), pin.GeometryData(geometry)
     for start, end in pairwise(path):
         delta = robot.difference(start, end)
         for t in np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(delta) / SAMPLING)):
             q = robot.pinocchio_configuration(start + t * delta)
-            if pin.computeCollisions(robot.model, data, geometry, contacts, q, True):
+            if pin.computeCollisions(robot.shared.model, data, geometry, contacts, q, True):
                 return True
     return False
 

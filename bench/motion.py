@@ -5,6 +5,9 @@ boolean collision query, in turn, in one process). The targets are ratios of 0.2
 now, 0.12 later, and of 0.25 on a Panda at a bookshelf. Clearance decides: in the first scene of the UR5 one obstacle
 stands beside the shoulder, and two thirds of the queries that fail are spent on it and the upper arm.
 
+Margins are an argument of every query: what a query costs with the same read-only array as before, with an array of
+the same content, and with other margins each time.
+
 Truth: random edges of up to 1.5 rad, free and blocked. An edge that is called free is looked at every 0.001 rad;
 one that is called blocked must be in collision where it says. `contradicted` must be 0; `undecided` are the edges that
 pass nearer to something than the floor.
@@ -75,6 +78,26 @@ def time_free_edges(name: str, scene_name: str, scene: Scene, number: int, round
     return name, scene_name, margin, plain, certified, sampled, times.ratio("certified", "sampled")
 
 
+def time_margins(name: str, scene_name: str, scene: Scene, number: int, rounds: int) -> tuple[object, ...]:
+    """Return a row of the table of what margins cost as an argument of every query."""
+    robot = Robot.from_example(name)
+    pairs = CollisionChecker(robot, scene).pairs
+    configurations = list(np.random.default_rng(3).uniform(robot.lower, robot.upper, (number, robot.n)))
+    frozen, changing, others = pairs.margins(0.01), pairs.margins(0.01).copy(), pairs.margins(0.01 + 1e-9)
+    times = in_turn(
+        {
+            "same": lambda: [pairs.within_margins(q, frozen) for q in configurations],
+            "equal": lambda: [pairs.within_margins(q, changing) for q in configurations],
+            "other": lambda: [
+                pairs.within_margins(q, others if k % 2 else frozen) for k, q in enumerate(configurations)
+            ],
+        },
+        number,
+        rounds,
+    )
+    return name, scene_name, len(pairs.names), *map(times.microseconds, ("same", "equal", "other"))
+
+
 def verify_edges(name: str, scene_name: str, scene: Scene, number: int) -> tuple[object, ...]:
     """Return a row of the table of verdicts."""
     robot = Robot.from_example(name)
@@ -116,6 +139,10 @@ def main() -> None:
     rows = [time_free_edges(*problem, options.edges, options.rounds) for problem in (*clutter, shelf)]
     queries = ("margin queries", "plain queries")
     print_table(("robot", "scene", *queries, "certified [µs]", "sampled [µs]", "ratio"), rows)
+    print()
+    rows = [time_margins(*problem, options.edges, options.rounds) for problem in (clutter[0], shelf)]
+    kinds = ("same array [µs]", "equal margins [µs]", "others each time [µs]")
+    print_table(("robot", "scene", "pairs", *kinds), rows)
     if options.verify:
         print()
         rows = [verify_edges(*problem, options.verify) for problem in (clutter[0], shelf)]

@@ -23,7 +23,7 @@ from ompl import geometric as og
 
 from safe_ompl import PathReport, SafeSetup
 from safe_ompl.arrays import FloatArray
-from safe_ompl.paths.simplify.simplify import timed
+from safe_ompl.paths.simplify.simplifier import timed
 
 OURS, THEIRS = "SafeRRTConnect", ("RRTConnect", "PaperRRTConnect")
 STEEP, NEARLY = 5.0, 0.9  # times their least clearance; share of what the ends have

@@ -38,11 +38,11 @@ def measure(name: str, number: int, rounds: int) -> tuple[object, ...]:
 
     geometry = checker.geometry
     contacts = pin.GeometryData(geometry)
-    manager = pin.BroadPhaseManager_NaiveCollisionManager(robot.model, geometry, contacts)
-    data = robot.model.createData()
+    manager = pin.BroadPhaseManager_NaiveCollisionManager(robot.shared.model, geometry, contacts)
+    data = robot.shared.model.createData()
 
     def bare() -> int:
-        return sum(pin.computeCollisions(robot.model, data, manager, q, True) for q in configurations)
+        return sum(pin.computeCollisions(robot.shared.model, data, manager, q, True) for q in configurations)
 
     def through_ompl() -> int:
         return sum(si.isValid(state) for state in states)

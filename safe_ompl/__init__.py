@@ -13,10 +13,10 @@ from safe_ompl.errors import (
     SafeOmplError,
     UnknownNameError,
 )
-from safe_ompl.paths.certificate.certificate import certificate
+from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplify.simplify import simplify_danger
+from safe_ompl.paths.simplify.simplifier import simplify_danger
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
@@ -26,14 +26,24 @@ from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.robot.inverse_kinematics import inverse_kinematics
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
+from safe_ompl.scene.shapes.cloud import PointCloud
+from safe_ompl.scene.shapes.mesh import Mesh
+from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
+from safe_ompl.setup.wiring import planner_data
 
 __all__ = [
     "Benchmark",
+    "Box",
     "BubblePlanner",
+    "Capsule",
     "CertificateError",
     "CertifiedDanger",
     "CertifiedMotion",
@@ -41,14 +51,20 @@ __all__ = [
     "CollisionChecker",
     "CollisionError",
     "CollisionFreeValidity",
+    "Cylinder",
     "DangerField",
     "DangerLimit",
     "DangerObjective",
     "InputError",
+    "Mesh",
+    "Obstacle",
     "PathReport",
     "PeakDangerObjective",
+    "Person",
     "PlanResult",
     "PlanningError",
+    "PointCloud",
+    "Pose",
     "Robot",
     "SafeJTRRT",
     "SafeOmplError",
@@ -57,12 +73,15 @@ __all__ = [
     "SafeSetup",
     "Scenario",
     "Scene",
+    "Sphere",
     "UnknownNameError",
     "Verdict",
     "WorkspaceGoal",
     "certificate",
+    "inverse_kinematics",
     "make_planner",
     "plan",
+    "planner_data",
     "planner_names",
     "simplify_danger",
     "verify",

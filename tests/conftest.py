@@ -1,5 +1,6 @@
 """Robots and an independent collision check for the tests; robots are frozen, so all tests share them."""
 
+import os
 from functools import cache
 from math import ceil
 from pathlib import Path
@@ -16,6 +17,8 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
+
+os.environ["SAFE_OMPL_CACHE"] = "off"  # tests neither read nor leave anything in the user's cache
 
 DATA = Path(__file__).parent / "data"
 
@@ -128,13 +131,14 @@ class PlainCheck:
         self.pairs = [
             (self.names[pair.first], self.names[pair.second]) for pair in self.geometry.collisionPairs
         ]
-        self._data = robot.model.createData()
+        self._model = robot.shared.model
+        self._data = self._model.createData()
         self._results = pin.GeometryData(self.geometry)
 
     def distances(self, q):
         """Signed distance [m] of every pair at `q`."""
         full = self.robot.pinocchio_configuration(q)
-        pin.computeDistances(self.robot.model, self._data, self.geometry, self._results, full)
+        pin.computeDistances(self._model, self._data, self.geometry, self._results, full)
         return np.array([result.min_distance for result in self._results.distanceResults])
 
     def nearest(self, q):
@@ -146,7 +150,7 @@ class PlainCheck:
         delta = self.robot.difference(start, end)
         for t in np.linspace(0.0, 1.0, 1 + max(1, ceil(np.linalg.norm(delta) / step))):
             full = self.robot.pinocchio_configuration(start + t * delta)
-            if pin.computeCollisions(self.robot.model, self._data, self.geometry, self._results, full, True):
+            if pin.computeCollisions(self._model, self._data, self.geometry, self._results, full, True):
                 return float(t)
         return None
 
@@ -166,11 +170,12 @@ class BodyPoints:
         self.hulls = [bounding_hull(part.geometry).moved(part.placement) for part in parts]
         self.joints = [part.parentJoint for part in parts]
         self._points = [_with_balls(hull) for hull in self.hulls]
-        self._data = robot.model.createData()
+        self._model = robot.shared.model
+        self._data = self._model.createData()
 
     def at(self, q):
         """For each body its points (P, 3) [m] in the world at `q`."""
-        pin.forwardKinematics(self.robot.model, self._data, self.robot.pinocchio_configuration(q))
+        pin.forwardKinematics(self._model, self._data, self.robot.pinocchio_configuration(q))
         poses = [self._data.oMi[joint] for joint in self.joints]
         return [
             points @ pose.rotation.T + pose.translation

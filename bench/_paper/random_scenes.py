@@ -196,9 +196,9 @@ def random_section(study: RandomStudy) -> str:
         [
             f"## Study 3: {scenes} scenes at random, none left out",
             f"The paper's arm between {_FEWEST} to {_MOST} boxes and balls, from one random free configuration to "
-            f"another (seed {SEED}). Nothing was selected: scenes that need no planning, and scenes that nobody solves "
-            f'in {TIME:g} s, are among them. "Always" counts scenes that every run solved; the other numbers are medians '
-            "over the solved runs, so that a planner that solves only what is easy looks quick. "
+            f"another (seed {SEED}). Nothing was selected: scenes that need no planning, and scenes that nobody "
+            f"solves in {TIME:g} s, are among them. A scene is solved always if every run solved it. The other numbers "
+            "are medians over the solved runs, so that a planner that solves only what is easy looks quick. "
             f"{OMPLS} is OMPL's own.",
             study.table(),
             "Safe divided by classical: geometric means over the scenes that both solved, of each scene's means.",

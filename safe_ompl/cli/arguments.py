@@ -7,11 +7,12 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.planners.registry import planner_names
+from safe_ompl.robot.collision_shapes import CollisionSource
 from safe_ompl.robot.examples import find_example
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario, find_scenario
@@ -155,6 +156,18 @@ def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
         metavar="JOINT=VALUE",
         help="hold a joint still [rad or m] (repeatable)",
     )
+    group.add_argument(
+        "--group", metavar="NAME", help="group of the SRDF whose joints move; the others are held"
+    )
+    group.add_argument(
+        "--locked-state", metavar="NAME", help="state of the SRDF in which joints are held (default: zero)"
+    )
+    group.add_argument(
+        "--collision",
+        choices=get_args(CollisionSource),
+        help="links without collision shapes: refused if no link has any (required, the default), "
+        "their visual shapes collide (visual), accepted (optional)",
+    )
 
 
 def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
@@ -173,15 +186,17 @@ def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> 
     if options.urdf is None and (options.srdf or options.package_dir):
         raise InputError("needs --urdf", "--srdf" if options.srdf else "--package-dir")
     locked = _once("--lock", options.lock)
+    keys = ("tip", "group", "locked_state", "collision")
+    chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
     with document.within("--", separator=""):
         if options.urdf is not None:
             folders = tuple(map(Path, options.package_dir))
             srdf = None if options.srdf is None else Path(options.srdf)
-            return RobotSpec(None, Path(options.urdf), srdf, folders, options.tip, locked)
+            return RobotSpec(None, Path(options.urdf), srdf, folders, locked=locked, **chosen)
         spec = usual() if options.robot is None else RobotSpec(options.robot)
     if locked:
         spec = dataclasses.replace(spec, locked={**_usually_locked(spec), **locked})
-    return dataclasses.replace(spec, tip=options.tip) if options.tip else spec
+    return dataclasses.replace(spec, **chosen) if chosen else spec
 
 
 def _usually_locked(spec: RobotSpec) -> Mapping[str, float]:

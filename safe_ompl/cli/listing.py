@@ -57,16 +57,25 @@ def _scenario_cells(file: Path) -> tuple[str, str, str]:
 
 
 def robots_table() -> Table:
-    """Return the example robots by name: how many joints move, the tip, and what is locked."""
-    table = plain_table("robot", "joints", "tip", "locked")
+    """Return the example robots by name: how many joints move, the tip, what is locked, what has no collision shape."""
+    table = plain_table("robot", "joints", "tip", "locked", "not checked")
     for name, example in sorted(EXAMPLES.items()):
         locked = ", ".join(f"{joint} = {value:g}" for joint, value in example.locked.items())
-        table.add_row(name, str(_moving_joints(example)), example.tip, locked)
+        urdf = UrdfFile(robots_folder() / example.urdf)
+        moving = str(_moving_joints(urdf, example))
+        table.add_row(name, moving, example.tip, locked, ", ".join(_bare_links(urdf)))
+    table.caption = "not checked: links that have visual shapes but no collision shapes"
     return table
 
 
-def _moving_joints(example: ExampleRobot) -> int:
+def _bare_links(urdf: UrdfFile) -> list[str]:
+    """Return the moving links that have visual shapes only, in the URDF's order."""
+    bare = urdf.links_with_visuals_only()
+    return [frame.name for frame in urdf.build_model().frames if frame.name in bare and frame.parentJoint]
+
+
+def _moving_joints(urdf: UrdfFile, example: ExampleRobot) -> int:
     """Return how many joints move the tip; the meshes, which take long, are not read."""
-    model = UrdfFile(robots_folder() / example.urdf).build_model()
+    model = urdf.build_model()
     chain = model.supports[model.frames[frame_index(model, example.tip)].parentJoint]
     return sum(model.names[joint] not in example.locked for joint in list(chain)[1:])

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import NoReturn
 
-from safe_ompl.cli import compare, listing, mbm, plan, verify
+from safe_ompl.cli import compare, listing, mbm, plan, srdf, verify
 from safe_ompl.cli.console import error_console, ompl_messages, shown_log
 from safe_ompl.errors import InputError, SafeOmplError
 
@@ -71,6 +71,7 @@ def command_line() -> argparse.ArgumentParser:
         verify.add_command,
         compare.add_command,
         mbm.add_command,
+        srdf.add_command,
         listing.add_commands,
     ):
         add_command(commands)

@@ -10,7 +10,7 @@ from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.collision.checker import DISTANCE_ERROR, CollisionChecker
 from safe_ompl.maths import bubbles
 
-INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`math.md` §2)
+INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/mathematics.md` §2)
 _HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
 
 
@@ -48,14 +48,14 @@ class Bubble:
         checker : CollisionChecker
             Gives distances of all checked pairs, the robot's own included, and their radii at `q`.
         shape : str
-            One of `safe_ompl.maths.bubbles.SHAPES`.
+            One of `safe_ompl.maths.bubbles.BUBBLE_SHAPES`.
         least : float
             [m]
         """
         distances = checker.pair_distances(q) - DISTANCE_ERROR
         if distances.min(initial=np.inf) <= least:
             return None
-        radii, form = checker.pair_radii_at(q), bubbles.SHAPES[shape]
+        radii, form = checker.pair_radii_at(q), bubbles.BUBBLE_SHAPES[shape]
         own = checker.robot.displacement_radii_at(q) if form.enclosing else radii
         return cls(q, form.weights(own, distances), radii, distances)
 

@@ -1,4 +1,4 @@
-"""How far the robot must keep from chosen obstacles."""
+"""Minimum clearance: a distance that links must keep from chosen obstacles."""
 
 from __future__ import annotations
 
@@ -39,7 +39,28 @@ class MinClearance:
         scene: Scene,
         links: Sequence[str],
     ) -> MinClearance | None:
-        """Check what is asked for; see `CollisionChecker.setMinClearance`. None where the distance is 0."""
+        """Return what is asked for; None where the distance is 0.
+
+        Parameters
+        ----------
+        distance : float
+            [m] 0 requires nothing.
+        obstacles : sequence of str or None
+            Keep it from these; None: from those with a danger weight, such as people.
+        exempt : sequence of (str, str)
+            Pairs of a link and an obstacle that need not keep it, only not touch.
+        scene : Scene
+            The obstacles.
+        links : sequence of str
+            The links that have bodies.
+
+        Raises
+        ------
+        InputError
+            If the distance is not a finite number ≥ 0, or there is nothing to keep it from.
+        UnknownNameError
+            If there is no such obstacle or link.
+        """
         if not (isinstance(distance, (int, float, np.number)) and np.isfinite(distance) and distance >= 0):
             raise InputError(f"min clearance must be a length >= 0 [m], got {distance!r}")
         if isinstance(obstacles, str) or not (obstacles is None or isinstance(obstacles, Sequence)):

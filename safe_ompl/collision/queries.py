@@ -9,23 +9,37 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray
-from safe_ompl.robot.convex import sample_configurations
 from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.self_collision import sample_configurations
 
 _log = logging.getLogger(__name__)
 
 _MANY_OBSTACLES = 100  # from here on the sweep-and-prune manager beats the naive one
 _PROOF_SAMPLES = 100
+_PROOF_MARGIN = 0.02  # [m]
 DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
 
 
 class Queries:
     """Boolean queries over the pairs of one geometry model, with their own working memory.
 
-    Pinocchio's broad-phase manager does not keep alive what it looks at; this object does.
+    Pinocchio's broad-phase manager does not keep alive what it looks at; this object does. Margins are an argument of
+    every query; they are written to coal's requests where they are not those of the query before.
+
+    Parameters
+    ----------
+    model : pin.Model
+        The robot.
+    geometry : pin.GeometryModel
+        The bodies and the P pairs.
+    obstacles : int
+        How many of the bodies are obstacles.
     """
 
     def __init__(self, model: pin.Model, geometry: pin.GeometryModel, obstacles: int) -> None:
+        # The margins that coal has: the array itself, where it cannot have changed since, or what was in it.
+        self._unchanging: FloatArray | None = None
+        self._written: bytes | None = None
         self.model = model
         self.geometry = geometry
         self.kinematics = model.createData()
@@ -35,7 +49,9 @@ class Queries:
         self._margins: FloatArray = np.zeros((bodies, bodies), order="F")
         self._margin_entries: FloatArray = self._margins.reshape(-1, order="F")  # a view
         self._entries = np.array([a + bodies * b for a, b in indices(geometry)], dtype=np.intp)
-        self.set_margins(np.zeros(len(self._entries)))
+        self.no_margins: FloatArray = np.zeros(len(self._entries))
+        self.no_margins.setflags(write=False)
+        self.set_margins(self.no_margins)
         kind = (
             pin.BroadPhaseManager_SSaPCollisionManager
             if obstacles > _MANY_OBSTACLES
@@ -44,23 +60,44 @@ class Queries:
         self.manager = kind(model, geometry, self.data)
         self.use_manager = True
 
+    def touches(self, q: FloatArray, margins: FloatArray) -> bool:
+        """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`."""
+        if margins is not self._unchanging:
+            self.set_margins(margins)
+        if self.use_manager:
+            return bool(pin.computeCollisions(self.model, self.kinematics, self.manager, q, True))
+        return self._touches_plainly(q)
+
+    def touches_plainly(self, q: FloatArray, margins: FloatArray) -> bool:
+        """Return the same as `touches`, without the broad phase."""
+        self.set_margins(margins)
+        return self._touches_plainly(q)
+
+    def _touches_plainly(self, q: FloatArray) -> bool:
+        return bool(pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, True))
+
+    def all_contacts(self, q: FloatArray, margins: FloatArray) -> BoolArray:
+        """Return for each pair (P,) whether it is nearer than its margin (P,) [m] at Pinocchio's `q: (nq,)`."""
+        self.set_margins(margins)
+        pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, False)
+        return np.array([result.isCollision() for result in self.data.collisionResults], dtype=bool)
+
     def set_margins(self, margins: FloatArray) -> None:
+        """Write margins (P,) [m] to coal's requests, unless they are there."""
+        # An array that owns its numbers and is read-only is known to be the same when it comes again.
+        if margins.base is None and not margins.flags.writeable:
+            if margins is not self._unchanging:
+                self._write(margins)
+                self._unchanging, self._written = margins, None
+        elif (content := margins.tobytes()) != self._written:
+            self._write(margins)
+            self._unchanging, self._written = None, content
+
+    def _write(self, margins: FloatArray) -> None:
         # With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre
         # apart, and calls them free: what is nearer than it can tell counts as touching.
         self._margin_entries[self._entries] = margins + DISTANCE_ERROR
         self.data.setSecurityMargins(self.geometry, self._margins, True, False)
-
-    def touches(self, q: FloatArray) -> bool:
-        if self.use_manager:
-            return bool(pin.computeCollisions(self.model, self.kinematics, self.manager, q, True))
-        return self.touches_plainly(q)
-
-    def touches_plainly(self, q: FloatArray) -> bool:
-        return bool(pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, True))
-
-    def all_contacts(self, q: FloatArray) -> BoolArray:
-        pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, False)
-        return np.array([result.isCollision() for result in self.data.collisionResults], dtype=bool)
 
 
 def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
@@ -81,10 +118,12 @@ def indices(geometry: pin.GeometryModel) -> list[tuple[int, int]]:
     return [(int(pair.first), int(pair.second)) for pair in geometry.collisionPairs]
 
 
-def prove_manager(robot: Robot, queries: Queries) -> None:
-    """Hold the broad-phase manager against the plain query; do without it where they differ."""
-    for q in sample_configurations(robot.model)[:_PROOF_SAMPLES]:
-        if queries.touches(q) != queries.touches_plainly(q):
+def prove_manager(robot: Robot, queries: Queries, margin: float = _PROOF_MARGIN) -> None:
+    """Hold the broad-phase manager against the plain query, at a margin [m]; do without it where they differ."""
+    margins = np.full_like(queries.no_margins, margin)
+    margins.setflags(write=False)
+    for q in sample_configurations(robot.shared.model)[:_PROOF_SAMPLES]:
+        if queries.touches(q, margins) != queries.touches_plainly(q, margins):
             _log.warning(
                 "%s: broad phase %s disagrees with coal; not used", robot.name, type(queries.manager).__name__
             )

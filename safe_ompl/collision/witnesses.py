@@ -70,24 +70,22 @@ class Proximity:
     def __init__(self, checker: CollisionChecker, within: float) -> None:
         self.checker = checker
         self.within = positive(within, "distance to obstacles", "length [m]")
-        checker.cover(self.within)
-        geometry = checker.geometry.copy()
-        pairs = [
-            pair for pair, meets in zip(geometry.collisionPairs, checker.meets_obstacle, strict=True) if meets
-        ]
+        self._pairs = checker.pairs_within(self.within)
+        self._margins = self._pairs.margins(self.within)
+        geometry = self._pairs.geometry.copy()
+        bodies = self._pairs.bodies[self._pairs.meets_obstacle].tolist()
         geometry.removeAllCollisionPairs()
-        for pair in pairs:
-            geometry.addCollisionPair(pair)
+        for link, obstacle in bodies:
+            geometry.addCollisionPair(pin.CollisionPair(link, obstacle))
         self._geometry = geometry
-        self._joints = [geometry.geometryObjects[pair.first].parentJoint for pair in pairs]
+        self._joints = [geometry.geometryObjects[link].parentJoint for link, _ in bodies]
         self._data = fresh_data(geometry)
-        self._kinematics = checker.robot.model.createData()
+        self._kinematics = checker.robot.shared.model.createData()
         self._results = list(self._data.distanceResults)
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether the robot is nearer than `within` to an obstacle (B,) at `Q: (B, n)`."""
-        self.checker.set_margins(np.where(self.checker.meets_obstacle, self.within, 0.0))
-        return np.array([self.checker.within_margins(q) for q in Q], dtype=bool)
+        return np.array([self._pairs.within_margins(q, self._margins) for q in Q], dtype=bool)
 
     def witnesses(self, Q: FloatArray) -> Witnesses:
         """Return the witnesses of all pairs that are nearer than `within` at the configurations `Q: (B, n)`."""
@@ -108,7 +106,7 @@ class Proximity:
         robot = self.checker.robot
         self.checker.counts.distance_queries += 1
         full = robot.pinocchio_configuration(q)
-        pin.computeDistances(robot.model, self._kinematics, self._geometry, self._data, full)
+        pin.computeDistances(robot.shared.model, self._kinematics, self._geometry, self._data, full)
         found = []
         for k, result in enumerate(self._results):
             if 0 < result.min_distance < self.within:

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, positive
+from safe_ompl.arrays import positive
+from safe_ompl.collision.arguments import edge
 from safe_ompl.collision.motion import MotionVerdict, Verdict
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.search import PeakSearch
@@ -82,7 +82,7 @@ class CertifiedDanger:
 
     def of_edge(self, start: ArrayLike, end: ArrayLike) -> DangerBounds:
         """Return bounds of the peak danger of the straight motion between two configurations (n,)."""
-        return self.of_path(np.array([start, end], dtype=np.float64))
+        return self.of_path(edge(start, end, self.field.robot.n))
 
     def of_path(self, path: ArrayLike) -> DangerBounds:
         """Return bounds of the peak danger of a path (N, n) of straight motions.
@@ -124,19 +124,19 @@ class DangerLimit:
     def __repr__(self) -> str:
         return f"DangerLimit({self._bounds.field!r}, {self.limit:g})"
 
-    def danger(self, q: FloatArray) -> float:
+    def danger(self, q: ArrayLike) -> float:
         """Return the danger at `q: (n,)`."""
         return self._bounds.field.value(q)
 
-    def allows(self, q: FloatArray) -> bool:
+    def allows(self, q: ArrayLike) -> bool:
         """Return whether the danger at `q: (n,)` is within the limit."""
         return self.danger(q) <= self.limit
 
-    def allows_motion(self, start: FloatArray, end: FloatArray) -> bool:
+    def allows_motion(self, start: ArrayLike, end: ArrayLike) -> bool:
         """Return whether the danger is proven to keep to the limit on the straight motion between two (n,)."""
         return self.check(start, end).verdict is Verdict.FREE
 
-    def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
+    def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between two configurations (n,).
 
         Returns
@@ -150,9 +150,10 @@ class DangerLimit:
         InputError
             As `CertifiedDanger.of_path`.
         """
-        edge, bounds = np.array([start, end], dtype=np.float64), self._bounds
+        bounds = self._bounds
+        ends = edge(start, end, bounds.field.robot.n)
         search = PeakSearch(
-            bounds.field, edge, bounds.floor, lambda lower: inf if lower > self.limit else self.limit
+            bounds.field, ends, bounds.floor, lambda lower: inf if lower > self.limit else self.limit
         )
         search.narrow(give_up=True)
         if search.best.danger > self.limit:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sized
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray, IntArray, finite_array, positive
+from safe_ompl.collision.arguments import configuration, configurations
 from safe_ompl.counts import Counts
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import field as maths
@@ -332,18 +332,10 @@ class DangerField:
     # ------------------------------------------------------------------------------------------------ within
 
     def _single(self, q: ArrayLike) -> FloatArray:
-        configuration = np.asarray(q, dtype=np.float64)
-        if configuration.shape != (self.robot.n,):
-            raise InputError(f"configuration must have shape ({self.robot.n},), got {configuration.shape}")
-        return _finite(configuration[None])
+        return configuration(q, self.robot.n)[None]
 
     def _batch(self, Q: ArrayLike) -> FloatArray:
-        configurations = np.asarray(Q, dtype=np.float64)
-        if configurations.ndim != 2 or configurations.shape[1] != self.robot.n:
-            raise InputError(
-                f"configurations must have shape (any, {self.robot.n}), got {configurations.shape}"
-            )
-        return _finite(configurations)
+        return configurations(Q, self.robot.n)
 
     def _danger(self, Q: FloatArray) -> FloatArray:
         return self._aggregated(self._levels(self._keypoints(Q), self._points_at(Q)))
@@ -431,13 +423,6 @@ class DangerField:
         return exponentials
 
 
-def _finite(Q: FloatArray) -> FloatArray:
-    """Return `Q: (B, n)`, or raise if a value is NaN or infinite."""
-    if not math.isfinite(np.vdot(Q, Q)):
-        raise InputError(f"configurations must be finite, got {Q[~np.isfinite(Q).all(axis=1)].tolist()}")
-    return Q
-
-
 def _danger_points(points: ArrayLike) -> FloatArray:
     """Return danger points (M, 3) in Fortran order, which the field reads fastest; read-only."""
     if isinstance(points, Sized) and not len(points):
@@ -459,7 +444,7 @@ def _danger_weights(weights: ArrayLike, number: int | None) -> FloatArray:
 
 def _constant_lengths(robot: Robot) -> FloatArray | None:
     """Return the lengths (L,) [m] of the segments, or None where a prismatic joint may change them."""
-    if robot.prismatic.any():
+    if robot.joint_prismatic.any():
         return None
     start, end = robot.keypoints(np.zeros(robot.n))[robot.segments.T]
     lengths: FloatArray = np.linalg.norm(end - start, axis=-1)

@@ -34,9 +34,9 @@ class KeypointRates:
         With r_j = R̄_kj|Δ_j|, w_j = |Δ_j| if joint j turns, else 0, and W_j the sum of w over the joints between
         base and j: Σ r_j, Σ r_j (2W_j + w_j), Σ r_j (3W_j² + 3W_j w_j + w_j²).
         """
-        steps = np.abs(deltas)[:, None, :]
-        moved = steps * robot.keypoint_radii
-        turn = np.where(robot.keypoint_support & ~robot.prismatic, steps, 0.0)
+        steps = np.abs(robot.coupling.motions(deltas))[:, None, :]
+        moved = steps * robot.joint_keypoint_radii
+        turn = np.where(robot.joint_keypoint_support & ~robot.joint_prismatic, steps, 0.0)
         below = np.cumsum(turn, axis=2) - turn  # Pinocchio counts joints from the base
         return cls(
             moved.sum(axis=2),

@@ -84,7 +84,9 @@ class PeakSearch:
         self._starts, ends = points[:-1], points[1:]
         self._deltas = robot.difference(self._starts, ends)
         self._rates = KeypointRates.of(robot, self._deltas)
-        self._stroke_rates = np.abs(self._deltas)[:, robot.prismatic].sum(axis=1)
+        self._stroke_rates = np.abs(robot.coupling.motions(self._deltas))[:, robot.joint_prismatic].sum(
+            axis=1
+        )
         self._heap: list[tuple[float, int, _Interval]] = []
         self._undecided: list[_Interval] = []
         self._settled = 0.0  # highest bound of the intervals that need no more halving; they are not kept
@@ -237,8 +239,11 @@ def _stacked(samples: list[Sample]) -> Ends:
 
 
 def _check_strokes(robot: Robot, path: FloatArray) -> None:
+    strokes = (
+        robot.coupling.radii(robot.joint_prismatic.astype(np.float64)) > 0
+    )  # they slide, or make another slide
     for q in path:
-        for i in np.flatnonzero(~robot.within_limits(q) & robot.prismatic):
+        for i in np.flatnonzero(~robot.within_limits(q) & strokes):
             raise InputError(
                 f"joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits "
                 f"[{robot.lower[i]:g}, {robot.upper[i]:g}]: nothing is proven of it there"

@@ -41,7 +41,7 @@ def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
 
 
 def link_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
-    """Return the weights (n,) of the largest diamond in the bubble: w_i = max_p R_pi/d_p (`math.md` §3).
+    """Return the weights (n,) of the largest diamond in the bubble: w_i = max_p R_pi/d_p (`docs/mathematics.md` §3).
 
     It holds the paper's (9), because max_p R_pi/d_p ≤ max_p R_pi/min_p d_p. Parameters as for `common_diamond`.
     """
@@ -120,7 +120,7 @@ class Meetings(NamedTuple):
 
 
 def diamond_meetings(u: FloatArray, v: FloatArray) -> Meetings:
-    """Return how diamonds meet, exactly, also where their weights differ (`math.md` §3).
+    """Return how diamonds meet, exactly, also where their weights differ (`docs/mathematics.md` §3).
 
     The gap is min_s max(Σ u_i s_i, Σ v_i (1 − s_i)). As s fills up in descending order of v_i/u_i, the first sum
     rises and the second falls as fast as it can; the optimum is where they are equal.
@@ -162,7 +162,7 @@ def boxes_may_meet(u: FloatArray, v: FloatArray) -> BoolArray:
     return near
 
 
-class Shape(NamedTuple):
+class BubbleShape(NamedTuple):
     """A kind of bubble.
 
     Attributes
@@ -184,9 +184,9 @@ class Shape(NamedTuple):
     meetings: Callable[[FloatArray, FloatArray], Meetings]
 
 
-SHAPES = {
-    "paper": Shape(common_diamond, True, diamonds_may_meet, diamond_meetings),
-    "paper_cube": Shape(common_cube, True, boxes_may_meet, box_meetings),
-    "link": Shape(link_diamond, False, diamonds_may_meet, diamond_meetings),
-    "cube": Shape(inscribed_cube, False, boxes_may_meet, box_meetings),
+BUBBLE_SHAPES = {
+    "paper": BubbleShape(common_diamond, True, diamonds_may_meet, diamond_meetings),
+    "paper_cube": BubbleShape(common_cube, True, boxes_may_meet, box_meetings),
+    "link": BubbleShape(link_diamond, False, diamonds_may_meet, diamond_meetings),
+    "cube": BubbleShape(inscribed_cube, False, boxes_may_meet, box_meetings),
 }

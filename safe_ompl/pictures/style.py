@@ -54,8 +54,8 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
             styles[name] = PlannerStyle(_from_hex(_FAMILIES[family][1]), (3.0, 1.2), strong=False)
         elif family and name.startswith("Paper"):
             strong = name.startswith("PaperSafe")
-            colour = _from_hex(_FAMILIES[family][0 if strong else 1])
-            styles[name] = PlannerStyle(colour, (1.0, 1.2) if strong else (3.0, 1.2, 1.0, 1.2), strong)
+            tone = _from_hex(_FAMILIES[family][0 if strong else 1])
+            styles[name] = PlannerStyle(tone, (1.0, 1.2) if strong else (3.0, 1.2, 1.0, 1.2), strong)
         else:
             colour, dashes = (table[others % len(_OTHERS)] for table in (_OTHERS, _OTHER_DASHES))
             styles[name] = PlannerStyle(_from_hex(str(colour)), tuple(map(float, dashes)), strong=False)

@@ -13,7 +13,7 @@ from safe_ompl.collision.bubble import INSIDE, Bubble
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.inputs import flag, fraction, number, whole_number
-from safe_ompl.maths.bubbles import SHAPES
+from safe_ompl.maths.bubbles import BUBBLE_SHAPES
 from safe_ompl.maths.halton import halton_point
 from safe_ompl.planners.parts.elastic_band import ElasticBand
 from safe_ompl.planners.parts.tree import ROOT
@@ -148,8 +148,8 @@ class BubblePlanner(WeighingPlanner):
 
     def setShape(self, shape: str) -> None:
         """Set the shape of the bubbles: "link", "cube", "paper" or "paper_cube"."""
-        if shape not in SHAPES:
-            raise UnknownNameError("shape", shape, SHAPES)
+        if shape not in BUBBLE_SHAPES:
+            raise UnknownNameError("shape", shape, BUBBLE_SHAPES)
         self._shape = shape
 
     def getShape(self) -> str:
@@ -257,7 +257,7 @@ class BubblePlanner(WeighingPlanner):
         delta = self._bridge.difference(q, other.closed["center"])
         reach = np.abs(delta)
         u, v = weights * reach, other.closed["weights"] * reach
-        shape = SHAPES[self._shape]
+        shape = BUBBLE_SHAPES[self._shape]
         near = np.flatnonzero(other.closed["alive"] & shape.may_meet(u, v))
         gaps, shares = shape.meetings(u[near], v[near])
         if gaps.min(initial=np.inf) >= INSIDE:

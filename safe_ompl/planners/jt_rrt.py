@@ -19,7 +19,7 @@ from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
 from safe_ompl.planners.parts.trees import Trees
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.goals import WorkspaceGoal
-from safe_ompl.robot.kinematics import Limits, Place, limited_step, pseudoinverse_step, transpose_step
+from safe_ompl.robot.kinematics import Place, StepLimits, limited_step, pseudoinverse_step, transpose_step
 
 _log = logging.getLogger(__name__)
 
@@ -135,7 +135,7 @@ class SafeJTRRT(WeighingPlanner):
         )
         self._goal: Any = None
         self._place: Place
-        self._limits: Limits
+        self._limits: StepLimits
         self._forget()
         self.setRange(range)
         self.setAlpha(alpha)
@@ -350,7 +350,7 @@ class SafeJTRRT(WeighingPlanner):
     def _aim(self, goal: WorkspaceGoal) -> None:
         """Turn to another goal; the tree stays, and all of its nodes may be tried for it."""
         self._goal, self._place = goal, goal.place
-        self._limits = Limits.of_motion(self._place.robot)
+        self._limits = StepLimits.of_motion(self._place.robot)
         self._approach = Approach(self._goal)
         if not self._place.redundancy and not self._transpose:
             _log.info(

@@ -54,6 +54,7 @@ _BUBBLES_AS_PRINTED = {
     "guided": False,
     "max_open": 0,
     "least_clearance": 0.0,
+    "shape": ("paper", "paper_cube"),  # (9), or where it is asked for the cube within it
 }
 _AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "PaperSafeRRTConnect": (SafeRRTConnect, _RRT_CONNECT_AS_PRINTED),
@@ -62,8 +63,8 @@ _AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "PaperPRM": (SafePRM, {**_PRM_AS_PRINTED, "alpha": 0.0}),
     "PaperSafeJTRRT": (SafeJTRRT, {**_JT_RRT_AS_PRINTED, "transpose": False}),
     "PaperJTRRT": (SafeJTRRT, {**_JT_RRT_AS_PRINTED, "alpha": 0.0, "transpose": True}),
-    "PaperSafeBubble": (BubblePlanner, {**_BUBBLES_AS_PRINTED, "shape": "paper"}),
-    "PaperBubble": (BubblePlanner, {**_BUBBLES_AS_PRINTED, "alpha": 0.0, "shape": "paper"}),
+    "PaperSafeBubble": (BubblePlanner, _BUBBLES_AS_PRINTED),
+    "PaperBubble": (BubblePlanner, {**_BUBBLES_AS_PRINTED, "alpha": 0.0}),
 }
 
 # Danger-aware planners of others that OMPL's wheel lacks, to compare with.
@@ -145,7 +146,7 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
         raise UnknownNameError("planner", name, planner_names())
     given = dict(parameters or {})
     _refuse_others(name, given, fixed)
-    for key, value in {**given, **fixed}.items():
+    for key, value in {**{key: _choices(value)[0] for key, value in fixed.items()}, **given}.items():
         _setter(planner, key)(value)
     return planner
 
@@ -157,8 +158,14 @@ def _refuse_others(name: str, given: Mapping[str, Any], fixed: Mapping[str, Any]
             f"parameter 'seed' of {name}: the seed is the run's; give it as such (seed=…, --seed), or call setSeed"
         )
     for key, value in fixed.items():
-        if given.get(key, value) != value:
-            raise InputError(f"parameter {key!r} of {name} is fixed to {value!r}, got {given[key]!r}")
+        if key in given and given[key] not in _choices(value):
+            words = " or ".join(map(repr, _choices(value)))
+            raise InputError(f"parameter {key!r} of {name} is fixed to {words}, got {given[key]!r}")
+
+
+def _choices(value: Any) -> tuple[Any, ...]:
+    """Return the values that a fixed parameter may have, the usual one first."""
+    return value if isinstance(value, tuple) else (value,)
 
 
 def _setter(planner: Any, key: str) -> Callable[[Any], None]:

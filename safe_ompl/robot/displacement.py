@@ -59,7 +59,7 @@ def bounding_hull(geometry: coal.CollisionGeometry, *, coarse: bool = False) -> 
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class ReachCylinder:
     """All points within `radius` of an axis through `center`, at most `half_length` along it [m]."""
 
     center: FloatArray
@@ -68,19 +68,19 @@ class Cylinder:
     half_length: float
 
     @classmethod
-    def around(cls, hull: Hull, axis: FloatArray) -> Cylinder:
+    def around(cls, hull: Hull, axis: FloatArray) -> ReachCylinder:
         """Return the smallest one about the line through the origin along `axis` that holds `hull`."""
         along = hull.points @ axis
         radial = np.linalg.norm(hull.points - along[:, None] * axis, axis=1)
         low, high = float(along.min()) - hull.radius, float(along.max()) + hull.radius
         return cls((low + high) / 2 * axis, axis, float(radial.max()) + hull.radius, (high - low) / 2)
 
-    def moved(self, placement: pin.SE3) -> Cylinder:
+    def moved(self, placement: pin.SE3) -> ReachCylinder:
         """Return the cylinder in the frame that `placement` maps to."""
         center = placement.rotation @ self.center + placement.translation
-        return Cylinder(center, placement.rotation @ self.axis, self.radius, self.half_length)
+        return ReachCylinder(center, placement.rotation @ self.axis, self.radius, self.half_length)
 
-    def enclosed_about(self, axis: FloatArray) -> Cylinder:
+    def enclosed_about(self, axis: FloatArray) -> ReachCylinder:
         """Return a cylinder about the line through the origin along `axis` that holds this one.
 
         The end discs are the extreme parts. Seen along `axis` each is an ellipse; with w a point of the ellipse,
@@ -93,7 +93,7 @@ class Cylinder:
             c = c - (c @ axis) * axis
             lateral = np.linalg.norm(c - (c @ self.axis) * self.axis)
             radius = max(radius, float(np.sqrt(c @ c + 2 * self.radius * lateral + self.radius**2)))
-        return Cylinder((self.center @ axis) * axis, axis, radius, float(reach))
+        return ReachCylinder((self.center @ axis) * axis, axis, radius, float(reach))
 
     def farthest(self, body: Hull) -> float:
         """Return the largest distance [m] between a point of a body and a point of the cylinder."""
@@ -102,10 +102,10 @@ class Cylinder:
         lateral = np.linalg.norm(arms - along[:, None] * self.axis, axis=1)
         return float(np.hypot(lateral + self.radius, np.abs(along) + self.half_length).max()) + body.radius
 
-    def stretched(self, low: float, high: float) -> Cylinder:
+    def stretched(self, low: float, high: float) -> ReachCylinder:
         """Return what the cylinder sweeps when it slides along its axis by `low` … `high` [m]."""
         center = self.center + (low + high) / 2 * self.axis
-        return Cylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
+        return ReachCylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class JointChain:
             radii[i] = 1.0 if self.prismatic[i] else region.radius
         return radii
 
-    def reach(self, joint: int, body: Hull) -> Cylinder:
+    def reach(self, joint: int, body: Hull) -> ReachCylinder:
         """Return a cylinder in the world frame that the body never leaves, at any configuration within limits.
 
         Raises
@@ -216,23 +216,23 @@ class JointChain:
         for i in np.flatnonzero(~self.prismatic):
             parent, placement = self.parents[i], self.placements[i]
             if parent == 0:  # the axis stays where it is
-                fixed = Cylinder.around(body.moved(placement.inverse()), self.axes[i])
+                fixed = ReachCylinder.around(body.moved(placement.inverse()), self.axes[i])
                 distances[i] = fixed.radius
             else:
                 origin = self.reach(parent, Hull(placement.translation[None], 0.0))
                 distances[i] = origin.farthest(body)
         return distances
 
-    def _regions(self, joint: int, body: Hull) -> list[tuple[int, Cylinder]]:
+    def _regions(self, joint: int, body: Hull) -> list[tuple[int, ReachCylinder]]:
         """For each joint that moves the body, the nearest first: where the body can be, in the joint's frame."""
-        regions: list[tuple[int, Cylinder]] = []
+        regions: list[tuple[int, ReachCylinder]] = []
         for i in self.path_to_root(joint):
             axis = self.axes[i]
             if regions:
                 inner, region = regions[-1]
                 region = region.moved(self.placements[inner]).enclosed_about(axis)
             else:
-                region = Cylinder.around(body, axis)
+                region = ReachCylinder.around(body, axis)
             if self.prismatic[i]:
                 region = region.stretched(float(self.lower[i]), float(self.upper[i]))
             regions.append((i, region))

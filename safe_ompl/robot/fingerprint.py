@@ -18,7 +18,7 @@ _DIGITS = 9  # nanometres and nanoradians: what is the same to the last bit is t
 
 def robot_hash(robot: Robot) -> str:
     """Return the SHA-256 of joints, limits, placements, bodies, checked pairs and skeleton; file names do not count."""
-    chain, geometry = robot.chain, robot.collision_model
+    chain, geometry = robot.shared.chain, robot.shared.collision_model
     content = {
         "joints": list(robot.joint_names),
         "lower": _numbers(robot.lower),
@@ -34,6 +34,8 @@ def robot_hash(robot: Robot) -> str:
         "bodies": [_body(body) for body in geometry.geometryObjects],
         "pairs": sorted((int(pair.first), int(pair.second)) for pair in geometry.collisionPairs),
     }
+    if not robot.coupling.trivial:
+        content["mimics"] = [_numbers(robot.coupling.matrix), _numbers(robot.coupling.offsets)]
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

@@ -168,7 +168,7 @@ Rule: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Limits:
+class StepLimits:
     """Joint limits as steps see them.
 
     Attributes
@@ -181,17 +181,17 @@ class Limits:
     upper: FloatArray
 
     @classmethod
-    def of_motion(cls, robot: Robot) -> Limits:
+    def of_motion(cls, robot: Robot) -> StepLimits:
         """Return the limits of motions: continuous joints have none."""
         return cls._without(robot, robot.continuous)
 
     @classmethod
-    def of_turns(cls, robot: Robot) -> Limits:
+    def of_turns(cls, robot: Robot) -> StepLimits:
         """Return the limits without those of joints that reach every angle, whichever way they turn."""
         return cls._without(robot, _full_turns(robot))
 
     @classmethod
-    def _without(cls, robot: Robot, free: BoolArray) -> Limits:
+    def _without(cls, robot: Robot, free: BoolArray) -> StepLimits:
         return cls(np.where(free, -np.inf, robot.lower), np.where(free, np.inf, robot.upper))
 
 
@@ -199,7 +199,7 @@ def limited_step(
     rule: Rule,
     place: Place,
     q: FloatArray,
-    limits: Limits,
+    limits: StepLimits,
     largest: float = np.inf,
     drift: FloatArray | None = None,
 ) -> FloatArray:
@@ -215,7 +215,7 @@ def limited_step(
         Where the tip is to go.
     q : ndarray, shape (n,)
         Where the arm is, within its limits [rad or m].
-    limits : Limits
+    limits : StepLimits
         The limits.
     largest : float
         The step is shortened to this norm [rad or m].
@@ -259,7 +259,7 @@ def inverse_kinematics(place: Place, seed: FloatArray, precision: float) -> Floa
     precision : float
         Largest distance left between tip and place [m], rotation included (`Place.distance`).
     """
-    limits = Limits.of_turns(place.robot)
+    limits = StepLimits.of_turns(place.robot)
     q, distance, stalls = seed, place.distance(seed), 0
     for _ in range(_ITERATIONS):
         if distance <= precision:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
+from pathlib import Path
+from typing import overload
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.coupling import Mimic
 from safe_ompl.robot.skeleton import frame_index
-from safe_ompl.robot.urdf import UrdfFile
 
 _log = logging.getLogger(__name__)
 
@@ -37,41 +39,50 @@ def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], 
 
 
 def joints_to_hold(
-    full: pin.Model, urdf: UrdfFile, tip: str | None, locked: Mapping[str, float]
+    full: pin.Model, mimics: Mapping[str, Mimic], tip: str | None, locked: Mapping[str, float], source: str
 ) -> dict[str, float]:
-    """Return the joints to lock with their values: those asked for, those that do not move the tip, and mimics.
+    """Return the joints to lock with their values: those asked for, those that do not move the tip, and their mimics.
+
+    Parameters
+    ----------
+    full : pin.Model
+        All joints.
+    mimics : mapping of str to Mimic
+        Which of them mimic which, chains resolved.
+    tip : str, optional
+        Frame that must move; None: lock no joint for its sake.
+    locked : mapping of str to float
+        What is asked for [rad or m].
+    source : str
+        For errors and the log.
 
     Raises
     ------
     InputError
-        If a joint to lock does not exist, its value cannot be, or a joint mimics one that is free.
+        If a joint to lock does not exist, its value cannot be, or a joint mimics one that does not exist.
     """
-    source = str(urdf.path)
     names = list(full.names)[1:]
     held: dict[str, float] = {}
     for name, value in locked.items():
         if name not in names:
             raise UnknownNameError("joint to lock", name, names, source)
         held[name] = _joint_value(full, name, value, source)
-    followers = {name: mimic for name, mimic in urdf.mimics().items() if name in names and name not in held}
+    followers = {name: mimic for name, mimic in mimics.items() if name in names and name not in held}
+    for name, mimic in followers.items():
+        if mimic.primary not in names:
+            raise UnknownNameError(f"joint that {name!r} mimics", mimic.primary, names, source)
     if tip is not None:
         moving = {full.names[j] for j in full.supports[full.frames[frame_index(full, tip)].parentJoint]}
+        moving |= {mimic.primary for name, mimic in followers.items() if name in moving}
         for name in names:
             if name not in moving and name not in held and name not in followers:
-                held[name] = _resting_value(full, name)
-    while followers:
-        ready = [name for name, mimic in followers.items() if mimic.primary in held]
-        if not ready:
-            name, mimic = next(iter(followers.items()))
-            raise InputError(
-                f"joint {name!r} mimics {mimic.primary!r}, which is free: lock {mimic.primary!r}", source
-            )
-        for name in ready:
-            mimic = followers.pop(name)
-            held[name] = mimic.multiplier * held[mimic.primary] + mimic.offset
+                held[name] = resting_value(full, name)
+    for name, mimic in followers.items():
+        if mimic.primary in held or mimic.multiplier == 0:
+            held[name] = mimic.multiplier * held.get(mimic.primary, 0.0) + mimic.offset
     implied = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in locked)
     if implied:
-        _log.info("%s: locked, too, as not moving the tip or mimicking: %s", urdf.path.name, implied)
+        _log.info("%s: locked, too, as not moving the tip or mimicking: %s", Path(source).name, implied)
     return held
 
 
@@ -96,8 +107,8 @@ def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float
     return number
 
 
-def _resting_value(full: pin.Model, name: str) -> float:
-    """Zero, or the limit nearest to it."""
+def resting_value(full: pin.Model, name: str) -> float:
+    """Return zero, or the limit nearest to it."""
     joint = full.joints[full.getJointId(name)]
     if joint.nq != 1:
         return 0.0
@@ -145,6 +156,45 @@ def check_joints(model: pin.Model, source: str) -> None:
             )
 
 
+def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: str) -> None:
+    """Narrow the limits of joints that others mimic, so that these keep to theirs, which become what is left of them.
+
+    Raises
+    ------
+    InputError
+        If a joint that turns on and on is mimicked: its mimic joint would have no place at ±π.
+    """
+    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    single = {name: _coordinate(model, name) for name in mimics}
+    for name, mimic in mimics.items():
+        first, own = _coordinate(model, mimic.primary), single[name]
+        if first is None:
+            raise InputError(
+                f"joint {name!r} mimics {mimic.primary!r}, which is continuous: lock one of them", source
+            )
+        if own is None:
+            continue  # it may turn on and on
+        low, high = sorted((float(end) - mimic.offset) / mimic.multiplier for end in (lower[own], upper[own]))
+        if low > lower[first] or high < upper[first]:
+            lower[first], upper[first] = max(low, lower[first]), min(high, upper[first])
+            _log.info(
+                "%s: %s keeps to [%g, %g], so that %s keeps to its limits",
+                *(source, mimic.primary, lower[first], upper[first], name),
+            )
+    for name, mimic in mimics.items():
+        first, own = _coordinate(model, mimic.primary), single[name]
+        if own is not None:
+            ends = (mimic.multiplier * float(end) + mimic.offset for end in (lower[first], upper[first]))
+            lower[own], upper[own] = sorted(ends)
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+
+
+def _coordinate(model: pin.Model, name: str) -> int | None:
+    """Return where the value of a joint is in Pinocchio's configuration; None for continuous joints."""
+    joint = model.joints[model.getJointId(name)]
+    return int(joint.idx_q) if joint.nq == 1 else None
+
+
 def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper limits (n,) [rad or m] of the joints, ±π where they are continuous.
 
@@ -170,8 +220,15 @@ def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]
     return lower, upper
 
 
-def farthest_body(model: pin.Model) -> str:
-    """Return the body frame with the most joints above it, among those the one farthest from the last joint."""
+@overload
+def farthest_body(model: pin.Model) -> str: ...
+@overload
+def farthest_body(model: pin.Model, among: Container[str]) -> str | None: ...
+def farthest_body(model: pin.Model, among: Container[str] | None = None) -> str | None:
+    """Return the body frame with the most joints above it, among those the one farthest from the last joint.
+
+    With `among` only bodies of these names count; None if there is none.
+    """
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
 
@@ -179,5 +236,9 @@ def farthest_body(model: pin.Model) -> str:
         offset = float(np.linalg.norm(frame.placement.translation))
         return len(model.supports[frame.parentJoint]), offset
 
-    bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
-    return str(max(bodies, key=rank).name)
+    bodies = [
+        frame
+        for frame in model.frames
+        if frame.type == pin.FrameType.BODY and (among is None or frame.name in among)
+    ]
+    return str(max(bodies, key=rank).name) if bodies else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,33 +25,37 @@ class Skeleton:
         Its position in the frame of that joint [m].
     segments : ndarray, shape (L, 2)
         Proximal and distal key point of each link segment. Segments of zero length, and those that no joint
-        moves, are left out. The last key point is the tip.
+        moves, are left out. The last key point is the robot's tip.
     names : tuple of str
         For each segment the frame at its distal end.
+    frames : tuple of int
+        For each key point the frame that it is the origin of.
     """
 
     joints: IntArray
     offsets: FloatArray
     segments: IntArray
     names: tuple[str, ...]
+    frames: tuple[int, ...]
 
     @classmethod
-    def from_model(cls, model: pin.Model, joint_names: list[str], tip: str) -> Skeleton:
+    def from_model(cls, model: pin.Model, joint_names: Sequence[str], tips: Sequence[str]) -> Skeleton:
         """Build the skeleton of `model`.
 
         Parameters
         ----------
         model : pin.Model
             The robot, with locked joints reduced to frames.
-        joint_names : list of str
+        joint_names : sequence of str
             All joints of the robot, locked ones included: they too are ends of links.
-        tip : str
-            Frame at the end of the last link.
+        tips : sequence of str
+            Frames at the ends of the last links; the first is the robot's tip.
         """
-        on_chain = _frames_above(model, frame_index(model, tip))
+        first, *others = (frame_index(model, tip) for tip in tips)
+        on_chain = set().union(*(_frames_above(model, tip) for tip in (first, *others)))
         ends = [(name, _joint_frame(model, name)) for name in joint_names]
         frames = [frame for name, frame in ends if frame in on_chain or model.existJointName(name)]
-        frames.append(frame_index(model, tip))
+        frames += [*others, first]
         index = {frame: k for k, frame in enumerate(frames)}
         joints = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
         offsets = np.array([model.frames[frame].placement.translation for frame in frames], dtype=np.float64)
@@ -65,7 +70,16 @@ class Skeleton:
             if lengths.max() > _ZERO_LENGTH:
                 segments.append((proximal, distal))
                 names.append(model.frames[frame].name)
-        return cls(joints, offsets, np.array(segments, dtype=np.intp).reshape(-1, 2), tuple(names))
+        pairs = np.array(segments, dtype=np.intp).reshape(-1, 2)
+        return cls(joints, offsets, pairs, tuple(names), tuple(frames))
+
+    def nearest(self, model: pin.Model, frame: int) -> int | None:
+        """Return the frame of the key point nearest to `frame` on the way to the base, itself included, or None."""
+        while frame != 0:
+            if frame in self.frames:
+                return frame
+            frame = model.frames[frame].parentFrame
+        return None
 
 
 def frame_index(model: pin.Model, name: str) -> int:

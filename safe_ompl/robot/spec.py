@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from safe_ompl import document
-from safe_ompl.errors import InputError
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.attachment import Attachment, as_pose, attachments
+from safe_ompl.robot.blueprint import mobile_ranges
+from safe_ompl.robot.collision_shapes import CollisionSource, check_source
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.pose import Pose
 
 
 @dataclass(frozen=True)
@@ -19,7 +23,7 @@ class RobotSpec:
     Parameters
     ----------
     example : str, optional
-        Name of a robot of example-robot-data; give either this or `urdf`.
+        Name of a robot of example-robot-data; give this, `urdf` or `robots`.
     urdf, srdf : path-like, optional
         Files of a robot.
     package_dirs : sequence of path-like, optional
@@ -30,11 +34,26 @@ class RobotSpec:
         Joints that are held still [rad or m]. None: those that the example locks by default.
     hulls : bool, optional
         Collide with the convex hulls of meshes.
+    base : pose, optional
+        Where the base is in the world: `position` [m], and `quaternion_xyzw`, `rpy` or `yaw`.
+    mobile_base : two pairs of float, optional
+        Limits [m] of a base that slides in x and y, and turns.
+    attached : sequence, optional
+        Objects in the gripper: each a shape and a pose as an obstacle of a scene has them, and `link`; `touch_links`
+        and `danger` if wanted.
+    robots : mapping of str to RobotSpec, optional
+        Several robots in one cell, by the prefix of their names; `tip` is the prefix of one of them then.
+    name : str, optional
+        Name for reports; of several robots "cell" by default.
+    group, locked_state : str, optional
+        Group of the SRDF whose joints move, state of the SRDF in which others are held.
+    collision : {"required", "visual", "optional"}, optional
+        What collides of links without collision shapes.
 
     Raises
     ------
     InputError
-        If not exactly one of `example` and `urdf` is given, a file is missing, or a value has the wrong type.
+        If not exactly one of `example`, `urdf` and `robots` is given, a file is missing, or a value has the wrong type.
     """
 
     example: str | None = None
@@ -44,27 +63,50 @@ class RobotSpec:
     tip: str | None = None
     locked: Mapping[str, float] | None = None
     hulls: bool = True
+    base: Pose | None = None
+    mobile_base: tuple[tuple[float, float], tuple[float, float]] | None = None
+    attached: tuple[Attachment, ...] = field(default=())
+    robots: Mapping[str, RobotSpec] = field(default_factory=dict)
+    name: str | None = None
+    group: str | None = None
+    locked_state: str | None = None
+    collision: CollisionSource = "required"
 
     def __post_init__(self) -> None:
-        if (self.example is None) == (self.urdf is None):
-            raise InputError("give either example or urdf, one of the two", "example")
+        if sum((self.example is not None, self.urdf is not None, bool(self.robots))) != 1:
+            raise InputError("give either example or urdf, one of the two (or robots)", "example")
+        if self.robots:
+            self._check_robots()
+        if self.name is not None and self.example is not None:
+            raise InputError("an example robot has its own", "name")
         if self.example is not None and (self.srdf or self.package_dirs):
             raise InputError(
                 "an example robot brings its own; give it with urdf only", "srdf or package_dirs"
             )
-        for key in ("example", "tip"):
+        for key in ("example", "tip", "name", "group", "locked_state"):
             if getattr(self, key) is not None:
                 document.text(key, getattr(self, key))
         document.flag("hulls", self.hulls)
+        check_source(self.collision, "collision")
         folders = document.sequence("package_dirs", self.package_dirs)
         values = {
-            "urdf": self.urdf and document.file("urdf", self.urdf, (".urdf", ".xml")),
+            "urdf": self.urdf and document.file("urdf", self.urdf, (".urdf", ".xml", ".xacro")),
             "srdf": self.srdf and document.file("srdf", self.srdf, (".srdf", ".xml")),
             "package_dirs": tuple(Path(folder).resolve() for folder in folders),
             "locked": None if self.locked is None else _joint_values(self.locked),
+            "base": None if self.base is None else as_pose(self.base, "base"),
+            "mobile_base": None if self.mobile_base is None else mobile_ranges(self.mobile_base),
+            "attached": tuple(self.attached),
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)
+
+    def _check_robots(self) -> None:
+        for key in ("srdf", "package_dirs", "locked", "base", "mobile_base"):
+            if getattr(self, key):
+                raise InputError("belongs to one of the robots", key)
+        if self.tip is not None and self.tip not in self.robots:
+            raise UnknownNameError("robot with the tip", self.tip, self.robots, "tip")
 
     @classmethod
     def from_mapping(cls, data: Any, folder: Path) -> RobotSpec:
@@ -79,27 +121,66 @@ class RobotSpec:
         if "package_dirs" in read:
             names = document.sequence("package_dirs", read["package_dirs"])
             read["package_dirs"] = tuple(folder / document.text("package_dirs", name) for name in names)
+        if "attached" in read:
+            read["attached"] = attachments(read["attached"], folder)
+        if "robots" in read:
+            robots = document.mapping("robots", read["robots"])
+            read["robots"] = {}
+            for prefix, robot in robots.items():
+                with document.within(f"robots.{prefix}"):
+                    read["robots"][prefix] = cls.from_mapping(robot, folder)
         return cls(**read)
 
     def to_mapping(self, folder: Path | None) -> dict[str, Any]:
         """Return what `from_mapping` reads, with files named relative to `folder`."""
         set_fields = {
-            f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) != f.default
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if getattr(self, f.name) != f.default and (f.name != "robots" or self.robots)
         }
         for key in ("urdf", "srdf"):
             if key in set_fields:
                 set_fields[key] = document.file_name(set_fields[key], folder)
         if self.package_dirs:
             set_fields["package_dirs"] = [document.file_name(path, folder) for path in self.package_dirs]
+        if self.base is not None:
+            set_fields["base"] = self.base.to_mapping()
+        if self.attached:
+            set_fields["attached"] = [item.to_mapping(folder) for item in self.attached]
+        if self.robots:
+            set_fields["robots"] = {prefix: spec.to_mapping(folder) for prefix, spec in self.robots.items()}
         return set_fields
 
     def build(self) -> Robot:
-        """Return the robot; raise InputError as `Robot.from_example` and `Robot.from_urdf` do."""
+        """Return the robot; raise InputError as `Robot.from_example`, `Robot.from_urdf` and the others do."""
+        robot = self._empty_handed()
+        for item in self.attached:
+            robot = robot.holding(item)
+        return robot
+
+    def _empty_handed(self) -> Robot:
+        if self.robots:
+            parts = {prefix: spec.build() for prefix, spec in self.robots.items()}
+            return Robot.combined(self.name or "cell", parts, tip=self.tip)
+        chosen: dict[str, Any] = {
+            "base": self.base,
+            "mobile_base": self.mobile_base,
+            "hulls": self.hulls,
+            "group": self.group,
+            "locked_state": self.locked_state,
+            "collision": self.collision,
+        }
         if self.example is not None:
-            return Robot.from_example(self.example, tip=self.tip, locked=self.locked, hulls=self.hulls)
+            return Robot.from_example(self.example, tip=self.tip, locked=self.locked, **chosen)
         assert self.urdf is not None
         return Robot.from_urdf(
-            self.urdf, self.srdf, self.package_dirs, self.tip, self.locked, hulls=self.hulls
+            self.urdf,
+            self.srdf,
+            self.package_dirs,
+            self.tip,
+            self.locked,
+            name=self.name,
+            **chosen,
         )
 
 

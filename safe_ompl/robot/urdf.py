@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from copy import deepcopy
+from functools import cached_property
 from pathlib import Path
 
 import pinocchio as pin
 
 from safe_ompl.errors import InputError
+from safe_ompl.robot import geometry_check
+from safe_ompl.robot.coupling import Mimic
+from safe_ompl.robot.packages import PackageFolders
+from safe_ompl.robot.xacro import check_expanded, unreadable
 
-
-@dataclass(frozen=True)
-class Mimic:
-    """A joint that follows another one: value = multiplier · primary + offset."""
-
-    primary: str
-    multiplier: float
-    offset: float
+_PACKAGE = "package://"
 
 
 class UrdfFile:
@@ -34,7 +32,7 @@ class UrdfFile:
     Raises
     ------
     InputError
-        If the file is missing or is not a URDF, or a package folder does not exist.
+        If the file is missing or is not a URDF, a package folder does not exist, or a joint has no direction.
     """
 
     def __init__(self, path: str | Path, package_dirs: Sequence[str | Path] = ()) -> None:
@@ -47,14 +45,18 @@ class UrdfFile:
         try:
             self._root = ElementTree.parse(self.path).getroot()
         except ElementTree.ParseError as error:
-            raise InputError(f"not well-formed XML ({error})", str(path)) from None
+            raise unreadable(self.path, str(path), error) from None
         if self._root.tag != "robot":
             raise InputError(f"not a URDF: the outermost tag is <{self._root.tag}>, not <robot>", str(path))
+        check_expanded(self._root, self.path, str(path))
+        geometry_check.check_joints(self._root, str(path))
+        self._packages = PackageFolders(self.path, given)
 
     def build_model(self) -> pin.Model:
         """Return the kinematic model with all its joints free."""
+        text = self._readable_text
         try:
-            return pin.buildModelFromUrdf(str(self.path))
+            return pin.buildModelFromUrdf(str(self.path)) if text is None else pin.buildModelFromXML(text)
         except (ValueError, RuntimeError) as error:
             raise InputError(f"not a valid URDF ({_first_line(error)})", str(self.path)) from None
 
@@ -64,13 +66,31 @@ class UrdfFile:
         Raises
         ------
         InputError
-            If a mesh is missing or cannot be read.
+            If a mesh is missing or cannot be read, a shape has an impossible size or is of an unknown kind.
         """
-        self._check_meshes("collision" if kind == pin.GeometryType.COLLISION else "visual")
+        tag = "collision" if kind == pin.GeometryType.COLLISION else "visual"
+        source = str(self.path)
+        geometry_check.check_shapes(self._root, tag, source)
+        self._check_meshes(tag)
+        text = self._readable_text
         try:
-            return pin.buildGeomFromUrdf(model, str(self.path), kind, package_dirs=self.package_dirs)
+            if text is None:
+                geometry = pin.buildGeomFromUrdf(model, source, kind, package_dirs=self.package_dirs)
+            else:
+                geometry = pin.buildGeomFromUrdfString(model, text, kind, package_dirs=self.package_dirs)
         except (ValueError, RuntimeError) as error:
-            raise InputError(f"cannot read a mesh ({_first_line(error)})", str(self.path)) from None
+            raise InputError(f"cannot read a mesh ({_first_line(error)})", source) from None
+        geometry_check.restore_capsules(geometry, self._root, tag)
+        geometry_check.check_complete(model, geometry, self._root, tag, source)
+        return geometry
+
+    def links_with_visuals_only(self) -> frozenset[str]:
+        """Return the links that have visual shapes but no collision shapes."""
+        return frozenset(
+            link.get("name", "")
+            for link in self._root.findall("link")
+            if link.find("visual") is not None and link.find("collision") is None
+        )
 
     def mimics(self) -> Mapping[str, Mimic]:
         """Return the mimic joints by name."""
@@ -95,9 +115,29 @@ class UrdfFile:
                     )
 
     def _places(self, mesh: str) -> list[Path]:
-        if mesh.startswith("package://"):
-            return [Path(folder) / mesh[len("package://") :] for folder in self.package_dirs]
+        if mesh.startswith(_PACKAGE):
+            beside = [Path(folder) / mesh[len(_PACKAGE) :] for folder in self.package_dirs]
+            named = self._packages.resolve(mesh) if not any(place.is_file() for place in beside) else None
+            return beside if named is None else [named]
         return [self.path.parent / mesh.removeprefix("file://")]
+
+    @cached_property
+    def _readable_text(self) -> str | None:
+        """Return the URDF as the parser can read it: capsules and packages of other names put in its terms.
+
+        None if the file itself is readable.
+        """
+        meshes = [mesh.get("filename", "") for mesh in self._root.iterfind("link/*/geometry/mesh")]
+        moved = {mesh: places[0] for mesh in set(meshes) if len(places := self._places(mesh)) == 1}
+        moved = {mesh: place for mesh, place in moved.items() if mesh.startswith(_PACKAGE)}
+        if not moved and geometry_check.is_readable(self._root):
+            return None
+        root = deepcopy(self._root)
+        geometry_check.make_readable(root)
+        for mesh in root.iterfind("link/*/geometry/mesh"):
+            name = mesh.get("filename", "")
+            mesh.set("filename", str(moved.get(name, name)))
+        return ElementTree.tostring(root, encoding="unicode")
 
 
 def existing_file(path: str | Path, kind: str) -> Path:

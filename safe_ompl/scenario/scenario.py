@@ -95,8 +95,8 @@ class Scenario:
             If it cannot be read or is not valid; the message names file, key and value.
         """
         file = Path(path)
-        with document.within(str(path), ": "):
-            return cls._from_mapping(document.read_document(file), file)
+        with document.reading(file) as data:
+            return cls._from_mapping(data, file)
 
     @classmethod
     def _from_mapping(cls, data: Mapping[str, Any], file: Path) -> Scenario:

@@ -10,10 +10,12 @@ from typing import Any
 
 import coal
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
+from safe_ompl.inputs import shown
 from safe_ompl.scene.pose import Pose, placed
 from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Shape, Sphere
 from safe_ompl.scene.shapes.cloud import PointCloud
@@ -24,6 +26,7 @@ from safe_ompl.scene.surfaces import Triangles
 SHAPES: dict[str, type[Shape]] = {
     shape.kind: shape for shape in (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud, Person)
 }
+MOST_DANGER_POINTS = 1_000_000  # of a scene; a setup takes seconds for as many
 _POSE_KEYS = ("position", "quaternion_xyzw", "rpy", "yaw")
 _KEYS = ("name", *SHAPES, *_POSE_KEYS, "weight", "color")
 
@@ -38,7 +41,7 @@ class Obstacle:
         Name, unique in its scene.
     shape : Shape
         What it is: `Box`, `Sphere`, `Cylinder`, `Capsule`, `Mesh`, `PointCloud` or `Person`.
-    pose : Pose, optional
+    pose : Pose, pin.SE3 or array_like of shape (4, 4), optional
         Where it is; default: at the origin of the world.
     weight : float, optional
         How dangerous it is to approach, ≥ 0; 0: not at all. Default: 1 for people, 0 for everything else.
@@ -61,16 +64,17 @@ class Obstacle:
         self,
         name: str,
         shape: Shape,
-        pose: Pose | None = None,
+        pose: Pose | pin.SE3 | ArrayLike | None = None,
         weight: float | None = None,
         color: str | Sequence[float] | None = None,
     ) -> None:
         if not isinstance(shape, Shape):
-            raise InputError(f"must be one of {', '.join(SHAPES)}, not {shape!r}", "shape")
+            kinds = ", ".join(kind.__name__ for kind in SHAPES.values())
+            raise InputError(f"must be a shape ({kinds}), got {shown(shape)}", "shape")
         values = {
             "name": document.text("name", name),
             "shape": shape,
-            "pose": pose or Pose(),
+            "pose": Pose() if pose is None else Pose.of(pose),
             "weight": shape.default_weight
             if weight is None
             else document.number("weight", weight, at_least=0.0),
@@ -78,6 +82,13 @@ class Obstacle:
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)
+
+    def __repr__(self) -> str:
+        given = [repr(self.name), repr(self.shape)]
+        given += [repr(self.pose)] if self.pose != Pose() else []
+        given += [f"weight={self.weight:g}"] if self.weight != self.shape.default_weight else []
+        given += [f"color={self.color}"] if self.color is not None else []
+        return f"Obstacle({', '.join(given)})"
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path) -> Obstacle:
@@ -123,7 +134,13 @@ class Obstacle:
 
         Every point of the surface is within `spacing` of one of them.
         """
-        return placed(self.pose.se3, self.shape.danger_points(document.number("spacing", spacing, above=0.0)))
+        step = document.number("spacing", spacing, above=0.0)
+        check_number(self.most_danger_points(step), step, repr(self.name))
+        return placed(self.pose.se3, self.shape.danger_points(step))
+
+    def most_danger_points(self, spacing: float) -> float:
+        """Return how many `danger_points` there are at most, without making them."""
+        return self.shape.most_danger_points(spacing)
 
     def triangles(self, resolution: int = 24) -> Triangles:
         """Return the surface in the world frame for drawing, with `resolution` corners on every circle.
@@ -137,6 +154,23 @@ class Obstacle:
         """
         vertices, faces = self.shape.triangles(resolution)
         return placed(self.pose.se3, vertices), faces
+
+
+def check_number(most: float, spacing: float, what: str) -> None:
+    """Raise InputError if there may be too many danger points; none are made before it is known.
+
+    Raises
+    ------
+    InputError
+        If `most` exceeds a million; says which spacing would do.
+    """
+    if most > MOST_DANGER_POINTS:
+        enough = spacing * (most / MOST_DANGER_POINTS) ** 0.5
+        raise InputError(
+            f"{spacing:g} m makes about {most:.2g} danger points of {what}, at most {MOST_DANGER_POINTS:g} are "
+            f"taken; give at least {enough:.2g} m",
+            "spacing",
+        )
 
 
 def _rgb(color: str | Sequence[float]) -> tuple[float, ...]:

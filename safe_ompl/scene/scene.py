@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -15,7 +15,8 @@ import numpy as np
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.inputs import shown
+from safe_ompl.scene.obstacle import Obstacle, check_number
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.basic import Box, Cylinder, Shape, Sphere
 
@@ -44,13 +45,19 @@ class Scene:
     spacing: float = _SPACING
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        object.__setattr__(self, "obstacles", _obstacles(self.obstacles))
         object.__setattr__(self, "spacing", document.number("spacing", self.spacing, above=0.0))
         seen: dict[str, int] = {}
         for k, obstacle in enumerate(self.obstacles):
             if obstacle.name in seen:
                 first = seen[obstacle.name]
-                raise InputError(f"{obstacle.name!r} is already obstacles[{first}]", f"obstacles[{k}].name")
+                same = (
+                    "the same obstacle, given twice" if obstacle == self.obstacles[first] else "another one"
+                )
+                raise InputError(
+                    f"{obstacle.name!r} is already obstacles[{first}], {same}; names must differ",
+                    f"obstacles[{k}].name",
+                )
             seen[obstacle.name] = k
 
     # ------------------------------------------------------------------------------------------ documents
@@ -62,11 +69,11 @@ class Scene:
         Raises
         ------
         InputError
-            If it cannot be read or is not a valid scene; the message names file, key and value.
+            If it cannot be read or is not a valid scene; the message names file, line, key and value.
         """
         file = Path(path)
-        with document.within(str(path), ": "):
-            return cls.from_mapping(document.read_document(file), file.parent)
+        with document.reading(file) as data:
+            return cls.from_mapping(data, file.parent)
 
     @classmethod
     def from_yaml(cls, text: str, folder: str | Path = ".") -> Scene:
@@ -173,6 +180,11 @@ class Scene:
         spacing : float, optional
             Distance between points [m]; default: the scene's own.
 
+        Raises
+        ------
+        InputError
+            If the spacing is not positive, or there would be more than a million points; none are made then.
+
         Returns
         -------
         points : ndarray, shape (M, 3)
@@ -183,6 +195,11 @@ class Scene:
             Index of its obstacle in `obstacles`.
         """
         step = self.spacing if spacing is None else spacing
+        dangerous = [obstacle for obstacle in self.obstacles if obstacle.weight > 0]
+        if len(dangerous) > 1:
+            step = document.number("spacing", step, above=0.0)
+            most = sum(obstacle.most_danger_points(step) for obstacle in dangerous)
+            check_number(most, step, f"{len(dangerous)} obstacles")
         points, owner = [np.zeros((0, 3))], [np.zeros(0, dtype=np.intp)]
         for k, obstacle in enumerate(self.obstacles):
             if obstacle.weight > 0:
@@ -195,6 +212,20 @@ class Scene:
     def __repr__(self) -> str:
         listed = ", ".join(f"{o.name!r}: {o.shape.kind}" for o in self.obstacles)
         return f"Scene({{{listed}}}, spacing={self.spacing:g})"
+
+
+def _obstacles(given: Any) -> tuple[Obstacle, ...]:
+    """Return what was given as a tuple of obstacles, or raise InputError."""
+    if isinstance(given, (Obstacle, str, Mapping)) or not isinstance(given, Iterable):
+        raise InputError(
+            f"must be a list of Obstacle, got {shown(given)}; no obstacles: Scene()", "obstacles"
+        )
+    obstacles = tuple(given)
+    for k, obstacle in enumerate(obstacles):
+        if not isinstance(obstacle, Obstacle):
+            hint = "; Scene.from_mapping reads mappings" if isinstance(obstacle, Mapping) else ""
+            raise InputError(f"must be an Obstacle, got {shown(obstacle)}{hint}", f"obstacles[{k}]")
+    return obstacles
 
 
 def _mbm_shape(kind: str, data: Mapping[str, Any]) -> tuple[Shape, Pose]:

@@ -128,8 +128,7 @@ def mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> FloatA
     """
     grids = []
     corners = vertices[faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    steps = np.maximum(1, np.ceil(longest / (spacing / 2) - 1e-9)).astype(int)
+    steps = _mesh_steps(corners, spacing).astype(int)
     for count in np.unique(steps):
         i, j = np.array([(i, j) for i in range(count + 1) for j in range(count + 1 - i)]).T
         weights = np.column_stack([i, j, count - i - j]) / count
@@ -137,16 +136,31 @@ def mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> FloatA
     return thinned(np.concatenate(grids), spacing / 2)
 
 
+def most_mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> float:
+    """Return how many points `mesh_points` makes before it thins them."""
+    steps = _mesh_steps(vertices[faces], spacing)
+    return float(((steps + 1) * (steps + 2) / 2).sum())
+
+
+def _mesh_steps(corners: FloatArray, spacing: float) -> FloatArray:
+    """Return into how many steps the edges of each triangle (F, 3, 3) are divided."""
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    steps: FloatArray = np.maximum(1.0, np.ceil(longest / (spacing / 2) - 1e-9))
+    return steps
+
+
 def thinned(points: FloatArray, distance: float) -> FloatArray:
     """Return a subset of `points` such that each of them is within `distance` of one that stays.
 
     Walks through the points in their order and drops those near the one that it keeps: deterministic.
     """
-    left = np.unique(points, axis=0)
+    left = np.unique(points, axis=0)  # in the order of x
     kept = []
     while len(left):
         kept.append(left[0])
-        left = left[np.sum((left - left[0]) ** 2, axis=1) > distance**2]
+        near = int(np.searchsorted(left[:, 0], left[0, 0] + distance * (1 + 1e-9), side="right"))
+        stay = np.sum((left[:near] - left[0]) ** 2, axis=1) > distance**2
+        left = np.concatenate([left[:near][stay], left[near:]])
     return np.array(kept).reshape(-1, 3)
 
 

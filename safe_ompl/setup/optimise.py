@@ -10,9 +10,8 @@ from time import perf_counter
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.paths.simplify.simplification import Stop
-from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.paths.simplify.simplify import timed
+from safe_ompl.paths.simplify.run import Stop
+from safe_ompl.paths.simplify.simplifier import Simplifier, timed
 
 _PATIENCE = 4  # starts in a row that find nothing better before the best path is refined
 _WORTHWHILE = 1e-3  # share of the cost that a better path must save to count as such for that

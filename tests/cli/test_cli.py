@@ -27,18 +27,22 @@ RECORD = [
     "seed",
     "status",
     "solved",
+    "setup_time",
     "planning_time",
     "simplification_time",
+    "report_time",
     "joint_names",
     "path",
     "length",
     "danger",
     "clearance",
     "certified",
+    "validation",
+    "links_without_collision",
     "counts",
 ]
 DANGER = ["mean", "max", "max_bound", "integral", "avoidable", "profile"]
-CLEARANCE = ["min", "mean", "length_below_50mm", "link", "obstacle", "at"]
+CLEARANCE = ["min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"]
 COUNTS = [
     "nodes",
     "collision_queries",
@@ -305,7 +309,7 @@ def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
     )
     status, _, err = run("verify", "proof.json")
     assert status == 2
-    assert err == "safe-ompl: proof.json: robot: must be a mapping of keys to values, got int 3\n"
+    assert err == "safe-ompl: proof.json: source.robot: must be a mapping of keys to values, got int 3\n"
 
 
 @pytest.mark.parametrize(
@@ -589,7 +593,7 @@ def test_where_nothing_is_dangerous_danger_is_zero(
 
 
 BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
-    "malformed YAML": ("start:", "start: [", ["malformed YAML", "line"]),
+    "malformed YAML": ("start:", "start: [", ["malformed YAML", ".yaml:"]),
     "unknown key": ("time: 2.0", "tine: 2.0", ["tine", "did you mean 'time'"]),
     "missing key": ("start: {joint1: 1.2, joint2: 0.2}\n", "", ["start", "missing"]),
     "time limit of zero": ("time: 2.0", "time: 0", ["time", "0"]),
@@ -665,3 +669,10 @@ def test_pictures_without_the_extra_are_refused_with_advice(
     assert_refused(
         run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]"
     )
+
+
+def test_one_file_for_two_results(tmp_path, capsys):
+    file = str(tmp_path / "both.json")
+    assert main(["plan", "planar3", "--json", file, "--certificate", file]) == 2
+    assert "--certificate" in (error := capsys.readouterr().err)
+    assert "is written by --json already: give another file" in error.replace("\n", " ")

@@ -11,6 +11,7 @@ import pytest
 from safe_ompl.collision import checker as collision
 from safe_ompl.collision.checker import DISTANCE_ERROR, Clearance, CollisionChecker
 from safe_ompl.counts import Counts
+from safe_ompl.errors import InputError
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -125,8 +126,8 @@ def test_a_robot_without_pairs(tmp_path):
     )
     checker = CollisionChecker(Robot.from_urdf(urdf), Scene())
     assert checker.pair_names == ()
-    checker.set_margins(np.zeros(0))
-    assert not checker.within_margins(np.zeros(1))
+    assert not checker.within_margins(np.zeros(1), np.zeros(0))
+    assert not checker.within_margins(np.zeros(1), 0.1)
     assert not checker.in_collision(np.zeros(1))
 
 
@@ -172,11 +173,10 @@ def test_margins_are_exact(robot_named, plain_check, clutter, rng, name):
     for q in configurations(robot, rng, 100):
         distances = plain.distances(q)[index]
         margins = rng.uniform(0, 0.3, len(index)) * (rng.random(len(index)) < 0.1)
-        checker.set_margins(margins)
         slack = float((distances - margins).min())
         near += slack < 0
         if abs(slack) > TOLERANCE:
-            assert checker.within_margins(q) == (slack < 0)
+            assert checker.within_margins(q, margins) == (slack < 0)
     assert 10 < near < 100
 
 
@@ -189,23 +189,91 @@ def test_each_margin_belongs_to_its_pair(panda, plain_check, clutter):
         margins = np.zeros(len(distances))
         for factor, expected in ((0.99, False), (1.01, True)):
             margins[k] = factor * distances[k]
-            checker.set_margins(margins)
-            assert checker.within_margins(q) == expected
+            assert checker.within_margins(q, margins) == expected
 
 
 def test_margins_leave_plain_queries_alone(panda, clutter):
     checker = CollisionChecker(panda, clutter)
     q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.5])
-    checker.set_margins(np.full(len(checker.pair_names), 1.0))
-    assert checker.within_margins(q)
+    assert checker.within_margins(q, np.full(len(checker.pair_names), 1.0))
+    assert checker.pair_within_margins(q, 1.0) in checker.pair_names
     assert not checker.in_collision(q)
     assert checker.colliding_pair(q) is None
 
 
-def test_as_many_margins_as_pairs(panda, clutter):
+def test_margins_are_those_of_the_question(panda, clutter):
+    """Neither those of the question before, nor what the same array held then."""
+    pairs = CollisionChecker(panda, clutter).pairs
+    q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.5])
+    none, wide = pairs.margins(0.0), pairs.margins(1.0)
+    changing = np.zeros(len(pairs.names))
+    for margins, expected in ((none, False), (wide, True), (none, False), (changing, False), (wide, True)):
+        assert pairs.within_margins(q, margins) is expected
+    for value in (0.0, 1.0, 0.0):
+        changing[:] = value
+        assert pairs.within_margins(q, changing) is bool(value)
+    view = changing[:]  # of an array that changes
+    view.setflags(write=False)
+    for value in (0.0, 1.0, 0.0):
+        changing[:] = value
+        assert pairs.within_margins(q, view) is bool(value)
+
+
+def test_what_is_handed_out_cannot_be_written_to(panda, clutter):
+    pairs = CollisionChecker(panda, clutter).pairs_within(0.1)
+    for array in (pairs.radii, pairs.bodies, pairs.meets_obstacle, pairs.margins(0.1)):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+def test_margins_are_checked(panda, clutter):
+    checker, q = CollisionChecker(panda, clutter), np.zeros(7)
+    number = len(checker.pair_names)
+    for margins, message in (
+        (np.zeros(number - 1), rf"margins must have shape \({number},?\), got \({number - 1},\)"),
+        (np.full(number, np.nan), "margins must be finite"),
+        (np.inf, "margins must be finite"),
+        (-0.1, r"margins must be lengths >= 0 \[m\], got \[-0.1\]"),
+        ("wide", "margins must be numbers, got 'wide'"),
+    ):
+        for ask in (checker.within_margins, checker.pair_within_margins):
+            with pytest.raises(InputError, match=message):
+                ask(q, margins)
+
+
+QUESTIONS = {
+    "in_collision": (),
+    "colliding_pair": (),
+    "within_margins": (0.01,),
+    "pair_within_margins": (0.01,),
+    "distances": (),
+    "pair_distances": (),
+    "pair_radii_at": (),
+    "clearance": (),
+}
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_configurations_are_checked(panda, clutter, question):
     checker = CollisionChecker(panda, clutter)
-    with pytest.raises(ValueError, match="shape"):
-        checker.set_margins(np.zeros(len(checker.pair_names) - 1))
+    q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.5])
+    ask = getattr(checker, question)
+    expected, rest = ask(q, *QUESTIONS[question]), QUESTIONS[question]
+    np.testing.assert_equal(ask(q.tolist(), *rest), expected)
+    np.testing.assert_equal(ask(tuple(q), *rest), expected)
+    counted = checker.counts.copy()
+    for bad, message in (
+        (np.full(7, np.nan), "configuration must be finite, got"),
+        ([0.0] * 6 + [np.inf], "configuration must be finite, got"),
+        (np.zeros(6), r"configuration must have shape \(7,?\), got \(6,\)"),
+        (np.zeros((7, 1)), "configuration must have shape"),
+        (0.0, "configuration must have shape"),
+        (None, "configuration must be|configuration must have"),
+        (["a"] * 7, "configuration must be numbers"),
+    ):
+        with pytest.raises(InputError, match=message):
+            ask(bad, *rest)
+    assert checker.counts == counted, "what is refused is not asked"
 
 
 # ------------------------------------------------------------------------------------------------------ distances
@@ -276,14 +344,13 @@ def test_the_broad_phase_of_small_and_large_scenes_is_in_use(ur5, plain_check, r
     plain = plain_check(ur5, Scene(tuple(balls)))
     index = pairs_to_check(checker, plain)
     margins = rng.uniform(0, 0.05, len(index))
-    checker.set_margins(margins)
     for q in configurations(ur5, rng, 40):
         distances = plain.distances(q)
         if abs(distances.min()) > TOLERANCE:
             assert checker.in_collision(q) == (distances.min() < 0)
         slack = (distances[index] - margins).min()
         if abs(slack) > TOLERANCE:
-            assert checker.within_margins(q) == (slack < 0)
+            assert checker.within_margins(q, margins) == (slack < 0)
 
 
 def test_queries_outlive_what_they_were_made_from(data_folder, rng):
@@ -297,7 +364,7 @@ def test_queries_outlive_what_they_were_made_from(data_folder, rng):
     gc.collect()
     ballast = [np.random.default_rng(k).normal(size=1000) for k in range(100)]  # to overwrite what was freed
     assert in_collision(np.zeros(2))
-    assert within_margins(np.zeros(2))
+    assert within_margins(np.zeros(2), 0.0)
     assert distances(np.zeros(2)).min() < 0
     assert not in_collision(np.array([np.pi / 2, 0.0]))
     assert checker() is not None
@@ -322,7 +389,7 @@ def test_queries_are_counted(panda, clutter):
     q = np.zeros(7)
     checker.in_collision(q)
     checker.colliding_pair(q)
-    checker.within_margins(q)
+    checker.within_margins(q, 0.01)
     checker.clearance(q)
     assert counts == Counts(collision_queries=2, margin_queries=1, distance_queries=1)
 

@@ -1,5 +1,6 @@
 """Distances that must be kept: proven along whole motions, from obstacles that stand still and from those that move."""
 
+import pickle
 from functools import cache
 from itertools import pairwise
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.collision.separation import Separation
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario, find_scenario
@@ -69,8 +71,7 @@ START, END = np.array([-0.7]), np.array([0.8])  # the ball on the crank passes t
 def test_verdicts_on_clearance(robot_named, clutter, plain_check, name, seed, length, distance):
     robot = robot_named(name)
     checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
-    checker.setMinClearance(distance, ["ball", "post"])
-    motion = CertifiedMotion(checker)
+    motion = CertifiedMotion(checker).with_min_clearance(distance, ["ball", "post"])
     start, end = random_edge(robot, seed, length)
     chosen = [k for k, (_, other) in enumerate(plain.pairs) if other in ("ball", "post")]
     delta = robot.difference(start, end)
@@ -86,7 +87,8 @@ def test_verdicts_on_clearance(robot_named, clutter, plain_check, name, seed, le
         required = distance if found.pair[1] in ("ball", "post") else 0.0
         named = [d for pair, d in zip(plain.pairs, apart, strict=True) if pair == found.pair]
         assert min(named) < required + ERROR
-        assert checker.too_near(start + found.at * delta)
+        q = start + found.at * delta
+        assert checker.in_collision(q) or motion.separation.required(checker).violated(q)
 
 
 def test_what_never_touches_may_come_too_near(crank):
@@ -94,73 +96,91 @@ def test_what_never_touches_may_come_too_near(crank):
     motion = CertifiedMotion(checker)
     assert checker.pair_names == (), "left out of the collision queries"
     assert motion.is_free(START, END)
-    checker.setMinClearance(0.04)
-    assert motion.is_free(START, END)
-    checker.setMinClearance(0.06)
-    assert checker.pair_names == (("ball", "far"),)
-    found = motion.check(START, END)
+    assert motion.with_min_clearance(0.04).is_free(START, END)
+    farther = motion.with_min_clearance(0.06)
+    assert checker.pair_names == (), "nothing changes what the checker looks at"
+    found = farther.check(START, END)
     assert (found.verdict, found.pair) == (Verdict.BLOCKED, ("ball", "far"))
     assert found.at == pytest.approx(0.7 / 1.5, abs=0.1)
-    assert checker.too_near(np.zeros(1))
-    assert not checker.too_near(np.ones(1))
+    required = farther.separation.required(checker)
+    assert required.pairs.names == (("ball", "far"),)
+    assert required.violated(np.zeros(1))
+    assert required.violating_pair(np.zeros(1)) == ("ball", "far")
+    assert not required.violated(np.ones(1))
+    assert required.violating_pair(np.ones(1)) is None
     assert not checker.in_collision(np.zeros(1))
 
 
-def test_what_never_touches_counts_for_clearance_only(crank, clutter, panda):
+def test_pairs_that_come_within_a_reach_follow_those_that_may_touch(crank, clutter, panda):
     for robot, scene, number in ((crank, balls(far=0.65, near=0.5), 1), (panda, clutter, None)):
         checker = CollisionChecker(robot, scene)
-        q = (robot.lower + robot.upper) / 2
-        before = checker.pair_distances(q), checker.pair_radii_at(q)
-        names, found = checker.pair_names, checker.colliding_pair(q)
+        names, radii = checker.pair_names, checker.pair_radii
         assert number in (None, len(names))
-        checker.cover(1.0)
-        assert len(checker.pair_names) > len(names)
-        assert checker.pair_names[: len(names)] == names
-        for old, new in zip(before, (checker.pair_distances(q), checker.pair_radii_at(q)), strict=True):
-            np.testing.assert_array_equal(old, new)
-        assert checker.colliding_pair(q) == found
+        wide = checker.pairs_within(1.0)
+        assert len(wide.names) > len(names)
+        assert wide.names[: len(names)] == names
+        np.testing.assert_array_equal(wide.radii[: len(names)], radii)
+        assert checker.pairs.names == checker.pair_names == names
+
+
+def test_few_sets_of_pairs_are_made(panda, clutter):
+    checker = CollisionChecker(panda, clutter)
+    assert checker.pairs_within(0.0) is checker.pairs
+    assert checker.pairs_within(0.051) is checker.pairs_within(0.1)
+    sets = [checker.pairs_within(reach) for reach in np.linspace(0, 5, 200)]
+    assert len({id(found) for found in sets}) < 10
+    numbers = [len(found.names) for found in sets]
+    assert numbers == sorted(numbers)
+    assert numbers[-1] > numbers[0]
 
 
 def test_a_margin_takes_in_what_never_touches(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65)), margin=0.06)
+    motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65))).with_margin(0.06)
     assert motion.check(START, END).verdict is not Verdict.FREE
     assert motion.with_margin(0.04).is_free(START, END)
 
 
 def test_exempt_pairs_and_chosen_obstacles(crank):
-    scene = balls(far=0.65, near=0.62)
-    checker = CollisionChecker(crank, scene)
-    motion = CertifiedMotion(checker)
-    checker.setMinClearance(0.04)
-    assert motion.check(START, END).pair == ("ball", "near")
-    checker.setMinClearance(0.04, exempt=[("ball", "near")])
-    assert motion.is_free(START, END)
-    checker.setMinClearance(0.04, ["far"])
-    assert motion.is_free(START, END)
-    assert checker.getMinClearance().obstacles == ("far",)
-    checker.setMinClearance(0.0)
-    assert checker.getMinClearance() is None
-    assert not checker.required.any()
+    motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65, near=0.62)))
+    assert motion.with_min_clearance(0.04).check(START, END).pair == ("ball", "near")
+    assert motion.with_min_clearance(0.04, exempt=[("ball", "near")]).is_free(START, END)
+    chosen = motion.with_min_clearance(0.04, ["far"])
+    assert chosen.is_free(START, END)
+    assert chosen.separation.min_clearance.obstacles == ("far",)
+    assert chosen.with_min_clearance(0.0).separation == motion.separation == Separation()
+    assert not motion.separation.required(motion.checker).any
 
 
 def test_people_by_default(crank):
     scene = Scene((Obstacle("box", Sphere(0.05), Pose((0.62, 0, 0))), *balls(person=-0.9)))
-    checker = CollisionChecker(crank, scene)
-    checker.setMinClearance(0.1)
-    assert checker.getMinClearance().obstacles == ("person",)
-    assert CertifiedMotion(checker).is_free(START, END)
+    motion = CertifiedMotion(CollisionChecker(crank, scene)).with_min_clearance(0.1)
+    assert motion.separation.min_clearance.obstacles == ("person",)
+    assert motion.is_free(START, END)
 
 
 @pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf, "0.1"])
 def test_the_distance_must_be_a_length(crank, bad):
+    motion = CertifiedMotion(CollisionChecker(crank, balls(a=0.9)))
     with pytest.raises(InputError, match="min clearance must be a length >= 0"):
-        CollisionChecker(crank, balls(a=0.9)).setMinClearance(bad)
+        motion.with_min_clearance(bad)
     with pytest.raises(InputError, match="margin must be a length >= 0"):
-        CertifiedMotion(CollisionChecker(crank, balls(a=0.9)), margin=-1.0)
+        motion.with_margin(bad)
+
+
+def test_a_separation_is_a_value(crank):
+    speeds = {"walker": 0.5}
+    separation = Separation(margin=0.1, speeds=speeds, time=2.0)
+    speeds["walker"] = 9.0
+    assert separation == Separation(None, 0.1, {"walker": 0.5}, 2.0) == pickle.loads(pickle.dumps(separation))
+    assert separation.reach == pytest.approx(1.1)
+    with pytest.raises(TypeError):
+        separation.speeds["walker"] = 0.0
+    with pytest.raises(AttributeError):
+        separation.margin = 0.0
 
 
 def test_names_are_checked(crank):
-    checker = CollisionChecker(crank, balls(a=0.9, b=0.8))
+    motion = CertifiedMotion(CollisionChecker(crank, balls(a=0.9, b=0.8)))
     for arguments, message in (
         ((0.1, ["c"]), "unknown obstacle 'c'; known: a, b"),
         ((0.1, None, [("bal", "a")]), "unknown link 'bal'; known: ball"),
@@ -172,10 +192,10 @@ def test_names_are_checked(crank):
         ((0.1, ["a"], [("ball", "b")]), "exempt from keeping a distance to 'b', which is not asked for"),
     ):
         with pytest.raises(InputError, match=message):
-            checker.setMinClearance(*arguments)
+            motion.with_min_clearance(*arguments)
     harmless = Scene((Obstacle("box", Sphere(0.05), Pose((0.9, 0, 0))),))
     with pytest.raises(InputError, match="no obstacle has a danger weight"):
-        CollisionChecker(crank, harmless).setMinClearance(0.1)
+        CertifiedMotion(CollisionChecker(crank, harmless)).with_min_clearance(0.1)
 
 
 # ----------------------------------------------------------------------------------------- obstacles that move
@@ -187,7 +207,6 @@ def test_names_are_checked(crank):
 def test_verdicts_on_moving_obstacles(robot_named, clutter, plain_check, name, seed, speed, first, duration):
     robot = robot_named(name)
     checker, plain = checker_for(robot, clutter), plain_check(robot, clutter)
-    checker.setMinClearance(0.0)
     start, end = random_edge(robot, seed, 0.4)
     delta = robot.difference(start, end)
     found = CertifiedMotion(checker).check_moving(start, end, {"ball": speed}, (first, first + duration))
@@ -217,8 +236,7 @@ def test_an_obstacle_that_comes_in_time(crank):
 def test_a_clearance_is_kept_from_moving_obstacles_that_begin_out_of_reach(crank):
     scene = Scene((Obstacle("walker", Sphere(0.1), Pose((2.0, 0.0, 0.0))),))
     checker = CollisionChecker(crank, scene)
-    motion = CertifiedMotion(checker)
-    motion.setMinClearance(0.3, ["walker"])
+    motion = CertifiedMotion(checker).with_min_clearance(0.3, ["walker"])
     left = checker.clearance(START).distance
     assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.31)).verdict is Verdict.FREE
     assert motion.check_moving(START, START, {"walker": 1.0}, (0.0, left - 0.29)).verdict is Verdict.BLOCKED
@@ -236,35 +254,40 @@ def test_the_motion_among_moving_obstacles_is_checked(crank):
             motion.check_moving(START, END, {"walker": 1.0}, span)
 
 
-def test_all_motions_are_free_among_moving_obstacles_once_these_are_set(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
-    motion.setMovingObstacles({"walker": 0.5}, 0.7)
-    assert motion.is_free(START, END)
-    motion.setMovingObstacles({"walker": 0.5}, 0.9)
+def test_all_motions_are_free_among_moving_obstacles_once_these_are_given(crank):
+    still = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))  # 0.4 m from where the crank passes
+    assert still.with_moving_obstacles({"walker": 0.5}, 0.7).is_free(START, END)
+    motion = still.with_moving_obstacles({"walker": 0.5}, 0.9)
     assert not motion.is_free(START, END)
     assert not motion.with_margin(0.0).is_free(START, END)
     assert motion.check(START, END).pair == ("ball", "walker")
-    motion.setMovingObstacles({}, 9.0)
-    assert motion.is_free(START, END)
+    assert motion.with_moving_obstacles({}, 9.0).is_free(START, END)
     with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'"):
-        motion.setMovingObstacles({"runner": 1.0}, 1.0)
-    with pytest.raises(InputError, match="span must be two instants"):
-        motion.setMovingObstacles({"walker": 1.0}, -1.0)
+        motion.with_moving_obstacles({"runner": 1.0}, 1.0)
+    for time in (-1.0, np.nan, np.inf, "1"):
+        with pytest.raises(InputError, match="time must be a number >= 0"):
+            motion.with_moving_obstacles({"walker": 1.0}, time)
 
 
 @pytest.mark.parametrize("clearance_first", [True, False])
 def test_clearance_and_moving_obstacles_add_up_in_any_order(crank, clearance_first):
-    checker = CollisionChecker(crank, balls(far=0.65))  # 50 mm beyond reach
-    motion = CertifiedMotion(checker)
+    motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65)))  # 50 mm beyond reach
     if clearance_first:
-        motion.setMinClearance(0.03)
-    motion.setMovingObstacles({"far": 0.03}, 1.0)
+        motion = motion.with_min_clearance(0.03)
+    motion = motion.with_moving_obstacles({"far": 0.03}, 1.0)
     assert motion.is_free(START, END) is not clearance_first
-    motion.setMinClearance(0.03)
+    motion = motion.with_min_clearance(0.03)
     assert not motion.is_free(START, END)
     assert motion.check(START, END).pair == ("ball", "far")
-    motion.setMinClearance(0.01)
-    assert motion.is_free(START, END)
+    assert motion.with_min_clearance(0.01).is_free(START, END)
+
+
+def test_what_moves_during_an_edge_comes_on_top_of_what_may_have_moved(crank):
+    still = CertifiedMotion(CollisionChecker(crank, balls(walker=1.0)))
+    assert still.check_moving(START, END, {"walker": 0.3}, (0.0, 1.0)).verdict is Verdict.FREE
+    moved = still.with_moving_obstacles({"walker": 0.3}, 1.0)
+    assert moved.is_free(START, END)
+    assert moved.check_moving(START, END, {"walker": 0.3}, (0.0, 1.0)).verdict is Verdict.BLOCKED
 
 
 def test_planned_paths_keep_what_a_person_may_walk():

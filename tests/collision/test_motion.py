@@ -272,6 +272,34 @@ def test_an_edge_outside_the_limits_is_not_certified(robot_named):
     assert motion.check(inside, inside).verdict is Verdict.FREE
     assert motion.check(inside, outside) == MotionVerdict(Verdict.BLOCKED, 1.0, ("right_slide", "its limits"))
     assert motion.check(outside, inside) == MotionVerdict(Verdict.BLOCKED, 0.0, ("right_slide", "its limits"))
+    assert motion.is_free(inside, inside)
+    assert not motion.is_free(inside, outside)
+    assert not motion.is_free(outside, inside)
+
+
+def test_a_wall_that_is_out_of_reach_within_the_limits_only(robot_named):
+    """Pairs that cannot meet within the strokes of sliding joints are not checked: beyond them nothing is proven."""
+    slider = robot_named("slider")
+    inside, outside = np.array([0.2, 0.0, 0.3, 0.0]), np.array([0.2, 0.0, 3.0, 0.0])
+    way = slider.keypoints(outside)[-1] - slider.keypoints(inside)[-1]
+    place = slider.tip_pose(outside).act(np.array([0.1, 0.02, 0.0])) - 0.3 * way
+    checker = CollisionChecker(slider, Scene((Obstacle("wall", Sphere(0.3), Pose(tuple(place))),)))
+    assert not any("wall" in pair for pair in checker.pair_names), "left out"
+    assert not CertifiedMotion(checker).is_free(inside, outside)
+
+
+def test_the_tolerance_of_limits(ball_on_a_crank):
+    motion = CertifiedMotion(CollisionChecker(ball_on_a_crank, Scene()))
+    assert motion.is_free([0.0], ball_on_a_crank.upper + 5e-10)
+    assert not motion.is_free([0.0], ball_on_a_crank.upper + 2e-9)
+    assert not motion.is_free(ball_on_a_crank.lower - 2e-9, [0.0])
+
+
+def test_continuous_joints_have_no_limits(kinova):
+    motion = CertifiedMotion(CollisionChecker(kinova, Scene()))
+    start = np.array([0.0, 2.9, 1.3, 0.0, 1.8, 0.0])
+    assert motion.is_free(start, start)
+    assert motion.is_free(start + 20 * np.pi * kinova.continuous, start)
 
 
 # ----------------------------------------------------------------------------------------------------------- errors
@@ -292,8 +320,27 @@ def test_the_floor_must_be_a_length(ball_on_a_crank, floor):
     checker = CollisionChecker(ball_on_a_crank, Scene())
     with pytest.raises(InputError, match="floor must be a positive length"):
         CertifiedMotion(checker, floor)
-    motion = CertifiedMotion(checker, 1e-3)
-    with pytest.raises(InputError, match="floor must be a positive length"):
-        motion.floor = floor
-    assert motion.floor == 1e-3
-    assert "floor=0.001" in repr(motion)
+    assert "floor=0.001" in repr(CertifiedMotion(checker, 1e-3))
+
+
+def test_what_proves_motions_does_not_change(ball_on_a_crank):
+    motion = CertifiedMotion(CollisionChecker(ball_on_a_crank, beside(0.02)))
+    start, end = np.array([-0.51]), np.array([0.5])
+    for name in ("checker", "floor", "separation", "margin", "limits"):
+        with pytest.raises(AttributeError):
+            setattr(motion, name, getattr(motion, name))
+    demanding = motion.with_margin(0.03)
+    assert demanding.check(start, end).verdict is Verdict.BLOCKED
+    assert motion.is_free(start, end), "another one was returned"
+    assert demanding.with_limits([]).with_margin(0.01).is_free(start, end)
+
+
+def test_motions_as_people_write_them(ball_on_a_crank):
+    motion = CertifiedMotion(CollisionChecker(ball_on_a_crank, beside(0.02)))
+    for start, end in (([-0.51], [0.5]), ((-1,), (1,)), (np.float32([-0.5]), np.array([1]))):
+        assert motion.is_free(start, end)
+        assert motion.check(start, end) == MotionVerdict(Verdict.FREE)
+    for start, end in (([0.0, 1.0], [0.5]), ([0.0], 0.5), (["a"], [0.5]), ([0.0], None)):
+        for ask in (motion.is_free, motion.check):
+            with pytest.raises(InputError, match=r"(start|end) of a motion must"):
+                ask(start, end)

@@ -9,7 +9,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.certificate.certificate import certificate
+from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -58,7 +58,7 @@ def test_proofs_in_all_kinds_of_scenes(robot_named, plain_check, name, scene, se
     if CertifiedMotion(checker).is_free(start, end):
         assert apart.min() > -ERROR
         assert verify(certificate([start, end], robot, scene), robot, scene).edges == 1
-    motion = CertifiedMotion(checker, margin=margin)
+    motion = CertifiedMotion(checker).with_margin(margin)
     found = motion.check(start, end)
     if found.verdict is Verdict.FREE:
         assert apart[:, of_obstacles].min() > margin - ERROR

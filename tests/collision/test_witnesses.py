@@ -6,7 +6,7 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.witnesses import Proximity
 from safe_ompl.errors import InputError
-from safe_ompl.paths.simplify.nearness import NearnessDensity
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.scene.scene import Scene
 
 WITHIN = 0.15
@@ -58,7 +58,7 @@ def test_witnesses_that_move_foretell_distances(near):
 
 
 def test_nothing_is_near_in_an_empty_scene(panda):
-    density = NearnessDensity(CollisionChecker(panda, Scene()), 0.05)
+    density = ObstacleCost(CollisionChecker(panda, Scene()), 0.05)
     Q = np.zeros((3, 7))
     values, gradients = density.values_and_gradients(Q)
     assert not values.any()
@@ -68,7 +68,7 @@ def test_nothing_is_near_in_an_empty_scene(panda):
 
 def test_nearness_grows_towards_contact_and_counts_double_below_what_the_ends_allow(near):
     checker, Q = near
-    density = NearnessDensity(checker, WITHIN)
+    density = ObstacleCost(checker, WITHIN)
     plain = density.values(Q)
     order = np.argsort([checker.clearance(q).distance for q in Q])
     assert plain[order[0]] > plain[order[-1]] > 0

@@ -269,6 +269,23 @@ def test_paths_are_checked(robot_named):
         danger.of_path([[0.0, 0.0]])
 
 
+@pytest.mark.parametrize("bad", [[np.nan] * 7, [0.0] * 5, "abc", None, [[0.0] * 7], ["a"] * 7, 3])
+def test_configurations_are_checked(panda, bad):
+    danger, q = certified(panda), list((panda.lower + panda.upper) / 2)
+    limit = DangerLimit(danger.field, 1e9)
+    assert limit.check(q, q).verdict is Verdict.FREE
+    assert limit.allows_motion(q, q)
+    assert limit.allows(q)
+    for ask in (danger.of_edge, limit.check, limit.allows_motion):
+        with pytest.raises(InputError, match="start of a motion must"):
+            ask(bad, q)
+        with pytest.raises(InputError, match="end of a motion must"):
+            ask(q, bad)
+    for ask in (limit.danger, limit.allows, danger.field.value, danger.field.gradient):
+        with pytest.raises(InputError, match="configuration must"):
+            ask(bad)
+
+
 def test_repr_names_the_options(panda):
     assert "tolerance=0.05" in repr(certified(panda))
 

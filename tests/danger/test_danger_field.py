@@ -22,6 +22,7 @@ class PlanarArm:
         self.segments = np.array([[k, k + 1] for k in range(self.n)])
         self.prismatic = np.zeros(self.n, dtype=bool)
         self.prismatic[-1] = slides
+        self.joint_prismatic = self.prismatic
 
     def __repr__(self):
         return f"PlanarArm({self.lengths.tolist()})"
@@ -341,13 +342,15 @@ def test_refuses_a_robot_without_links(tmp_path):
 
 def test_refuses_bad_configurations():
     danger = DangerField(ARM, POINTS)
-    with pytest.raises(InputError, match=r"configuration must have shape \(3,\), got \(2,\)"):
+    with pytest.raises(InputError, match=r"configuration must have shape \(3,?\), got \(2,\)"):
         danger.value([0.0, 0.0])
     with pytest.raises(InputError, match=r"configurations must have shape \(any, 3\), got \(3,\)"):
         danger.values(Q[0])
     for q in ([np.nan, 0, 0], [0, np.inf, 0]):
-        with pytest.raises(InputError, match="configurations must be finite, got"):
+        with pytest.raises(InputError, match="configuration must be finite, got"):
             danger.gradient(q)
+        with pytest.raises(InputError, match="configurations must be finite, got"):
+            danger.gradients([q])
 
 
 def test_refuses_bad_points_of_a_field():
@@ -362,3 +365,16 @@ def test_refuses_a_source_that_changes_its_number_of_points():
         DangerField(ARM, lambda q: POINTS if q[0] == Q[0, 0] else POINTS[:1]).values(Q)
     with pytest.raises(InputError, match=r"the number of danger points must not change, got \[2, 9\]"):
         DangerField(ARM, lambda q: POINTS, [1.0, 2.0]).value(Q[0])
+
+
+def test_the_push_is_the_sum_over_all_points_and_the_ends_of_all_links(ur5):
+    """Σ_m Σ_l J_lᵀ w_m CDF(p_m) with the Jacobians themselves (paper, §4.3)."""
+    weights, q = np.linspace(0.5, 2.0, len(POINTS)), np.array([0.3, -1.0, 1.2, 0.1, 0.4, -0.2])
+    field = DangerField(ur5, POINTS, weights)
+    vectors, jacobians = field.vector(q, POINTS), ur5.keypoint_jacobians(q)
+    expected = sum(
+        weight * jacobians[end].T @ vector
+        for weight, vector in zip(weights, vectors, strict=True)
+        for _, end in ur5.segments
+    )
+    np.testing.assert_allclose(field.push(q), expected, rtol=1e-10)

@@ -9,7 +9,7 @@ from plane import PlaneProblem
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import bubbles
-from safe_ompl.maths.bubbles import SHAPES
+from safe_ompl.maths.bubbles import BUBBLE_SHAPES
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.obstacle import Obstacle
@@ -42,7 +42,7 @@ def planner_on(setup, **options):
     return BubblePlanner(setup.getSpaceInformation(), **options)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", BUBBLE_SHAPES)
 @pytest.mark.parametrize("name", ["ur5", "kinova", "slider"])
 def test_no_configuration_in_a_bubble_collides(robot_named, clutter, shape, name):
     robot = robot_named(name)
@@ -53,7 +53,7 @@ def test_no_configuration_in_a_bubble_collides(robot_named, clutter, shape, name
         if distances.min() <= 0:
             continue
         seen += 1
-        reaches = bubbles.extents(SHAPES[shape].weights(checker.pair_radii_at(q), distances))
+        reaches = bubbles.extents(BUBBLE_SHAPES[shape].weights(checker.pair_radii_at(q), distances))
         steps = rng.uniform(-1, 1, (60, robot.n))
         if shape != "cube":
             steps /= np.abs(steps).sum(axis=1, keepdims=True)
@@ -62,7 +62,7 @@ def test_no_configuration_in_a_bubble_collides(robot_named, clutter, shape, name
                 assert not checker.in_collision(x)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", BUBBLE_SHAPES)
 @pytest.mark.parametrize("options", [{}, {"alpha": 0.0}], ids=["safe", "classic"])
 def test_every_shape_goes_round_the_post(arm, shape, options):
     result = arm.plan(planner_on(arm, shape=shape, **options), time=20.0)

@@ -113,6 +113,14 @@ def test_the_bubble_planner_is_the_papers_without_danger(name):
     assert result.counts.field_configurations == 0
 
 
+def test_cubes_within_the_papers_bubble_are_the_only_other_shape(arm):
+    result = arm.plan(
+        "PaperSafeBubble", time=30.0, parameters={"shape": "paper_cube", "alpha": 0.1, "beta": 20.0}
+    )
+    assert result
+    assert result.report.certified
+
+
 def test_k_max_ends_the_search(arm):
     result = arm.plan("PaperSafeBubble", time=30.0, parameters={"alpha": 0.1, "beta": 2.0, "iterations": 4})
     assert result.path is None

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.robot.displacement import Cylinder, Hull, JointChain, bounding_hull
+from safe_ompl.robot.displacement import Hull, JointChain, ReachCylinder, bounding_hull
 from safe_ompl.robot.examples import EXAMPLES
 from safe_ompl.scene.scene import Scene
 
@@ -62,7 +62,7 @@ def contains(cylinder, points):
 @given(seeds, lengths, lengths)
 def test_a_cylinder_about_another_axis_holds_the_first(seed, radius, half_length):
     rng = np.random.default_rng(seed)
-    inner = Cylinder(rng.normal(size=3), unit(rng.normal(size=3)), radius, half_length)
+    inner = ReachCylinder(rng.normal(size=3), unit(rng.normal(size=3)), radius, half_length)
     outer = inner.enclosed_about(unit(rng.normal(size=3)))
     points = surface_points(inner, rng)
     assert contains(inner, points)
@@ -73,7 +73,7 @@ def test_a_cylinder_about_another_axis_holds_the_first(seed, radius, half_length
 def test_a_cylinder_about_its_own_axis_stays(seed, radius):
     rng = np.random.default_rng(seed)
     axis = unit(rng.normal(size=3))
-    inner = Cylinder(0.7 * axis, axis, radius, 0.2)
+    inner = ReachCylinder(0.7 * axis, axis, radius, 0.2)
     for outer in (inner.enclosed_about(axis), inner.enclosed_about(-axis)):
         assert (outer.radius, outer.half_length) == pytest.approx((radius, 0.2), abs=1e-6)
         np.testing.assert_allclose(outer.center, inner.center, atol=1e-9)
@@ -82,7 +82,7 @@ def test_a_cylinder_about_its_own_axis_stays(seed, radius):
 @given(seeds, st.floats(-1.0, 0.0), st.floats(0.0, 1.0))
 def test_a_stretched_cylinder_holds_every_position(seed, low, high):
     rng = np.random.default_rng(seed)
-    inner = Cylinder(rng.normal(size=3), unit(rng.normal(size=3)), 0.3, 0.1)
+    inner = ReachCylinder(rng.normal(size=3), unit(rng.normal(size=3)), 0.3, 0.1)
     outer = inner.stretched(low, high)
     for stroke in (low, (low + high) / 2, high):
         assert contains(outer, surface_points(inner, rng) + stroke * inner.axis)
@@ -94,7 +94,7 @@ def test_the_first_cylinder_holds_the_hull(seed, radius):
     hull, axis = Hull(rng.normal(size=(6, 3)), radius), unit(rng.normal(size=3))
     directions = rng.normal(size=(6, 3))
     ball_points = hull.points + radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    assert contains(Cylinder.around(hull, axis), ball_points)
+    assert contains(ReachCylinder.around(hull, axis), ball_points)
 
 
 @pytest.mark.parametrize(

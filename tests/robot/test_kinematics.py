@@ -8,8 +8,8 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.robot.kinematics import (
     METRES_PER_RADIAN,
-    Limits,
     Place,
+    StepLimits,
     cautious_step,
     inverse_kinematics,
     limited_step,
@@ -158,7 +158,7 @@ def test_the_transpose_step_leaves_the_least_error_along_the_gradient(ur5, rng):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_steps_respect_limits_and_length(robot_named, rng, name, rule):
     robot = robot_named(name)
-    limits = Limits.of_motion(robot)
+    limits = StepLimits.of_motion(robot)
     for _ in range(50):
         place = place_of(robot, random_configuration(robot, rng), pose=True)
         q = np.clip(random_configuration(robot, rng, margin=-0.1), robot.lower, robot.upper)
@@ -174,7 +174,7 @@ def test_a_joint_at_its_limit_leaves_the_way_to_the_others(panda):
     way = 1e-3 * J[:, 3]
     place = Place(panda, panda.tip_pose(q).translation + way)
     assert pseudoinverse_step(J, way, np.zeros(7))[3] > 0
-    step = limited_step(pseudoinverse_step, place, q, Limits.of_motion(panda))
+    step = limited_step(pseudoinverse_step, place, q, StepLimits.of_motion(panda))
     assert step[3] == 0
     assert place.distance(q + step) < 0.1 * place.distance(q)
 

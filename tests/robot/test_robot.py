@@ -11,9 +11,9 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.convex import sample_configurations
 from safe_ompl.robot.examples import EXAMPLES, find_example, robots_folder
 from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.self_collision import sample_configurations
 
 JOINTS = {"panda": 7, "ur3": 6, "ur5": 6, "ur10": 6, "xarm7": 7, "kinova": 6, "z1": 6, "so101": 5}
 KINDS = ["panda", "kinova", "twin_arm", "slider"]

@@ -9,10 +9,17 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from safe_ompl.errors import InputError
+from safe_ompl.scene import surfaces
+from safe_ompl.scene.cells import cell_tree, touched_cells
 from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box
 from safe_ompl.scene.shapes.cloud import PointCloud
+from safe_ompl.scene.shapes.mesh import triangle_tree
 
 POINTS = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 3))
 PROBES = [
@@ -64,6 +71,19 @@ def test_reads_npy_and_needs_the_file_no_more(tmp_path: Path) -> None:
     assert again.centres == pytest.approx(POINTS, abs=1e-6)
 
 
+def test_reads_every_legal_ply(tmp_path: Path) -> None:
+    """Comments with "end_header", properties that are lists, vertices that are not the first element."""
+    file = tmp_path / "odd.ply"
+    file.write_text(
+        "ply\nformat ascii 1.0\ncomment end_header comes later\nobj_info end_header\n"
+        "element camera 1\nproperty float fov\n"
+        "element vertex 2\nproperty list uchar int near\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0.5\n2 7 8 1 2 3\n0 nan 5 6\n3 0 1 1\n"
+    )
+    assert PointCloud(0.01, file).centres.tolist() == [[1, 2, 3]]
+
+
 @pytest.mark.parametrize("content", [b"", b"no ply", b"ply\nelement vertex 2\nend_header\n"])
 def test_unreadable_ply_is_refused(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "cloud.ply"
@@ -84,12 +104,22 @@ def test_truncated_ply_is_refused(tmp_path: Path) -> None:
     [
         ({"points": []}, "points: the point cloud is empty"),
         ({"points": np.zeros((0, 3))}, "points: the point cloud is empty"),
-        ({"points": [[0, 0, np.nan]]}, "points[0]: must be a finite number"),
-        ({"points": [[0, 0]]}, "points[0]: must be 3 numbers"),
+        ({"points": [[0, 0, np.nan]]}, "points: the point cloud is empty: none of 1 points is finite"),
+        ({"points": [[0, 0]]}, "points: must have shape (any, 3), got (1, 2)"),
         ({}, "points: give either points or file"),
         ({"file": "missing.ply"}, "file: 'missing.ply' does not exist"),
         ({"file": "cloud.xyz"}, "file: 'cloud.xyz' must end in .ply or .npy"),
-        ({"points": [[0, 0, 0]], "radius": 0}, "radius: must be a positive number, got 0"),
+        (
+            {"points": [[0, 0, 0]], "radius": 1e-9},
+            "radius: must be a finite number in [0.0001, 10000], got 1e-09",
+        ),
+        (
+            {"points": [[0, 0, 0]], "resolution": 1e-9},
+            "resolution: must be a finite number in [0.00125, 10000]",
+        ),
+        ({"points": [[0, 0, 0]], "resolution": "of"}, "resolution: must be a length [m] or 'off', got 'of'"),
+        ({"points": [["0", 0, 0]]}, "points: must be numbers, got [['0', 0, 0]]"),
+        ({"points": [[0, 0, 0]], "radius": 0}, "radius: must be a finite number in [0.0001, 10000], got 0"),
     ],
 )
 def test_unusable_clouds_are_refused(fields: dict, message: str) -> None:
@@ -100,8 +130,9 @@ def test_unusable_clouds_are_refused(fields: dict, message: str) -> None:
 
 def test_bad_arrays_are_refused(tmp_path: Path) -> None:
     for name, array, message in (
-        ("nan", np.array([[0, 0, 0], [0, np.inf, 0]]), "point 1 is not finite"),
-        ("flat", np.zeros(3), r"shape \(N, 3\), not \(3,\)"),
+        ("nan", np.full((2, 3), np.nan), "none of 2 points is finite"),
+        ("far", np.array([[0, 0, 0], [0, 2e4, 0]]), "farther than 10000 m away; are they in metres?"),
+        ("flat", np.zeros(3), r"shape \(N, 3\), got \(3,\)"),
         ("empty", np.zeros((0, 3)), "empty"),
         ("text", np.array([["a", "b", "c"]]), "cannot be read as an array of numbers"),
     ):
@@ -115,11 +146,20 @@ def test_a_small_cloud_is_made_of_balls() -> None:
     assert names == ["rubble/0", "rubble/1", "rubble/2"]
 
 
-@pytest.mark.parametrize("probe", [*PROBES, hull()], ids=lambda probe: type(probe).__name__)
-def test_a_large_cloud_contains_its_balls_in_every_query(probe: coal.ShapeBase) -> None:
-    """One tree for the cloud against one ball per point: never farther, never free where a ball is hit."""
+def raw_mesh() -> coal.BVHModelOBBRSS:
+    return triangle_tree(*Box((0.1, 0.15, 0.2)).triangles(8))
+
+
+@pytest.mark.parametrize("resolution", [None, 0.05, "off"])
+@pytest.mark.parametrize("probe", [*PROBES, hull(), raw_mesh()], ids=lambda probe: type(probe).__name__)
+def test_a_large_cloud_contains_its_balls_in_every_query(
+    probe: coal.ShapeBase, resolution: float | str | None
+) -> None:
+    """One geometry for the cloud against one ball per point: never farther, never free where a ball is hit."""
     radius, margin = 0.02, 0.05
-    ((name, tree, placement),) = Obstacle("rubble", PointCloud(radius, points=POINTS)).geometries()
+    cloud = PointCloud(radius, points=POINTS, resolution=resolution)
+    slack = 0.26 * radius if resolution == "off" else 3**0.5 * cloud.cell_edge
+    ((name, tree, placement),) = Obstacle("rubble", cloud).geometries()
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "probe")
     geometry = pin.GeometryModel()
@@ -143,17 +183,111 @@ def test_a_large_cloud_contains_its_balls_in_every_query(probe: coal.ShapeBase) 
         distances = [result.min_distance for result in plain.distanceResults]
         nearest = min(distances[1:])
         if nearest > 0:
-            assert -1e-4 <= nearest - distances[0] <= 0.26 * radius + 1e-4
+            assert -1e-4 <= nearest - distances[0] <= slack + 1e-4
         pin.computeCollisions(model, data, geometry, plain, q, False)
         pin.computeCollisions(model, data, geometry, wide, q, False)
         tree_hit = plain.collisionResults[0].isCollision()
         ball_hit = any(result.isCollision() for result in list(plain.collisionResults)[1:])
         assert tree_hit or not ball_hit
-        assert not tree_hit or nearest <= 0.27 * radius
+        assert not tree_hit or nearest <= slack + 1e-4
         assert wide.collisionResults[0].isCollision() or nearest > margin - 1e-4
         hits += ball_hit
         assert pin.computeCollisions(model, data, manager, q, True) == tree_hit
     assert 10 < hits < 140
+
+
+@pytest.mark.parametrize("resolution", [None, 0.013, 0.1])
+def test_the_cells_contain_every_ball_and_no_more_than_is_promised(resolution: float | None) -> None:
+    radius = 0.02
+    cloud = PointCloud(radius, points=POINTS + np.array([12.0, -7.0, 3.0]), resolution=resolution)
+    edge = cloud.cell_edge
+    cells = touched_cells(cloud.centres, radius, edge)
+    held = {tuple(cell) for cell in cells}
+    directions = np.random.default_rng(1).normal(size=(300, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    for reach in (radius, 0.7 * radius):
+        skin = (cloud.centres[:, None] + reach * directions).reshape(-1, 3)
+        assert {tuple(cell) for cell in np.floor(skin / edge).astype(int)} <= held
+    corners = (cells[:, None] + np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])) * edge
+    gaps = np.linalg.norm(corners.reshape(-1, 1, 3) - cloud.centres, axis=2).min(axis=1) - radius
+    assert gaps.max() <= 3**0.5 * edge + 1e-9
+
+
+def test_the_tree_holds_every_cell_far_from_the_origin() -> None:
+    cells = touched_cells(POINTS + np.array([900.0, -900.0, 2.0]), 0.02, 0.01)
+    tree, placement = cell_tree(cells, 0.01)
+    probe, request = coal.Sphere(0.001), coal.CollisionRequest()
+    for cell in cells[::37]:
+        centre = coal.Transform3s(np.eye(3), (cell + 0.5) * 0.01)
+        where = coal.Transform3s(placement.rotation, placement.translation)
+        assert coal.collide(tree, where, probe, centre, request, coal.CollisionResult())
+    low, high = (
+        np.ravel(side) + placement.translation for side in (tree.aabb_local.min_, tree.aabb_local.max_)
+    )
+    assert low == pytest.approx(cells.min(axis=0) * 0.01, abs=1e-5)
+    assert high == pytest.approx((cells.max(axis=0) + 1) * 0.01, abs=1e-5)
+
+
+def test_a_link_wholly_inside_a_cloud_is_seen() -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(-5, 6) * 0.05] * 3), axis=-1).reshape(-1, 3)
+    (part,) = PointCloud(0.05, points=grid).parts()
+    where = coal.Transform3s(part.placement.rotation, part.placement.translation)
+    tiny = coal.Transform3s(np.eye(3), np.array([0.013, 0.02, 0.017]))
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    assert coal.collide(part.geometry, where, coal.Sphere(0.002), tiny, request, result)
+
+
+def test_many_points_keep_few_cells(caplog: pytest.LogCaptureFixture) -> None:
+    points = np.random.default_rng(0).uniform(0, 1, (100_000, 3)) * np.array([2, 2, 0.001])
+    cloud = PointCloud(0.002, points=points)
+    with caplog.at_level("INFO"):
+        assert cloud.cell_edge == pytest.approx(0.008)
+    assert "cloud of 100000 points, radius 0.002 m: collides as cells of 0.008 m" in caplog.text
+    assert len(touched_cells(points, 0.002, 0.008)) < 500_000
+    assert PointCloud(0.02, points=POINTS).cell_edge == pytest.approx(0.01)
+
+
+def test_points_that_a_camera_did_not_see_are_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    points = POINTS.astype(np.float32)
+    points[[3, 7]] = np.nan
+    points[9, 1] = np.inf
+    with caplog.at_level("INFO"):
+        cloud = PointCloud(0.01, points=points)
+    assert "points: 3 of 60 points are NaN or infinite, and left out" in caplog.text
+    assert len(cloud.centres) == 57
+    assert cloud == PointCloud(0.01, points=np.delete(points, [3, 7, 9], axis=0).tolist())
+
+
+def test_clouds_of_arrays_compare_hash_and_read_back() -> None:
+    cloud = PointCloud(np.float32(0.01), points=POINTS)
+    same, moved = PointCloud(np.float32(0.01), points=POINTS.tolist()), PointCloud(0.01, points=POINTS + 0.1)
+    assert cloud == same
+    assert hash(cloud) == hash(same)
+    assert cloud not in {moved, PointCloud(np.float32(0.01), points=POINTS, resolution="off")}
+    assert cloud != "cloud"
+    scene = Scene((Obstacle("a", PointCloud(0.01, points=POINTS, resolution=0.02)),))
+    again = Scene.from_yaml(scene.to_yaml())
+    assert again == scene
+    assert again.content_hash() == scene.content_hash() != Scene((Obstacle("a", cloud),)).content_hash()
+    assert repr(cloud) == "PointCloud(radius=0.01, points=<60 points>)"
+    with pytest.raises(ValueError, match="read-only"):
+        cloud.centres[0] = 0
+
+
+def test_a_cloud_that_has_collided_pickles() -> None:
+    cloud = PointCloud(0.01, points=POINTS)
+    cloud.parts()
+    assert pickle.loads(pickle.dumps(cloud)).parts()[0].geometry.computeVolume() is not None
+
+
+@given(st.integers(0, 1000), st.floats(0.01, 0.5), st.booleans())
+def test_thinning_keeps_the_points_that_a_plain_walk_keeps(seed: int, distance: float, flat: bool) -> None:
+    points = np.random.default_rng(seed).uniform(0, 1, (120, 3)).round(2) * [0 if flat else 1, 1, 1]
+    left, kept = np.unique(points, axis=0), []
+    while len(left):
+        kept.append(left[0])
+        left = left[np.sum((left - left[0]) ** 2, axis=1) > distance**2]
+    assert (surfaces.thinned(points, distance) == kept).all()
 
 
 def test_danger_points_are_points_of_the_cloud() -> None:

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -138,11 +139,11 @@ def test_world_keypoints_are_in_the_world() -> None:
     [
         (
             "obstacles: [{name: a, box: {size: [1, -0.2, 1]}}]",
-            "obstacles[0] 'a'.box.size: must be a positive number, got -0.2",
+            "obstacles[0] 'a'.box.size: must be a finite number in (0, 10000], got -0.2",
         ),
         (
             "obstacles: [{name: a, sphere: {radius: .nan}}]",
-            "'a'.sphere.radius: must be a positive number, got nan",
+            "'a'.sphere.radius: must be a finite number in (0, 10000], got nan",
         ),
         ("obstacles: [{name: a, sphere: {raduis: 1}}]", "sphere.raduis: unknown key; did you mean 'radius'?"),
         ("obstacles: [{name: a, sphere: {}}]", "'a'.sphere.radius: missing, but needed"),
@@ -178,7 +179,7 @@ def test_world_keypoints_are_in_the_world() -> None:
         ("obstacles: [{name: a, pointcloud: {radius: 1, points: []}}]", "the point cloud is empty"),
         (
             "obstacles: [{name: a, person: {height: tall}}]",
-            "'a'.person.height: must be a positive number, got 'tall'",
+            "'a'.person.height: must be a finite number in [0.3, 2.8], got 'tall'",
         ),
         (
             "obstacles: [{name: a, person: {world_keypoints: {hat: [0, 0, 0]}}}]",
@@ -193,8 +194,8 @@ def test_world_keypoints_are_in_the_world() -> None:
         ("obstacle: []", "obstacle: unknown key; did you mean 'obstacles'? valid keys: spacing, obstacles"),
         ("spacing: 0", "spacing: must be a positive number, got 0"),
         ("[1, 2]", "must be a mapping of keys to values, got list [1, 2]"),
-        ("spacing: 1\nobstacles: [}", "line 2: malformed YAML"),
-        ("spacing: 1\nspacing: 2", "line 2: malformed YAML: the key 'spacing' is given twice"),
+        ("spacing: 1\nobstacles: [}", "scene.yaml:2: malformed YAML"),
+        ("spacing: 1\nspacing: 2", "scene.yaml:2: malformed YAML: the key 'spacing' is given twice"),
         ("spacing: !!python/object:os.system 1", "malformed YAML: could not determine a constructor"),
     ],
 )
@@ -203,8 +204,31 @@ def test_errors_name_file_key_and_value(tmp_path: Path, text: str, message: str)
     file.write_text(text)
     with pytest.raises(InputError) as caught:
         Scene.from_file(file)
-    assert str(caught.value).startswith(f"{file}: ")
+    assert str(caught.value).startswith(f"{file}:")
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("spacing: 0.2", "spacing: -1", "2: spacing: "),
+        ("obstacles:", "obstacle:", "3: obstacle: unknown key"),
+        ("0.05]", "0]", "5: obstacles[0] 'table'.box.size: "),
+        ("weight: 0.25", "wieght: 0.25", "7: obstacles[0] 'table'.wieght: "),
+        ("1.7}", "170}", "9: obstacles[1] 'cook'.person.height: "),
+        ("name: cook", "nam: cook", "8: obstacles[1].nam: unknown key"),
+        ("radius: 1e-1", "radius: wide", "12: obstacles[2] 'pot'.cylinder.radius: "),
+        ("name: pot", "name: table", "12: obstacles[2].name: 'table' is already"),
+        ("yaw: 3.14", "yaw: 3.14\n    yaw: 1", "12: malformed YAML: the key 'yaw' is given twice"),
+    ],
+)
+def test_errors_name_the_line(tmp_path: Path, old: str, new: str, place: str) -> None:
+    file = tmp_path / "kitchen.yaml"
+    assert old in KITCHEN
+    file.write_text(KITCHEN.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        Scene.from_file(file)
+    assert str(caught.value).startswith(f"{file}:{place}")
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
@@ -311,7 +335,7 @@ def test_from_mbm_makes_everything_dangerous() -> None:
         ({"sphere": 3}, "sphere: must be a list"),
         (
             {"sphere": [{"radius": -1, "position": [0, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}]},
-            "sphere[0].radius: must be a positive number, got -1",
+            "sphere[0].radius: must be a finite number in (0, 10000], got -1",
         ),
     ],
 )
@@ -319,3 +343,135 @@ def test_malformed_mbm_obstacles_are_refused(problem: dict, message: str) -> Non
     with pytest.raises(InputError) as caught:
         Scene.from_mbm(problem)
     assert message in str(caught.value)
+
+
+# --------------------------------------------------------------------------------- inputs as people have them
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Scene([{}]), "obstacles[0]: must be an Obstacle, got {}; Scene.from_mapping reads mappings"),
+        (lambda: Scene([Sphere(1)]), "obstacles[0]: must be an Obstacle, got Sphere(radius=1.0)"),
+        (lambda: Scene(None), "obstacles: must be a list of Obstacle, got None"),
+        (lambda: Scene(Obstacle("a", Sphere(1))), "obstacles: must be a list of Obstacle, got Obstacle('a',"),
+        (
+            lambda: Scene([Obstacle("a", Sphere(1))] * 2),
+            "obstacles[1].name: 'a' is already obstacles[0], the same",
+        ),
+        (lambda: Scene(spacing="wide"), "spacing: must be a positive number, got 'wide'"),
+        (
+            lambda: Obstacle("a", {}),
+            "shape: must be a shape (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud",
+        ),
+        (lambda: Obstacle("a", Sphere), "shape: must be a shape"),
+        (lambda: Obstacle("a", Sphere(1), [1, 2, 3]), "pose: must have shape (4, 4), got (3,)"),
+        (lambda: Obstacle("a", Sphere(1), 7), "pose: must be a Pose, a pin.SE3 or a 4×4 matrix, got 7"),
+        (lambda: Obstacle("a", Sphere(1), 2 * np.eye(4)), "pose: must be a rigid transform, got [[2.0"),
+        (lambda: Obstacle("a", Sphere(1), np.diag([1, 1, -1, 1])), "pose: must be a rigid transform"),
+    ],
+)
+def test_mistakes_are_one_clear_line(build, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        build()
+    assert str(caught.value).startswith(message)
+
+
+def test_poses_of_all_kinds() -> None:
+    turned = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([1.0, 2.0, 3.0]))
+    for place in (turned, turned.homogeneous, turned.homogeneous.tolist(), Pose.of(turned)):
+        pose = Obstacle("a", Sphere(1), place).pose
+        assert pose.se3.homogeneous == pytest.approx(turned.homogeneous, abs=1e-12)
+    assert Pose((1, 2, 3), pin.Quaternion(turned.rotation)) == Pose.of(turned)
+    assert Pose(np.array([1, 2, 3], dtype=np.float32)) == Pose([np.int64(1), 2, 3.0])
+
+
+def test_sizes_of_all_kinds() -> None:
+    assert Box(np.array([1, 2, 3])) == Box([np.float32(1), np.int64(2), 3])
+    assert Sphere(np.array(2)) == Sphere(np.int8(2)) == Sphere(2.0)
+    obstacle = Obstacle("a", Sphere(1), weight=np.float32(0.5), color=np.array([0, 1, 0.5]))
+    assert (obstacle.weight, obstacle.color) == (0.5, (0.0, 1.0, 0.5))
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        Pose((1, 2, 3)),
+        Pose.from_rpy((1, 2, 3), (0, 0, 1)),
+        Obstacle("a", Box((1, 2, 3))),
+        Obstacle("b", Person(1.8, {"head": (0, 0, 1)}), Pose((1, 0, 0)), 0.5, "#ff0000"),
+        Obstacle("c", Capsule(0.1, 1), color=(0.0, 0.5, 1.0)),
+    ],
+)
+def test_a_repr_is_the_constructor(value: Pose | Obstacle) -> None:
+    names = (Pose, Obstacle, Box, Capsule, Person)
+    assert eval(repr(value), {kind.__name__: kind for kind in names}) == value
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        (lambda: Scene([Obstacle("a", Box((1, 1, 1)), weight=1)], 1e-4), "6e+08 danger points of 'a'"),
+        (lambda: Scene([Obstacle("a", Person())], 1e-6), "danger points of 'a'"),
+        (lambda: Scene([Obstacle("a", Sphere(1e4), weight=1)]), "danger points of 'a'"),
+        (lambda: Scene([Obstacle("a", Cylinder(1, 1e4), weight=1)], 1e-2), "danger points of 'a'"),
+        (
+            lambda: Scene([Obstacle(str(k), Box((40, 40, 40)), weight=1) for k in range(2)]),
+            "1.9e+06 danger points of 2 obstacles, at most 1e+06 are taken; give at least 0.14 m",
+        ),
+    ],
+)
+def test_too_many_danger_points_are_refused_before_they_are_made(
+    scene, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for kind in (Box, Sphere, Cylinder, Capsule):
+        monkeypatch.setattr(kind, "danger_points", lambda *_: pytest.fail("points were made"))
+    with pytest.raises(InputError) as caught:
+        scene().danger_points()
+    assert str(caught.value).startswith("spacing: ")
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Box((1e12, 1, 1)), "size: must be a finite number in (0, 10000], got 1000000000000.0"),
+        (lambda: Sphere(1e5), "radius: must be a finite number in (0, 10000], got 100000.0"),
+        (lambda: Capsule(0.1, 1e5), "length: must be a finite number in (0, 10000], got 100000.0"),
+        (lambda: Person(1e6), "height: must be a finite number in [0.3, 2.8], got 1000000.0"),
+        (lambda: Person(180), "height: must be a finite number in [0.3, 2.8], got 180"),
+        (
+            lambda: PointCloud(0.01, points=[[1e6, 0, 0]]),
+            "points: point [1000000.0, 0.0, 0.0] is farther than",
+        ),
+    ],
+)
+def test_slips_of_unit_are_refused(build, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        build()
+    assert str(caught.value).startswith(message)
+
+
+def test_there_are_never_more_danger_points_than_estimated(tmp_path: Path) -> None:
+    mesh = Mesh(write_tetrahedron(tmp_path / "part.obj", 0.3))
+    shapes = (
+        Box((0.3, 2, 0.01)),
+        Sphere(0.4),
+        Cylinder(0.5, 0.1),
+        Cylinder(0.01, 3),
+        Capsule(0.2, 0.5),
+        mesh,
+    )
+    for shape in (*shapes, Person(), PointCloud(0.1, points=np.eye(3))):
+        for spacing in (0.03, 0.1, 5.0):
+            most = shape.most_danger_points(spacing)
+            assert len(shape.danger_points(spacing)) <= most
+
+
+def test_a_mesh_in_millimetres_is_recognised(tmp_path: Path) -> None:
+    file = write_tetrahedron(tmp_path / "part.obj", 30_000)
+    with pytest.raises(
+        InputError, match=r"scale: .*reaches 30000 m.*needs a scale of \[0.001, 0.001, 0.001\]"
+    ):
+        Mesh(file)
+    assert Mesh(file, (0.001, 0.001, 0.001)).surface[0].max() == pytest.approx(30)

@@ -124,14 +124,14 @@ def test_triangles_face_outwards_and_enclose_the_volume(shape: Shape, expected: 
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Box((1, -0.2, 1)), "size: must be a positive number, got -0.2"),
+        (lambda: Box((1, -0.2, 1)), "size: must be a finite number in (0, 10000], got -0.2"),
         (lambda: Box((1, 1)), "size: must be 3 numbers, got 2"),
         (lambda: Box("big"), "size: must be a list, got str 'big'"),
-        (lambda: Sphere(0), "radius: must be a positive number, got 0"),
-        (lambda: Sphere(float("nan")), "radius: must be a positive number, got nan"),
-        (lambda: Sphere(True), "radius: must be a positive number, got True"),
-        (lambda: Cylinder(0.1, float("inf")), "length: must be a positive number, got inf"),
-        (lambda: Capsule("0.1 m", 1), "radius: must be a positive number, got '0.1 m'"),
+        (lambda: Sphere(0), "radius: must be a finite number in (0, 10000], got 0"),
+        (lambda: Sphere(float("nan")), "radius: must be a finite number in (0, 10000], got nan"),
+        (lambda: Sphere(True), "radius: must be a finite number in (0, 10000], got True"),
+        (lambda: Cylinder(0.1, float("inf")), "length: must be a finite number in (0, 10000], got inf"),
+        (lambda: Capsule("0.1 m", 1), "radius: must be a finite number in (0, 10000], got '0.1 m'"),
     ],
 )
 def test_impossible_sizes_are_refused(build, message: str) -> None:
@@ -244,7 +244,7 @@ def test_a_hand_alone() -> None:
 @pytest.mark.parametrize(
     ("fields", "kind", "message"),
     [
-        ({"height": -1.8}, InputError, "height: must be a positive number, got -1.8"),
+        ({"height": -1.8}, InputError, "height: must be a finite number in [0.3, 2.8], got -1.8"),
         ({"keypoints": {"left_wrst": (0, 0, 1)}}, InputError, "left_wrst: unknown key; did you mean"),
         ({"keypoints": {"head": (0, 0)}}, InputError, "keypoints.head: must be 3 numbers"),
         ({"keypoints": {"left_hand": (2, 0, 1)}}, InputError, "keypoints.left_hand: the wrist is"),

@@ -1,1 +1,1 @@
-"""Certificates of paths, and their verification by independent code."""
+"""Certificates of paths: what they hold, how they are issued, and how independent code verifies them."""

@@ -1,32 +1,43 @@
-"""What a certificate claims besides freedom: that its clearance and its danger are ones that can be claimed.
+"""The claims of a certificate: whether they have a meaning, what they say in words, and what is not claimed.
 
-Without this a claim could be empty, such as a distance from an obstacle that is not there, or weaken the proof: a
+Without the first a claim could be empty, such as a distance from an obstacle that is not there, or weaken the proof: a
 negative distance would let bodies overlap.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from safe_ompl import document
-from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError, UnknownNameError
+from safe_ompl.paths.certificate.format import CLAIMS
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.cloud import PointCloud
+
+if TYPE_CHECKING:
+    from safe_ompl.danger.field import DangerField
 
 _CHOICES = {"aggregate": ("max", "mean", "softmax"), "weighting": ("unit", "length")}
 _POSITIVE = ("spacing", "k1", "sharpness")
+_MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
+
+
+# --------------------------------------------------------------------------------------- whether they have a meaning
 
 
 def check_claims(content: Mapping[str, Any], robot: Robot, scene: Scene) -> None:
     """Raise InputError, naming key and value, unless the claims of a certificate have a meaning."""
-    if content["clearance"] is not None:
-        with document.within("clearance"):
-            _check_clearance(document.mapping("claim", content["clearance"]), robot, scene)
+    check_clearance(content["clearance"], robot, scene)
+    check_moving_obstacles(content["moving_obstacles"], scene)
     if content["danger"] is not None:
         with document.within("danger"):
-            _check_danger(document.mapping("claim", content["danger"]))
+            _check_danger(document.mapping("claim", content["danger"]), scene)
+    if content["also_sampled"] is not None:
+        document.text("also_sampled", content["also_sampled"])
 
 
 def check_kind(claim: Mapping[str, Any], field: DangerField, spacing: float) -> None:
@@ -37,32 +48,102 @@ def check_kind(claim: Mapping[str, Any], field: DangerField, spacing: float) -> 
             raise CertificateError(f"danger: {key} is {claim[key]!r} in its claim, {value!r} is asked for")
 
 
-def _check_clearance(claim: Mapping[str, Any], robot: Robot, scene: Scene) -> None:
-    document.check_keys(claim, ("distance", "obstacles", "exempt"))
-    document.number("distance", document.require(claim, "distance"), at_least=0.0)
-    obstacles = document.sequence("obstacles", document.require(claim, "obstacles"))
-    if not obstacles:
-        raise InputError("must name an obstacle at least", "obstacles")
-    for name in obstacles:
-        _check_known("obstacle", name, scene.names)
-    links = sorted({body.name.rsplit("_", 1)[0] for body in robot.collision_model.geometryObjects})
-    for pair in document.sequence("exempt", document.require(claim, "exempt")):
-        names = document.sequence("exempt", pair)
-        if len(names) != 2:
-            raise InputError(f"must be pairs of a link and an obstacle, not {pair!r}", "exempt")
-        _check_known("link", names[0], links)
-        _check_known("obstacle", names[1], obstacles)
+def check_clearance(claim: Any, robot: Robot, scene: Scene) -> None:
+    """Raise InputError unless a claim of clearance, or None, has a meaning for robot and scene."""
+    if claim is None:
+        return
+    with document.within("clearance"):
+        document.check_keys(document.mapping("claim", claim), ("distance", "obstacles", "exempt"))
+        document.number("distance", document.require(claim, "distance"), at_least=0.0)
+        obstacles = document.sequence("obstacles", document.require(claim, "obstacles"))
+        if not obstacles:
+            raise InputError("must name an obstacle at least", "obstacles")
+        for name in obstacles:
+            _check_known("obstacle", name, scene.names)
+        links = sorted({body.name.rsplit("_", 1)[0] for body in robot.shared.collision_model.geometryObjects})
+        for pair in document.sequence("exempt", document.require(claim, "exempt")):
+            names = document.sequence("exempt", pair)
+            if len(names) != 2:
+                raise InputError(f"must be pairs of a link and an obstacle, not {pair!r}", "exempt")
+            _check_known("link", names[0], links)
+            _check_known("obstacle", names[1], obstacles)
 
 
-def _check_danger(claim: Mapping[str, Any]) -> None:
+def check_moving_obstacles(claim: Any, scene: Scene) -> None:
+    """Raise InputError unless a claim about moving obstacles, or None, has a meaning for a scene."""
+    if claim is None:
+        return
+    with document.within("moving_obstacles"):
+        document.check_keys(document.mapping("claim", claim), ("speeds", "time"))
+        document.number("time", document.require(claim, "time"), at_least=0.0)
+        speeds = document.mapping("speeds", document.require(claim, "speeds"))
+        if not speeds:
+            raise InputError("must name an obstacle at least", "speeds")
+        with document.within("speeds"):
+            for name, speed in speeds.items():
+                _check_known("obstacle", name, scene.names)
+                document.number(name, speed, at_least=0.0)
+
+
+def _check_danger(claim: Mapping[str, Any], scene: Scene) -> None:
     document.check_keys(claim, ("bound", *_POSITIVE, *_CHOICES))
     document.number("bound", document.require(claim, "bound"), at_least=0.0)
     for key in _POSITIVE:
         document.number(key, document.require(claim, key), above=0.0)
     for key, known in _CHOICES.items():
         _check_known(key, document.require(claim, key), known)
+    points = _surface(scene) / float(claim["spacing"]) / float(claim["spacing"])
+    if not points < _MOST_POINTS:
+        raise InputError(f"{claim['spacing']!r} m asks for about {points:.0e} danger points", "spacing")
+
+
+def _surface(scene: Scene) -> float:
+    """Return about the surface [m²] on which danger points lie; that of a cloud has no more points than the cloud."""
+    area = 0.0
+    for obstacle in scene:
+        if obstacle.weight > 0 and not isinstance(obstacle.shape, PointCloud):
+            for _, shape, _ in obstacle.geometries():
+                shape.computeLocalAABB()
+                a, b, c = np.ravel(shape.aabb_local.max_ - shape.aabb_local.min_)
+                area += 2.0 * float(a * b + b * c + c * a)
+    return area
 
 
 def _check_known(kind: str, name: Any, known: Iterable[str]) -> None:
     if name not in tuple(known):
         raise UnknownNameError(kind, name, known)
+
+
+# ---------------------------------------------------------------------------------------------- what they say in words
+
+
+def claimed(content: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return what a certificate claims, in words, of which each is complete in itself."""
+    danger, clearance, moving = (content[key] for key in ("danger", "clearance", "moving_obstacles"))
+    said = ["every motion is free"]
+    if danger is not None:
+        points = f"points {danger['spacing']:g} m apart" + (" where the scene has them" if moving else "")
+        kind = f"{danger['aggregate']}, {danger['weighting']}, k1 {danger['k1']:g}, {points}"
+        said.append(f"danger at most {danger['bound']:.3f} ({kind})")
+    if clearance is not None:
+        exempt = ", ".join(f"{link} from {obstacle}" for link, obstacle in clearance["exempt"])
+        said.append(
+            f"at least {1e3 * clearance['distance']:.1f} mm from {', '.join(clearance['obstacles'])}"
+            + (f", except {exempt}" if exempt else "")
+        )
+    if moving is not None:
+        speeds = ", ".join(f"{name} {speed:g} m/s" for name, speed in moving["speeds"].items())
+        said.append(f"the same while obstacles move no faster than {speeds}, for {moving['time']:g} s")
+    return tuple(said)
+
+
+def not_claimed(content: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return which claims a certificate could make, but does not."""
+    return tuple(key.replace("_", " ") for key in CLAIMS if content[key] is None)
+
+
+def not_covered(content: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return what no certificate of this robot and path covers: links without collision shapes, what was sampled."""
+    links, sampled = content["robot"]["links_without_collision"], content["also_sampled"]
+    said = [f"links without collision geometry: {', '.join(links)}"] if links else []
+    return (*said, *([] if sampled is None else [sampled]))

@@ -35,7 +35,7 @@ class PlainDanger:
 
     def __init__(self, robot: Robot, scene: Scene, claim: Mapping[str, Any]) -> None:
         self._robot, self._claim = robot, claim
-        self._data = robot.model.createData()
+        self._data = robot.shared.model.createData()
         self._points, self._weights, _ = scene.danger_points(claim["spacing"])
         if not len(self._points):
             self._points, self._weights = np.full((1, 3), 1e9), np.ones(1)
@@ -71,20 +71,22 @@ class PlainDanger:
         room = distance - moved[robot.segments].max(axis=1)[:, None]
         grown = np.where(room > 0, field * distance / np.where(room > 0, room, 1.0), np.inf)
         if self._claim["weighting"] == "length":
-            slides = float(steps[robot.prismatic].sum())
+            slides = float(robot.coupling.reach(steps)[robot.joint_prismatic].sum())
             field, grown = field * length, grown * (length + slides)
         return self._aggregated(field.sum(axis=0)), self._aggregated(grown.sum(axis=0)), float(moved.max())
 
     def _moved(self, q: FloatArray, keypoints: FloatArray, steps: FloatArray) -> FloatArray:
         """Return how far each key point (K,) can move [m] while the joints move by `steps` from `q`."""
         robot = self._robot
-        pin.forwardKinematics(robot.model, self._data, robot.pinocchio_configuration(q))
+        pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
         joints = list(self._data.oMi)[1:]
-        axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, robot.chain.axes, strict=True)])
+        axes = np.array(
+            [joint.rotation @ axis for joint, axis in zip(joints, robot.shared.chain.axes, strict=True)]
+        )
         arms = keypoints[:, None] - np.array([joint.translation for joint in joints])  # (K, n, 3)
         across = arms - (arms * axes).sum(axis=2)[..., None] * axes
-        radii = np.where(robot.prismatic, 1.0, _norm(across)) * robot.keypoint_support
-        moved: FloatArray = radii @ steps
+        radii = np.where(robot.joint_prismatic, 1.0, _norm(across)) * robot.joint_keypoint_support
+        moved: FloatArray = radii @ robot.coupling.reach(steps)
         return moved
 
     def _aggregated(self, fields: FloatArray) -> float:

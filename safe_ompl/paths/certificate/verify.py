@@ -1,41 +1,36 @@
-"""Checks certificates, on its own: one pair at a time by `coal.distance`, with a displacement bound of its own.
+"""Verifies certificates, on its own: distances, displacement bounds and dangers are computed once more by plain means.
 
-Nothing here is shared with what writes certificates, plans or proves motions: no broad phase, no margins inside
+Nothing here is shared with what issues certificates, plans or proves motions: no broad phase, no margins inside
 queries, no displacement radii, no field kernels. From the models come only robot, scene and their kinematics.
-
-The displacement bound: let the joints move by Δ from a configuration, the one nearest to the base first. When
-joint i moves, the bodies beyond it still hang on it as they did before, so that no point of a body moves more than its
-distance from the joint's axis, times |Δ_i|; if it slides, more than |Δ_i|. The sum over the joints that move one
-body of a pair but not the other bounds how far the two can approach each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import coal
 import numpy as np
-import pinocchio as pin
 
+from safe_ompl import document
 from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.certificate import FORMAT, OBSTACLE, VERSION, digest
-from safe_ompl.paths.certificate.claims import check_claims, check_kind
+from safe_ompl.paths.certificate.claims import check_claims, check_kind, claimed, not_claimed, not_covered
+from safe_ompl.paths.certificate.format import check_form, digest
 from safe_ompl.paths.certificate.plain_danger import PlainDanger
+from safe_ompl.paths.certificate.plain_distances import Separations, plain_name
+from safe_ompl.paths.certificate.portable import built_robot, built_scene, links_without_collision
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
+if TYPE_CHECKING:
+    from safe_ompl.danger.field import DangerField
+
 _GJK = 1e-5  # [m] coal's distances are at most this far off
 _FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
 _GAP = 1e-9  # of an edge: intervals that are nearer to each other leave nothing out
-_KEYS = (
-    *("format", "version", "source", "robot", "scene", "joint_names", "path", "pairs"),
-    *("clearance", "danger", "edges", "digest"),
-)
+_INTERVAL = ("centre", "half_length", "margins")
 
 
 @dataclass(frozen=True)
@@ -46,29 +41,40 @@ class Verified:
     ----------
     edges, intervals, distances : int
         How many of each.
+    claims : tuple of str
+        What holds, in words.
+    not_claimed : tuple of str
+        What a certificate can claim, but this one does not: of "clearance", "danger" and "moving obstacles".
+    not_covered : tuple of str
+        Of what nothing is proven: links without collision geometry, checks that were only sampled.
     """
 
     edges: int
     intervals: int
     distances: int
+    claims: tuple[str, ...]
+    not_claimed: tuple[str, ...]
+    not_covered: tuple[str, ...]
 
 
 def verify(
     content: Mapping[str, Any],
-    robot: Robot,
-    scene: Scene,
+    robot: Robot | None = None,
+    scene: Scene | None = None,
     *,
     field: DangerField | None = None,
     spacing: float | None = None,
 ) -> Verified:
-    """Check a certificate against a robot and a scene.
+    """Check a certificate: that intervals cover the path, and that what it claims holds in each of them.
 
     Parameters
     ----------
     content : mapping
         The certificate.
-    robot, scene
-        What it must be about.
+    robot : Robot, optional
+        The robot that it must be about; default: built from what the certificate carries.
+    scene : Scene, optional
+        The scene that it must be about; default: the one that it carries.
     field : DangerField, optional
         If it claims a bound of the danger, this must be of the same kind: aggregate, weighting, k1 and sharpness. Only
         these are read. Without a field the claim is checked in the kind that it names itself.
@@ -80,10 +86,16 @@ def verify(
     CertificateError
         If anything in it does not hold: names the first edge and interval.
     InputError
-        If it is no certificate.
+        If it is no certificate, or its robot cannot be built.
     """
     check_form(content)
     try:
+        with document.within("scene"):
+            carried = built_scene(document.mapping("carried", content["scene"]))
+        with document.within("robot"):
+            if robot is None:
+                robot = built_robot(document.mapping("carried", content["robot"]))
+        scene = carried if scene is None else scene
         found = _verified(content, robot, scene)
         if field is not None and content["danger"] is not None:
             check_kind(content["danger"], field, scene.spacing if spacing is None else spacing)
@@ -96,39 +108,45 @@ def verify(
 
 def _verified(content: Mapping[str, Any], robot: Robot, scene: Scene) -> Verified:
     _check_origin(content, robot, scene)
-    path = finite_array(content["path"], (None, robot.n), "path")
+    path = _numbers("path", content["path"], (None, robot.n))
     _check_limits(robot, path)
     check_claims(content, robot, scene)
     ends = path[1:] if len(path) > 1 else path
     if len(content["edges"]) != len(ends):
         raise CertificateError(f"the path has {len(ends)} edges, the certificate {len(content['edges'])}")
-    bodies = _Bodies(robot, scene, content["clearance"])
-    if sorted(map(tuple, content["pairs"])) != sorted(bodies.names):
+    separations = Separations(robot, scene, content)
+    if sorted(map(tuple, content["pairs"])) != sorted(separations.names):
         raise CertificateError("its pairs of bodies are not those of robot and scene")
     intervals = 0
     for k, (edge, start, end) in enumerate(zip(content["edges"], path, ends, strict=False)):
         _check_cover(k, edge)
         delta = robot.difference(start, end)
         for j, interval in enumerate(edge):
-            _check_interval(f"edge {k}, interval {j}", interval, start, delta, bodies, content["pairs"])
+            _check_interval(f"edge {k}, interval {j}", interval, start, delta, separations, content["pairs"])
             intervals += 1
     _check_danger(content["danger"], robot, scene, path, ends)
     if content["digest"] != digest(content):
         raise CertificateError(
             "every interval holds, but the file is not as it was written: its digest differs"
         )
-    return Verified(len(ends), intervals, intervals * len(bodies.names))
+    return Verified(
+        edges=len(ends),
+        intervals=intervals,
+        distances=intervals * len(separations.names),
+        claims=claimed(content),
+        not_claimed=not_claimed(content),
+        not_covered=not_covered(content),
+    )
 
 
-def check_form(content: Any) -> None:
-    """Raise InputError unless `content` has the form of a certificate."""
-    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-        raise InputError(f"this is not a {FORMAT}")
-    if content.get("version") != VERSION:
-        raise InputError(f"version {content.get('version')!r} of the format is not known, {VERSION} is")
-    missing = [key for key in _KEYS if key not in content]
-    if missing:
-        raise InputError(f"the certificate has no {missing[0]!r}")
+def _numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return plain numbers as an array; text that reads like a number is none."""
+    array = finite_array(value, shape, name)
+    if not all(
+        type(number) in (int, float) for row in value for number in (row if len(shape) > 1 else [row])
+    ):
+        raise CertificateError(f"it is malformed: {name} must be plain numbers")
+    return array
 
 
 # ------------------------------------------------------------------------------------------- what is it about
@@ -142,6 +160,12 @@ def _check_origin(content: Mapping[str, Any], robot: Robot, scene: Scene) -> Non
     if content["robot"]["hash"] != robot_hash(robot):
         raise CertificateError(
             f"the robot has changed: {robot.name!r} is not the one that it was written for"
+        )
+    lacking = links_without_collision(robot)
+    if content["robot"]["links_without_collision"] != lacking:
+        raise CertificateError(
+            f"links without collision geometry: it names {content['robot']['links_without_collision']}, "
+            f"the robot has {lacking}"
         )
     if content["scene"]["hash"] != scene.content_hash():
         raise CertificateError("the scene has changed since it was written")
@@ -181,17 +205,22 @@ def _check_interval(
     interval: Mapping[str, Any],
     start: FloatArray,
     delta: FloatArray,
-    bodies: _Bodies,
+    separations: Separations,
     pairs: list[list[str]],
 ) -> None:
-    centre, half = float(interval["centre"]), float(interval["half_length"])
+    if sorted(interval) != sorted(_INTERVAL):
+        raise CertificateError(f"it is malformed: {name} has {sorted(interval)}, not {sorted(_INTERVAL)}")
+    centre, half = _numbers("centre and half_length", [interval[key] for key in _INTERVAL[:2]], (2,))
     name = f"{name} (centre {centre:.6f}, half-length {half:.6f})"
     if not (0.0 <= centre <= 1.0 and half >= 0.0):
         raise CertificateError(f"{name}: not a part of the edge")
     if len(interval["margins"]) != len(pairs):
         raise CertificateError(f"{name}: {len(interval['margins'])} margins for {len(pairs)} pairs")
-    margins = {tuple(pair): float(m) for pair, m in zip(pairs, interval["margins"], strict=True)}
-    for pair, distance, approach, required in bodies.examined(start + centre * delta, half * np.abs(delta)):
+    known = _numbers("margins", interval["margins"], (len(pairs),)).tolist()
+    margins = {tuple(pair): margin for pair, margin in zip(pairs, known, strict=True)}
+    for pair, distance, approach, required in separations.examined(
+        start + centre * delta, half * np.abs(delta)
+    ):
         if not margins[pair] >= approach + required:
             raise CertificateError(
                 f"{name}: the margin of {_between(pair)} is {1e3 * margins[pair]:.3f} mm, "
@@ -205,114 +234,7 @@ def _check_interval(
 
 
 def _between(pair: tuple[str, str]) -> str:
-    return f"{_plain(pair[0])!r} and {_plain(pair[1])!r}"
-
-
-def _plain(name: str) -> str:
-    return name.removeprefix(OBSTACLE) if name.startswith(OBSTACLE) else name.rsplit("_", 1)[0]
-
-
-# ------------------------------------------------------------------------------------------------- distances
-
-
-class _Bodies:
-    """Bodies and obstacles, each where it is; pair by pair."""
-
-    def __init__(self, robot: Robot, scene: Scene, claim: Mapping[str, Any] | None) -> None:
-        self._robot, self._data = robot, robot.model.createData()
-        self._links = list(robot.collision_model.geometryObjects)
-        self._points = [_corners(link.geometry) for link in self._links]
-        self._movers = [_joints_below(robot, int(link.parentJoint)) for link in self._links]
-        self._obstacles = [
-            (f"{OBSTACLE}{name}", obstacle.name, shape, coal.Transform3s(place.rotation, place.translation))
-            for obstacle in scene
-            for name, shape, place in obstacle.geometries()
-        ]
-        self._own = [(int(pair.first), int(pair.second)) for pair in robot.collision_model.collisionPairs]
-        self._axes = robot.chain.axes
-        self._request = coal.DistanceRequest()
-        self._required = [
-            [_required(claim, _plain(link.name), name) for _, name, _, _ in self._obstacles]
-            for link in self._links
-        ]
-        moving = [link.name for link in self._links if link.parentJoint != 0]
-        self.names = [(self._links[a].name, self._links[b].name) for a, b in self._own]
-        self.names += [(link, name) for name, _, _, _ in self._obstacles for link in moving]
-
-    def examined(
-        self, q: FloatArray, steps: FloatArray
-    ) -> Iterator[tuple[tuple[str, str], float, float, float]]:
-        """For each pair: its names, its distance at `q`, how far it can approach in `steps`, what it must keep."""
-        robot, links = self._robot, self._links
-        pin.forwardKinematics(robot.model, self._data, robot.pinocchio_configuration(q))
-        places = [self._data.oMi[int(link.parentJoint)] * link.placement for link in links]
-        poses = [coal.Transform3s(place.rotation, place.translation) for place in places]
-        radii = self._radii(places)
-        for a, b in self._own:
-            apart = self._distance(links[a].geometry, poses[a], links[b].geometry, poses[b])
-            only_a = [i for i in self._movers[a] if i not in self._movers[b]]
-            only_b = [i for i in self._movers[b] if i not in self._movers[a]]
-            approach = sum(radii[a][i] * steps[i] for i in only_a) + sum(
-                radii[b][i] * steps[i] for i in only_b
-            )
-            yield (links[a].name, links[b].name), apart, float(approach), 0.0
-        for k, link in enumerate(links):
-            if link.parentJoint == 0:
-                continue
-            approach = float(sum(radii[k][i] * steps[i] for i in self._movers[k]))
-            for (name, _, shape, pose), required in zip(self._obstacles, self._required[k], strict=True):
-                apart = self._distance(link.geometry, poses[k], shape, pose)
-                yield (link.name, name), apart, approach, required
-
-    def _distance(self, shape: Any, pose: Any, other: Any, other_pose: Any) -> float:
-        # A result that is used twice keeps the smaller distance of the two, or overwrites it: never share one.
-        result = coal.DistanceResult()
-        return float(coal.distance(shape, pose, other, other_pose, self._request, result))
-
-    def _radii(self, places: list[pin.SE3]) -> FloatArray:
-        """Return how far each body's farthest point is from the axes of the joints that move it; 1 if one slides."""
-        joints = list(self._data.oMi)[1:]
-        axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)])
-        origins = np.array([joint.translation for joint in joints])
-        radii = np.zeros((len(places), self._robot.n))
-        for k, ((points, pad), place, by) in enumerate(zip(self._points, places, self._movers, strict=True)):
-            arms = (points @ place.rotation.T + place.translation)[:, None, :] - origins[by]
-            across = arms - (arms * axes[by]).sum(axis=2)[:, :, None] * axes[by]
-            radii[k, by] = np.sqrt((across * across).sum(axis=2).max(axis=0)) + pad
-        return np.where(self._robot.prismatic, 1.0, radii)
-
-
-def _required(claim: Mapping[str, Any] | None, link: str, obstacle: str) -> float:
-    """Return what a link must keep from an obstacle [m] by a claim of clearance."""
-    if claim is None or obstacle not in claim["obstacles"] or [link, obstacle] in claim["exempt"]:
-        return 0.0
-    return float(claim["distance"])
-
-
-def _joints_below(robot: Robot, joint: int) -> list[int]:
-    """Return the joints, counted from 0, between a joint of Pinocchio's and the base, itself included."""
-    found = []
-    while joint != 0:
-        found.append(joint - 1)
-        joint = int(robot.model.parents[joint])
-    return found
-
-
-def _corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
-    """Return points, and a radius, such that the balls around the points have the shape in their convex hull."""
-    if isinstance(shape, coal.Sphere):
-        return np.zeros((1, 3)), float(shape.radius)
-    if isinstance(shape, coal.Capsule):
-        return np.array([[0, 0, -shape.halfLength], [0, 0, shape.halfLength]]), float(shape.radius)
-    if isinstance(shape, coal.ConvexBase):
-        return np.array(shape.points(), dtype=float).reshape(-1, 3), 0.0
-    if isinstance(shape, coal.BVHModelBase):
-        return np.array(shape.vertices(), dtype=float).reshape(-1, 3), 0.0
-    shape.computeLocalAABB()
-    low, high = np.ravel(shape.aabb_local.min_), np.ravel(shape.aabb_local.max_)
-    return np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    ), 0.0
+    return f"{plain_name(pair[0])!r} and {plain_name(pair[1])!r}"
 
 
 # ---------------------------------------------------------------------------------------------------- danger

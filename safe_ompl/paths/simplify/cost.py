@@ -1,4 +1,4 @@
-"""What a path costs: length, and danger and nearness along it; with the exact gradient at its way points."""
+"""The cost functional of a path: length, and densities such as danger along it; with the exact gradient."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import InputError
+from safe_ompl.inputs import number
 from safe_ompl.paths.curve import Curve
 from safe_ompl.robot.robot import Robot
 
@@ -62,8 +62,8 @@ class DangerDensity:
     ) -> None:
         self.field = field
         self.reference = number("reference", reference, above=0.0)
-        self.weight = number("weight", weight, least=0.0)
-        self.exponent = number("exponent", exponent, least=1.0)
+        self.weight = number("weight", weight, at_least=0.0)
+        self.exponent = number("exponent", exponent, at_least=1.0)
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def __repr__(self) -> str:
@@ -214,12 +214,3 @@ class PathCost:
             total += values
             slopes += gradients
         return total, slopes
-
-
-def number(name: str, value: float, *, above: float | None = None, least: float | None = None) -> float:
-    """Return a finite number above, or at least, a bound; else raise InputError."""
-    fits = isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and np.isfinite(value)
-    if not fits or (above is not None and value <= above) or (least is not None and value < least):
-        bound = f" > {above:g}" if above is not None else f" >= {least:g}" if least is not None else ""
-        raise InputError(f"{name} must be a finite number{bound}, got {value!r}")
-    return float(value)

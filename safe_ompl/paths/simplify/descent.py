@@ -26,7 +26,7 @@ class Smooth(Protocol):
         """Return about the Hessian: the blocks (N, n, n), and those beside them (N − 1, n, n)."""
 
 
-class Place(Protocol):
+class Constraints(Protocol):
     """Where paths may be: within limits, with their ends where they are to be."""
 
     def nearest(self, path: FloatArray) -> FloatArray:
@@ -50,7 +50,7 @@ class Descent:
         What falls.
     path : ndarray, shape (N, n)
         Where to begin.
-    place : Place
+    constraints : Constraints
         What way points may do.
 
     Attributes
@@ -60,9 +60,9 @@ class Descent:
         Its cost.
     """
 
-    def __init__(self, cost: Smooth, path: FloatArray, place: Place) -> None:
+    def __init__(self, cost: Smooth, path: FloatArray, constraints: Constraints) -> None:
         self._cost = cost
-        self._place = place
+        self._constraints = constraints
         self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
         self.restart(path)
 
@@ -87,7 +87,7 @@ class Descent:
         if slope < 0:
             size = min(1.0, largest / float(np.abs(direction).max()), 2.0 * self._size)
             for _ in range(_TRIALS):
-                path = self._place.nearest(self.path + size * direction)
+                path = self._constraints.nearest(self.path + size * direction)
                 value, gradient = self._evaluated(path)
                 if value < self.value + _SUFFICIENT * size * slope:
                     self._remember(path - self.path, gradient - self._gradient)
@@ -101,7 +101,7 @@ class Descent:
 
     def _evaluated(self, path: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = self._cost.value_and_gradient(path)
-        gradient = self._place.tangent(path, gradient)
+        gradient = self._constraints.tangent(path, gradient)
         gradient[~self._moving] = 0.0
         return value, gradient
 
@@ -115,7 +115,7 @@ class Descent:
         direction = self._hessian.solve(q)
         for (step, change, curvature), share in zip(self._pairs, reversed(shares), strict=True):
             direction += (share - float(np.vdot(change, direction)) / curvature) * step
-        direction = self._place.tangent(self.path, direction)
+        direction = self._constraints.tangent(self.path, direction)
         direction[~self._moving] = 0.0
         return -direction
 

@@ -1,4 +1,4 @@
-"""Peaks of danger beside the ends of a path."""
+"""Peaks of the danger beside the ends of a path."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.paths.simplify.cost import PathCost
-from safe_ompl.paths.simplify.proof import PathProof
+from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
 
 _SPACING = 0.6  # [rad] between the samples of an edge's cost
 _FEWEST, _MOST = 2, 6  # samples of an edge
@@ -18,7 +18,7 @@ _BATCH = 200  # edges whose costs are estimated at once
 
 
 def shortcut(
-    path: FloatArray, cost: PathCost, proof: PathProof, stop: Callable[[], bool]
+    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
 ) -> FloatArray | None:
     """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order, if there is one.
 
@@ -31,7 +31,7 @@ def shortcut(
         From the first way point to the last one.
     cost : PathCost
         What edges cost.
-    proof : PathProof
+    proofs : EdgeProofs
         Proves them; where the path's own edges are accepted already, there is a chain.
     stop : callable
         When it says so, there is none.
@@ -41,7 +41,7 @@ def shortcut(
         chain = _cheapest_chain(costs)
         if not all(np.isfinite(costs[edge]) for edge in pairwise(chain)):
             return None
-        refused = [(i, j) for i, j in pairwise(chain) if not proof.accepts(path[i], path[j])]
+        refused = [(i, j) for i, j in pairwise(chain) if not proofs.accepts(path[i], path[j])]
         if not refused:
             return path[chain]
         for edge in refused:

@@ -1,9 +1,10 @@
-"""What simplifies the paths of one robot in one scene."""
+"""The simplifier: paths of one robot in one scene become shorter and safer, and are proven at every step."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from copy import copy
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,27 +14,29 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
+from safe_ompl.inputs import number
 from safe_ompl.paths.curve import Curve
-from safe_ompl.paths.simplify.cost import STEP, WEIGHT, DangerDensity, PathCost, number, reference_danger
-from safe_ompl.paths.simplify.freedom import GoalSet
-from safe_ompl.paths.simplify.nearness import NearnessDensity
-from safe_ompl.paths.simplify.simplification import Better, Settings, Simplification, Stop, unrolled
+from safe_ompl.paths.simplify.constraints import GoalSet
+from safe_ompl.paths.simplify.cost import STEP, WEIGHT, DangerDensity, PathCost, reference_danger
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
+from safe_ompl.paths.simplify.run import Better, Settings, SimplificationRun, Stop, unrolled
 
 CLEARANCE = 0.05  # [m]
 EXPONENT = 2.0
 LENGTH_FACTOR = 1.25
 SPACING = 0.4  # [rad] between way points
+TIME = 0.2  # [s]
 
 _CONVERGED = 2e-3  # a round that lowers the cost by less than this share is the last
 
 
 class Simplifier:
-    """Lowers J = ∫ (1 + λ·CDF(q)ᵖ) ds of paths of one robot in one scene, and a cost of nearness with it.
+    """Lowers J = ∫ (1 + λ·CDF(q)ᵖ) ds of paths of one robot in one scene, and an obstacle cost with it.
 
-    First departures: ends that are near obstacles are left by the steepest way out, unless `clearance` is 0; a goal
+    First retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0; a goal
     that is free is not. Then shortcuts: the cheapest chain
     of straight motions between the path's way points. Then descent along the exact gradient of the cost, all way points
-    between the departures at once; after a few steps what has become of the path must be proven,
+    between the retreats at once; after a few steps what has become of the path must be proven,
     way points beside an edge that is not go back to where they were, and only what is proven and cheaper counts.
 
     Parameters
@@ -64,18 +67,23 @@ class Simplifier:
         length_factor: float = LENGTH_FACTOR,
         spacing: float = SPACING,
     ) -> None:
-        checker.cover(CLEARANCE)  # so that the first path need not wait for it
         self.robot = checker.robot
         self.checker = checker
         self.motion = motion or CertifiedMotion(checker)
-        self.length_factor = number("length_factor", length_factor, least=1.0)
+        self.length_factor = number("length_factor", length_factor, at_least=1.0)
         self.spacing = number("spacing", spacing, above=0.0)
         self.precision = _CONVERGED
-        self.nearness = (
-            NearnessDensity(checker, clearance) if number("clearance", clearance, least=0.0) else None
+        self.obstacle_cost = (
+            ObstacleCost(checker, clearance) if number("clearance", clearance, at_least=0.0) else None
         )
         self.danger = DangerDensity(field, reference_danger(field, checker), weight, exponent)
         self.cost = PathCost(self.robot, [self.danger])
+
+    def proving_by(self, motion: CertifiedMotion) -> Simplifier:
+        """Return the same simplifier whose edges another certified motion proves."""
+        other = copy(self)
+        other.motion = motion
+        return other
 
     def refined(self, times: int) -> Simplifier:
         """Return a simplifier that goes on where this one ends: the spacing halved so many times, smaller gains."""
@@ -100,15 +108,17 @@ class Simplifier:
         goal: GoalSet | None = None,
         *,
         proven: bool = False,
-    ) -> Simplification:
+    ) -> SimplificationRun:
         """Return what makes a path better; see `simplify_danger`. That `path` is proven already saves its proof."""
         checked = finite_array(path, (None, self.robot.n), "path")
         if len(checked) < 2:
             raise InputError(f"path must have two configurations at least, got {len(checked)}")
         settings = Settings(
-            self.motion, self.danger, self.nearness, self.spacing, self.precision, self.length_factor
+            self.motion, self.danger, self.obstacle_cost, self.spacing, self.precision, self.length_factor
         )
-        return Simplification(settings, unrolled(self.robot, checked), stop, on_better, goal, proven=proven)
+        return SimplificationRun(
+            settings, unrolled(self.robot, checked), stop, on_better, goal, proven=proven
+        )
 
     def simplify(
         self,
@@ -124,3 +134,83 @@ class Simplifier:
         with suppress(KeyboardInterrupt):
             run.improve()
         return run.best
+
+
+def simplify_danger(
+    path: ArrayLike,
+    checker: CollisionChecker,
+    field: DangerField,
+    motion: CertifiedMotion | None = None,
+    *,
+    time: float = TIME,
+    stop: Stop | None = None,
+    on_better: Better | None = None,
+    goal: GoalSet | None = None,
+    weight: float = WEIGHT,
+    exponent: float = EXPONENT,
+    clearance: float = CLEARANCE,
+    length_factor: float = LENGTH_FACTOR,
+    spacing: float = SPACING,
+) -> FloatArray:
+    """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.
+
+    Whenever it ends, by itself, by time, by `stop` or by Ctrl-C, the best proven path so far is what it returns. Only
+    the proof of the given path comes first, whatever the time.
+
+    Parameters
+    ----------
+    path : array_like, shape (N, n)
+        Way points from start to goal [rad or m]; every edge must be proven free by `motion`.
+    checker : CollisionChecker
+        Robot and scene.
+    field : DangerField
+        The danger.
+    motion : CertifiedMotion, optional
+        Proves edges; by default one on `checker`.
+    time : float
+        Time limit [s].
+    stop : callable, optional
+        Asked between steps; when it returns True, that is the end.
+    on_better : callable, optional
+        Told every better path (N', n) as soon as it is proven, and its J for the danger points that matter near it.
+        When others turn out to matter, such a path may be taken back.
+    goal : GoalSet, optional
+        A set on which the last way point may move, such as a `WorkspaceGoal`; without it the ends are fixed.
+    weight, exponent : float
+        λ in units of 1/reference(CDF)ᵖ, and p; see `Simplifier`.
+    clearance : float
+        [m] Nearness to obstacles counts below this; 0: never, paths may come as near as they are proven free.
+    length_factor : float
+        The path never becomes longer than this times the given one; ≥ 1.
+    spacing : float
+        [rad] Way points are no farther apart when the descent begins; then they move.
+
+    Returns
+    -------
+    ndarray, shape (N', n)
+        The ends are those of the given path (with `goal`, the start), but for full turns of continuous joints; J is
+        not above its J; the least clearance not below its own by more than 0.1 mm, unless `clearance` is 0.
+
+    Raises
+    ------
+    InputError
+        If the path has the wrong shape, is not finite, has an edge that is not proven free, or an option is out of
+        range.
+    """
+    simplifier = Simplifier(
+        checker,
+        field,
+        motion,
+        weight=weight,
+        exponent=exponent,
+        clearance=clearance,
+        length_factor=length_factor,
+        spacing=spacing,
+    )
+    return simplifier.simplify(path, timed(number("time", time, above=0.0), stop), on_better, goal)
+
+
+def timed(seconds: float, stop: Stop | None = None) -> Stop:
+    """Return a predicate that says stop after some seconds from now, or when `stop` does."""
+    end = perf_counter() + seconds
+    return lambda: perf_counter() >= end or (stop is not None and stop())

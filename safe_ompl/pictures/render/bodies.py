@@ -42,9 +42,9 @@ class RobotBody:
 
     def __init__(self, robot: Robot, *, coarse: bool = False) -> None:
         self._robot = robot
-        self._geometry = robot.collision_model if coarse else robot.visual_model
+        self._geometry = robot.shared.collision_model if coarse else robot.visual_model
         if not len(self._geometry.geometryObjects):
-            self._geometry = robot.collision_model
+            self._geometry = robot.shared.collision_model
         self._links = [
             Surface.from_triangles(*tessellate(part.geometry)) for part in self._geometry.geometryObjects
         ]
@@ -74,7 +74,7 @@ class RobotBody:
         return (low[:2] + high[:2]) / 2, float((high - low)[:2].max()) / 2, float(low[2])
 
     def _placements(self, q: FloatArray) -> list[pin.SE3]:
-        model, data = self._robot.model, self._robot.model.createData()
+        model, data = self._robot.shared.model, self._robot.shared.model.createData()
         bodies = self._geometry.createData()
         pin.updateGeometryPlacements(
             model, data, self._geometry, bodies, self._robot.pinocchio_configuration(q)

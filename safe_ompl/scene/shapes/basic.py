@@ -21,6 +21,8 @@ from safe_ompl.scene import surfaces
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.surfaces import Triangles
 
+LONGEST = 1e4  # [m] of a size: what is larger is a slip of unit
+
 
 class Part(NamedTuple):
     """One piece of a shape: a convex solid, or a triangle mesh.
@@ -54,6 +56,10 @@ class Shape(ABC):
     @abstractmethod
     def danger_points(self, spacing: float) -> FloatArray:
         """Return points on the surface, shape (M, 3); all of the surface is within `spacing` of them [m]."""
+
+    @abstractmethod
+    def most_danger_points(self, spacing: float) -> float:
+        """Return how many `danger_points` there are at most, without making them."""
 
     @abstractmethod
     def triangles(self, resolution: int) -> Triangles:
@@ -109,10 +115,14 @@ class Box(Shape):
     size: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        self._set("size", document.numbers("size", self.size, 3, above=0.0))
+        self._set("size", document.numbers("size", self.size, 3, above=0.0, at_most=LONGEST))
 
     def parts(self) -> list[Part]:
         return [Part("", coal.Box(*self.size), pin.SE3.Identity())]
+
+    def most_danger_points(self, spacing: float) -> float:
+        x, y, z = (size / spacing + 2 for size in self.size)
+        return 2 * (x * y + y * z + x * z)
 
     def danger_points(self, spacing: float) -> FloatArray:
         return surfaces.box_points(np.array(self.size), spacing)
@@ -128,11 +138,17 @@ class _Revolved(Shape):
     radius: float
 
     def __post_init__(self) -> None:
-        self._set("radius", document.number("radius", self.radius, above=0.0))
+        self._set("radius", document.number("radius", self.radius, above=0.0, at_most=LONGEST))
 
     @abstractmethod
     def profile(self, arc_step: float, line_step: float) -> FloatArray:
         """Return the rings of the surface: distance from the axis and height, shape (K, 2) [m]."""
+
+    def most_danger_points(self, spacing: float) -> float:
+        along = np.pi * self.radius + getattr(
+            self, "length", 0.0
+        )  # from pole to pole; a cylinder's is 2·radius
+        return (along / spacing + 4) * (2 * np.pi * self.radius / spacing + 1)
 
     def danger_points(self, spacing: float) -> FloatArray:
         return surfaces.revolved_points(self.profile(spacing, spacing), spacing)
@@ -169,7 +185,7 @@ class _Long(_Revolved):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._set("length", document.number("length", self.length, above=0.0))
+        self._set("length", document.number("length", self.length, above=0.0, at_most=LONGEST))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
 from safe_ompl.robot.convex import convex_hull
 from safe_ompl.scene import surfaces
-from safe_ompl.scene.shapes.basic import Part, Shape
+from safe_ompl.scene.shapes.basic import LONGEST, Part, Shape
 from safe_ompl.scene.surfaces import Triangles
 
 _FLAT = 1e-6  # [m]; a thinner mesh has no volume: broad-phase managers drop it in silence
@@ -60,6 +60,9 @@ class Mesh(Shape):
         tree = triangle_tree(*self.surface)
         geometry = convex_hull(tree, self.file.name) if self.convex else tree
         return [Part("", geometry, pin.SE3.Identity())]
+
+    def most_danger_points(self, spacing: float) -> float:
+        return surfaces.most_mesh_points(*self.surface, spacing)
 
     def danger_points(self, spacing: float) -> FloatArray:
         return surfaces.mesh_points(*self.surface, spacing)
@@ -104,6 +107,12 @@ def _load(file: Path, scale: tuple[float, ...]) -> Triangles:
 def _check_volume(file: Path, vertices: FloatArray) -> None:
     if not np.isfinite(vertices).all():
         raise InputError(f"{file} has vertices that are not finite", "file")
+    if np.abs(vertices).max(initial=0.0) > LONGEST:
+        raise InputError(
+            f"{file} reaches {np.abs(vertices).max():g} m, {LONGEST:g} m are the most; "
+            "a file in millimetres needs a scale of [0.001, 0.001, 0.001]",
+            "scale",
+        )
     centred = vertices - vertices.mean(axis=0)
     thinnest = np.linalg.eigh(centred.T @ centred)[1][:, 0]
     if len(vertices) < 4 or np.ptp(vertices @ thinnest) < _FLAT:

@@ -20,6 +20,7 @@ from safe_ompl.scene.shapes.basic import Capsule, Part, Shape, Sphere
 from safe_ompl.scene.surfaces import Triangles
 
 _DEFAULT_HEIGHT = 1.75  # [m]
+_HEIGHTS = (0.3, 2.8)  # [m] of people
 
 
 class Limb(NamedTuple):
@@ -64,7 +65,7 @@ class Person(Shape):
     Parameters
     ----------
     height : float, optional
-        Body height [m]; all sizes follow from it.
+        Body height, from 0.3 to 2.8 [m]; all sizes follow from it.
     keypoints : mapping of str to 3 float, optional
         Where key points are instead, in the frame of the person [m]: ``head``, and ``left_`` or ``right_``
         with ``shoulder``, ``elbow``, ``wrist``, ``hand`` (the outer finger joints), ``hip``, ``knee``,
@@ -75,7 +76,7 @@ class Person(Shape):
     Raises
     ------
     InputError
-        If the height is not positive, a name is unknown, or a hand is out of the arm's reach.
+        If the height is not a person's, a name is unknown, or a hand is out of the arm's reach.
 
     Notes
     -----
@@ -90,7 +91,7 @@ class Person(Shape):
     only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        self._set("height", document.number("height", self.height, above=0.0))
+        self._set("height", document.number("height", self.height, at_least=_HEIGHTS[0], at_most=_HEIGHTS[1]))
         points = document.mapping("keypoints", self.keypoints)
         with document.within("keypoints"):
             document.check_keys(points, STANDING)
@@ -132,6 +133,9 @@ class Person(Shape):
             for limb in limbs
             for _, geometry, _ in limb.shape.parts()
         ]
+
+    def most_danger_points(self, spacing: float) -> float:
+        return sum(limb.shape.most_danger_points(spacing) for limb in self.limbs())
 
     def danger_points(self, spacing: float) -> FloatArray:
         """Return points on the surface, shape (M, 3); all of it is within `spacing` of them [m]."""

@@ -12,10 +12,9 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.cost import PathCost
-from safe_ompl.paths.simplify.proof import PathProof, least_clearance
+from safe_ompl.paths.simplify.edge_proofs import EdgeProofs, least_clearance
 from safe_ompl.paths.simplify.shortcut import shortcut
-from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.paths.simplify.simplify import simplify_danger
+from safe_ompl.paths.simplify.simplifier import Simplifier, simplify_danger
 from safe_ompl.robot.kinematics import Place
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -188,7 +187,7 @@ def test_a_goal_that_is_free_on_its_set_may_move(setup, ur5, raw):
 
 
 def test_shortcuts_are_the_cheapest_proven_chain(setup, raw):
-    cost, proof = setup.simplifier.cost, PathProof(setup.simplifier.motion)
+    cost, proof = setup.simplifier.cost, EdgeProofs(setup.simplifier.motion)
     for path in raw:
         found = shortcut(path, cost, proof, lambda: False)
         assert all(CertifiedMotion(setup.checker).is_free(a, b) for a, b in pairwise(found))
@@ -217,10 +216,10 @@ def test_where_no_chain_is_proven_or_time_is_up_there_is_no_shortcut(setup):
 
     path, cost = np.linspace(START, GOAL, 5), PathCost(setup.robot, [])
     assert shortcut(path, cost, Refusing(), lambda: False) is None
-    assert shortcut(path, cost, PathProof(setup.simplifier.motion), lambda: True) is None
+    assert shortcut(path, cost, EdgeProofs(setup.simplifier.motion), lambda: True) is None
 
 
-class Picky(PathProof):
+class Picky(EdgeProofs):
     """Refuses edges between which the first joint jumps."""
 
     def accepts(self, start, end):
@@ -240,7 +239,7 @@ def test_what_is_refused_is_held_back_without_kinks(setup):
 
 
 def test_where_nothing_helps_all_goes_back(setup):
-    class Refusing(PathProof):
+    class Refusing(EdgeProofs):
         def accepts(self, start, end):
             return start[0] == end[0] == 0
 

@@ -1,0 +1,150 @@
+"""Clouds without the robot: removes the points of a scan that show the robot itself."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import BoolArray, FloatArray, finite_array
+from safe_ompl.inputs import number
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.pose import placed
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.cloud import PointCloud
+
+_log = logging.getLogger(__name__)
+
+_POINT = 1e-6  # [m] radius of the ball that stands for a point in a query
+_FLAT = 1e-14  # [m²] a face this small has no direction
+_ON = 1e-9  # [m] what is this near to a hull is on it
+_BLOCK = 2048  # points at once
+
+
+def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Scene:
+    """Return a scene whose clouds have no points of the robot; the log says how many are left out.
+
+    A point goes if it is inside one of the robot's collision bodies, or nearer than `margin` to one. What remains of a
+    cloud keeps all else; a cloud of which nothing remains leaves the scene. Other obstacles stay as they are.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, with clouds.
+    robot : Robot
+        The robot that the camera saw.
+    q : array_like, shape (n,)
+        Where it stood then [rad or m].
+    margin : float
+        How near to its bodies points are its own, ≥ 0 [m]: what the camera and the joints may be off.
+
+    Returns
+    -------
+    Scene
+        A person's hand on the robot is a part of the robot for this function: keep the margin small.
+
+    Raises
+    ------
+    InputError
+        If `q` has the wrong shape or is not finite, or the margin is negative.
+    """
+    obstacles = []
+    for obstacle in scene:
+        if not isinstance(obstacle.shape, PointCloud):
+            obstacles.append(obstacle)
+            continue
+        points = obstacle.shape.centres
+        own = robot_points(placed(obstacle.pose.se3, points), robot, q, margin)
+        _log.info("%s: %d of %d points are of the robot, and left out", obstacle.name, own.sum(), len(own))
+        if not own.any():
+            obstacles.append(obstacle)
+        elif not own.all():
+            kept = replace(obstacle.shape, points=points[~own], file=None)
+            obstacles.append(
+                type(obstacle)(obstacle.name, kept, obstacle.pose, obstacle.weight, obstacle.color)
+            )
+    return Scene(tuple(obstacles), scene.spacing)
+
+
+def robot_points(points: ArrayLike, robot: Robot, q: ArrayLike, margin: float) -> BoolArray:
+    """Return which of `points: (M, 3)`, in the world frame [m], are within `margin` of the robot's bodies at `q`.
+
+    Raises
+    ------
+    InputError
+        If points or `q` have the wrong shape or are not finite, or the margin is negative.
+    """
+    places = finite_array(points, (None, 3), "points")
+    configuration = finite_array(q, (robot.n,), "q")
+    reach = number("margin", margin, at_least=0.0)
+    data, bodies = robot.shared.model.createData(), robot.shared.collision_model
+    pin.forwardKinematics(robot.shared.model, data, robot.pinocchio_configuration(configuration))
+    own = np.zeros(len(places), dtype=bool)
+    for body in bodies.geometryObjects:
+        placement = data.oMi[int(body.parentJoint)] * body.placement
+        local = placed(placement.inverse(), places)
+        candidates = np.flatnonzero(~own & _in_box(body.geometry, local, reach))
+        own[candidates] = _within(body.geometry, local[candidates], reach)
+    return own
+
+
+def _within(shape: coal.CollisionGeometry, points: FloatArray, margin: float) -> BoolArray:
+    """Return which points are within a margin of a shape, in the shape's frame; meshes are hollow."""
+    near, unknown = np.zeros(len(points), dtype=bool), np.arange(len(points))
+    if isinstance(shape, coal.Convex):
+        near, beyond = _within_faces(*_faces(shape), points, margin)
+        unknown = np.flatnonzero(~near & ~beyond)
+    near[unknown] = [_distance(shape, point) <= margin for point in points[unknown]]
+    return near
+
+
+def _faces(hull: coal.Convex) -> tuple[FloatArray, FloatArray]:
+    """Return the unit normals (F, 3), outwards, and the heights (F,) of the planes of a hull's faces."""
+    corners = np.array(hull.points(), dtype=np.float64).reshape(-1, 3)
+    triangles = [hull.polygons(k) for k in range(hull.num_polygons)]
+    a, b, c = (corners[[face[i] for face in triangles]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    solid = lengths > _FLAT
+    normals, a = normals[solid] / lengths[solid, None], a[solid]
+    normals *= np.where(((corners.mean(axis=0) - a) * normals).sum(axis=1) > 0, -1.0, 1.0)[:, None]
+    return normals, (corners @ normals.T).max(axis=0)
+
+
+def _within_faces(
+    normals: FloatArray, heights: FloatArray, points: FloatArray, margin: float
+) -> tuple[BoolArray, BoolArray]:
+    """Return which points are within a margin of a hull, and which beyond it; near its edges, neither may be known.
+
+    The hull is nowhere nearer to a point than the farthest of its planes; it is as near as that plane where the point's
+    foot on the plane is on the hull.
+    """
+    near, beyond = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
+    for first in range(0, len(points), _BLOCK):
+        part = slice(first, first + _BLOCK)
+        above = points[part] @ normals.T - heights
+        farthest = above.argmax(axis=1)
+        height = np.take_along_axis(above, farthest[:, None], axis=1)[:, 0]
+        foot = points[part] - height[:, None] * normals[farthest]
+        on_hull = (foot @ normals.T - heights).max(axis=1) <= _ON
+        near[part] = (height <= 0) | (on_hull & (height <= margin))
+        beyond[part] = height > margin
+    return near, beyond
+
+
+def _in_box(shape: coal.CollisionGeometry, points: FloatArray, margin: float) -> BoolArray:
+    """Return which points are within a margin of the bounding box of a shape, in the shape's frame."""
+    shape.computeLocalAABB()
+    low, high = np.ravel(shape.aabb_local.min_) - margin, np.ravel(shape.aabb_local.max_) + margin
+    return np.asarray(((points >= low) & (points <= high)).all(axis=1), dtype=bool)
+
+
+def _distance(shape: coal.CollisionGeometry, point: FloatArray) -> float:
+    """Return the distance of a point from a shape, in the shape's frame [m]; zero or less inside."""
+    ball, here, there = coal.Sphere(_POINT), coal.Transform3s(), coal.Transform3s(np.eye(3), point)
+    result = coal.DistanceResult()
+    return float(coal.distance(shape, here, ball, there, coal.DistanceRequest(), result)) + _POINT

@@ -1,0 +1,180 @@
+"""Separation: the distances that a robot must keep from obstacles, at rest or moving, while it moves itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import isfinite
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.min_clearance import MinClearance
+from safe_ompl.collision.pairs import PairSet
+from safe_ompl.errors import InputError
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What must be kept free between a robot and obstacles; without arguments they must not touch, no more.
+
+    Attributes
+    ----------
+    min_clearance : MinClearance or None
+        The distance that links must keep from chosen obstacles.
+    margin : float
+        [m] What every link must keep from every obstacle. The larger of the two counts.
+    speeds : mapping of str to float
+        Bound of the speed [m/s] of the obstacles that move, by name. The others stand still.
+    time : float
+        [s] How long after the moment of the scene motions may be driven. What obstacles may move until then is added.
+
+    Raises
+    ------
+    InputError
+        If the margin, a speed or the time is negative or not finite.
+    """
+
+    min_clearance: MinClearance | None = None
+    margin: float = 0.0
+    speeds: Mapping[str, float] = field(default_factory=dict, hash=False)
+    time: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.margin, (int, float, np.number)) and 0 <= self.margin < np.inf):
+            raise InputError(f"margin must be a length >= 0 [m], got {self.margin!r}")
+        object.__setattr__(self, "margin", float(self.margin))
+        object.__setattr__(self, "speeds", MappingProxyType(dict(self.speeds)))
+        for name, speed in self.speeds.items():
+            if not (isinstance(speed, (int, float, np.number)) and 0 <= speed < np.inf):
+                raise InputError(f"speed of {name!r} must be a number >= 0 [m/s], got {speed!r}")
+        if not (isinstance(self.time, (int, float, np.number)) and 0 <= self.time < np.inf):
+            raise InputError(f"time must be a number >= 0 [s], got {self.time!r}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Separation, (self.min_clearance, self.margin, dict(self.speeds), self.time)
+
+    def with_min_clearance(
+        self,
+        checker: CollisionChecker,
+        distance: float,
+        obstacles: Sequence[str] | None = None,
+        exempt: Sequence[tuple[str, str]] = (),
+    ) -> Separation:
+        """Return the same with another distance from chosen obstacles; arguments and errors of `MinClearance.of`."""
+        wanted = MinClearance.of(distance, obstacles, exempt, checker.scene, checker.links)
+        return replace(self, min_clearance=wanted)
+
+    def required(self, checker: CollisionChecker) -> RequiredDistances:
+        """Return the distances that the pairs of a checker must keep.
+
+        Raises
+        ------
+        UnknownNameError
+            If its scene has no obstacle of a name.
+        """
+        speeds, time = self.speeds, self.time
+        for name in speeds:
+            checker.scene[name]
+        pairs = checker.pairs_within(self.reach)
+        return RequiredDistances(pairs, self._at_rest(pairs) + time * _rates(pairs, speeds))
+
+    def required_during(
+        self, checker: CollisionChecker, speeds: Mapping[str, float], span: tuple[float, float]
+    ) -> RequiredDistances:
+        """Return the distances that pairs must keep on an edge that is driven from the first to the last instant [s].
+
+        Parameters
+        ----------
+        checker : CollisionChecker
+            Robot and scene.
+        speeds : mapping of str to float
+            Bound of the speed [m/s] of the obstacles that move in this time, by name, besides `self.speeds`.
+        span : (float, float)
+            0 ≤ first ≤ last.
+        """
+        first, last = checked_span(span)
+        moving = Separation(self.min_clearance, self.margin, speeds, last)
+        moving.required(checker)  # checks the names
+        pairs = checker.pairs_within(self.reach + moving.travel)
+        rates = _rates(pairs, speeds)
+        at_start = self._at_rest(pairs) + self.time * _rates(pairs, self.speeds) + first * rates
+        return RequiredDistances(pairs, at_start, (last - first) * rates)
+
+    @property
+    def travel(self) -> float:
+        """How far an obstacle may move [m]."""
+        return max(self.speeds.values(), default=0.0) * self.time
+
+    @property
+    def reach(self) -> float:
+        """The largest distance [m] that any pair must keep."""
+        least = 0.0 if self.min_clearance is None else self.min_clearance.distance
+        return max(self.margin, least) + self.travel
+
+    def _at_rest(self, pairs: PairSet) -> FloatArray:
+        wanted = self.min_clearance
+        kept = pairs.margins(self.margin)
+        if wanted is None:
+            return kept
+        between = np.array([wanted.between(*pair) for pair in pairs.names], dtype=np.float64)
+        return np.maximum(kept, between * pairs.meets_obstacle)
+
+
+TOUCHING_ONLY = Separation()
+
+
+class RequiredDistances:
+    """Distances (P,) [m] that pairs of bodies must keep: at the start of an edge, and how much more at its end.
+
+    Parameters
+    ----------
+    pairs : PairSet
+        The pairs.
+    at_start : ndarray, shape (P,)
+        [m], ≥ 0
+    growth : ndarray, shape (P,), optional
+        [m], ≥ 0; none where the distances stay what they are.
+
+    Attributes
+    ----------
+    any : bool
+        Whether any pair must keep more than not touching.
+    """
+
+    def __init__(self, pairs: PairSet, at_start: FloatArray, growth: FloatArray | None = None) -> None:
+        at_start.setflags(write=False)
+        self.pairs = pairs
+        self.at_start = at_start
+        self.growth = growth if growth is not None and growth.any() else None
+        self.any = self.growth is not None or bool(at_start.any())
+
+    def at(self, t: float) -> FloatArray:
+        """Return the distances (P,) [m] at a fraction t ∈ [0, 1] of the edge."""
+        return self.at_start if self.growth is None else self.at_start + t * self.growth
+
+    def violated(self, q: FloatArray, t: float = 0.0) -> bool:
+        """Return whether a pair is nearer than it must be at `q: (n,)`; pairs that need only not touch do not count."""
+        return self.any and self.pairs.within_margins(q, self.at(t))
+
+    def violating_pair(self, q: FloatArray, t: float = 0.0) -> tuple[str, str] | None:
+        """Return the names of a pair that is nearer than it must be at `q: (n,)`, or None."""
+        return self.pairs.pair_within_margins(q, self.at(t)) if self.any else None
+
+
+def checked_span(span: tuple[float, float]) -> tuple[float, float]:
+    """Return the first and the last instant [s], or raise InputError unless 0 ≤ first ≤ last."""
+    first, last = span
+    if not (isfinite(first) and isfinite(last) and 0 <= first <= last):
+        raise InputError(f"span must be two instants [s], 0 <= first <= last, got {span!r}")
+    return float(first), float(last)
+
+
+def _rates(pairs: PairSet, speeds: Mapping[str, float]) -> FloatArray:
+    """Return how fast (P,) obstacles may come nearer to the bodies of their pairs [m/s]."""
+    rates = np.array([speeds.get(obstacle, 0.0) for _, obstacle in pairs.names], dtype=np.float64)
+    found: FloatArray = rates * pairs.meets_obstacle
+    return found

@@ -1,0 +1,236 @@
+"""Issues certificates: paths with the proof that they may be driven, which anyone can check (`certificate.verify`).
+
+A certificate holds, for each edge, intervals that cover it. At the centre of each interval every pair of bodies is
+farther apart than its margin, and the margin is more than the two can approach each other within the interval. The
+digest shows that a file has changed; it is no signature, for whoever changes a file can compute it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import BoolArray, FloatArray, finite_array
+from safe_ompl.collision.checker import DISTANCE_ERROR
+from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
+from safe_ompl.danger.field import DangerField
+from safe_ompl.errors import InputError, PlanningError
+from safe_ompl.paths.certificate.claims import check_clearance, check_moving_obstacles
+from safe_ompl.paths.certificate.format import FORMAT, OBSTACLE, VERSION, digest, edges_of
+from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+
+_FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
+_FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any more
+_SPARE = 1e-7  # [m] by which margins exceed the approach, for rounding
+_OVERLAP = 1e-6  # of intervals
+_TINY = 1e-12  # [m]
+_LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
+
+
+def certificate(
+    path: ArrayLike,
+    robot: Robot,
+    scene: Scene,
+    *,
+    field: DangerField | None = None,
+    spacing: float | None = None,
+    max_danger: float | None = None,
+    clearance: Mapping[str, Any] | None = None,
+    moving_obstacles: Mapping[str, Any] | None = None,
+    also_sampled: str | None = None,
+    source: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return the certificate of a path, as plain numbers, lists and strings.
+
+    Parameters
+    ----------
+    path : array_like, shape (N, n)
+        Way points [rad or m]; between them joints move on straight lines, continuous joints the short way.
+    robot : Robot
+        The robot.
+    scene : Scene
+        The obstacles.
+    field : DangerField, optional
+        Claim a bound of the path's danger, too, where there is one.
+    spacing : float, optional
+        Distance between the field's danger points [m]; default: the scene's own.
+    max_danger : float, optional
+        Claim this bound of the danger, if it can be proven and is lower than what is claimed otherwise.
+    clearance : mapping, optional
+        Claim a clearance, too: `distance` [m], the names of the `obstacles`, and `exempt` pairs of link and obstacle.
+    moving_obstacles : mapping, optional
+        Claim, too, that the path stays free, and keeps its clearance, whatever obstacles do that move no faster than
+        their `speeds` (by name [m/s]), until a `time` [s] after the moment of the scene: see
+        `CertifiedMotion.setMovingObstacles`.
+    also_sampled : str, optional
+        What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad": whoever verifies
+        is told that it is not covered.
+    source : mapping, optional
+        Where robot and scene come from: kept as it is. They travel inside in any case.
+
+    Raises
+    ------
+    InputError
+        If the path has the wrong shape or is not finite, a claim has no meaning, or a file of robot or scene is gone.
+    PlanningError
+        If an edge cannot be proven.
+    """
+    points = finite_array(path, (None, robot.n), "path")
+    if not len(points):
+        raise InputError("path must have a configuration at least, got none")
+    check_clearance(clearance, robot, scene)
+    check_moving_obstacles(moving_obstacles, scene)
+    clear, moving = _plain_clearance(clearance), _plain_moving_obstacles(moving_obstacles)
+    pairs = Pairs(robot, scene)
+    required = pairs.required(clear, moving)
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "source": dict(source or {}),
+        "robot": carried_robot(robot),
+        "scene": carried_scene(scene),
+        "joint_names": list(robot.joint_names),
+        "path": points.tolist(),
+        "pairs": [list(names) for names in pairs.names],
+        "clearance": clear,
+        "danger": None
+        if field is None
+        else _danger_claim(field, scene.spacing if spacing is None else spacing, points, max_danger),
+        "moving_obstacles": moving,
+        "also_sampled": also_sampled,
+        "edges": [
+            _intervals(pairs, required, k, start, robot.difference(start, end))
+            for k, (start, end) in enumerate(edges_of(points))
+        ],
+    }
+    return {**content, "digest": digest(content)}
+
+
+class Pairs:
+    """All pairs of a moving body and an obstacle's part, and the robot's own pairs; none is left out.
+
+    Attributes
+    ----------
+    names : list of (str, str)
+        Names of the bodies in Pinocchio's geometry, obstacles after "obstacle:".
+    radii : ndarray, shape (P, n)
+        Displacement radii of the pairs.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self._robot = robot
+        self._geometry = robot.shared.collision_model.copy()
+        bodies = list(robot.shared.collision_model.geometryObjects)
+        self._owners: list[str | None] = [None] * len(bodies)
+        for obstacle in scene:
+            for name, shape, placement in obstacle.geometries():
+                added = pin.GeometryObject(f"{OBSTACLE}{name}", 0, placement, shape)
+                number = self._geometry.addGeometryObject(added)
+                self._owners.append(obstacle.name)
+                for k, body in enumerate(bodies):
+                    if body.parentJoint != 0:
+                        self._geometry.addCollisionPair(pin.CollisionPair(k, number))
+        self._pairs = [(int(pair.first), int(pair.second)) for pair in self._geometry.collisionPairs]
+        objects = self._geometry.geometryObjects
+        self.names = [(objects[a].name, objects[b].name) for a, b in self._pairs]
+        still = np.zeros((len(objects) - len(bodies), robot.joint_radii.shape[1]))
+        self._moves: FloatArray = np.vstack([robot.joint_radii, still])
+        self._first, self._second = np.array(self._pairs, dtype=np.intp).reshape(-1, 2).T
+        self._approaching: BoolArray = (self._moves[self._first] > 0) != (self._moves[self._second] > 0)
+        self.radii: FloatArray = self._between(self._moves)
+        self._data, self._results = robot.shared.model.createData(), pin.GeometryData(self._geometry)
+
+    def distances(self, q: FloatArray) -> FloatArray:
+        """Return the distance (P,) [m] of every pair at `q: (n,)`."""
+        full = self._robot.pinocchio_configuration(q)
+        pin.computeDistances(self._robot.shared.model, self._data, self._geometry, self._results, full)
+        return np.array([result.min_distance for result in self._results.distanceResults])
+
+    def radii_at(self, q: FloatArray) -> FloatArray:
+        """Return the displacement radii (P, n) for motions that start at `q: (n,)`; none larger than `radii`."""
+        moves = self._moves.copy()
+        known = len(self._robot.joint_radii)
+        moves[:known] = np.minimum(moves[:known], self._robot.joint_radii_at(q))
+        return self._between(moves)
+
+    def _between(self, moves: FloatArray) -> FloatArray:
+        first, second = moves[self._first], moves[self._second]
+        return self._robot.coupling.radii(np.where(self._approaching, first + second, 0.0))
+
+    def required(self, clearance: Mapping[str, Any] | None, moving: Mapping[str, Any] | None) -> FloatArray:
+        """Return the distance (P,) [m] that each pair must keep: its clearance, and as far as its obstacle moves."""
+        clear = clearance or {"distance": 0.0, "obstacles": (), "exempt": ()}
+        reach = {} if moving is None else {n: speed * moving["time"] for n, speed in moving["speeds"].items()}
+        exempt = {tuple(pair) for pair in clear["exempt"]}
+        distances = np.zeros(len(self._pairs))
+        for k, (a, b) in enumerate(self._pairs):
+            link, obstacle = self._geometry.geometryObjects[a].name.rsplit("_", 1)[0], self._owners[b]
+            if obstacle in clear["obstacles"] and (link, obstacle) not in exempt:
+                distances[k] = clear["distance"]
+            distances[k] += reach.get(obstacle, 0.0)
+        return distances
+
+
+def _intervals(
+    pairs: Pairs, required: FloatArray, edge: int, start: FloatArray, delta: FloatArray
+) -> list[dict[str, Any]]:
+    """Cover an edge from its start to its end: each interval as large as the distances at its centre allow."""
+    steps = np.abs(delta)
+    widest = float((pairs.radii @ steps).max(initial=0.0))
+    least = min(0.5, _FLOOR / max(widest, _FLOOR))
+    reached, half, proven = 0.0, min(0.5, _FIRST_REACH / max(widest, _FIRST_REACH)), []
+    while reached < 1.0:
+        centre = min(reached + half, (reached + 1.0) / 2)
+        q = start + centre * delta
+        approach = np.maximum(pairs.radii_at(q) @ steps, _TINY)
+        room = pairs.distances(q) - required - _SPARE - 1.2 * DISTANCE_ERROR
+        free = float(np.min(room / approach, initial=1.0 - centre + _OVERLAP))
+        if free >= centre - reached and free > 0:
+            margins = required + free * approach + _SPARE
+            proven.append({"centre": centre, "half_length": free, "margins": margins.tolist()})
+            reached, half = centre + free * (1 - _OVERLAP), 1.2 * free
+        elif half < least:
+            raise PlanningError(f"edge {edge} cannot be certified: too near at {centre:.6f} of its length")
+        else:
+            half = max(0.9 * free, half / 3)
+    return proven
+
+
+def _plain_clearance(claim: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if claim is None:
+        return None
+    exempt = [list(pair) for pair in claim["exempt"]]
+    return {"distance": float(claim["distance"]), "obstacles": list(claim["obstacles"]), "exempt": exempt}
+
+
+def _plain_moving_obstacles(claim: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    if claim is None:
+        return None
+    speeds = {name: float(speed) for name, speed in claim["speeds"].items()}
+    return {"speeds": speeds, "time": float(claim["time"])}
+
+
+def _danger_claim(
+    field: DangerField, spacing: float, path: FloatArray, limit: float | None
+) -> dict[str, Any] | None:
+    bounds = CertifiedDanger(field).of_path(path)
+    bound = max(bounds.upper, (1 + _LEAST_SLACK) * bounds.lower)
+    if limit and limit < bound:
+        keeps = DangerLimit(field, limit).allows_motion
+        bound = limit if all(keeps(start, end) for start, end in edges_of(path)) else bound
+    if not np.isfinite(bound):
+        return None
+    return {
+        "bound": bound,
+        "spacing": spacing,
+        "aggregate": field.aggregate,
+        "weighting": field.weighting,
+        "k1": field.k1,
+        "sharpness": field.sharpness,
+    }

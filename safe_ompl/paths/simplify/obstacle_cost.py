@@ -1,0 +1,113 @@
+"""The obstacle cost of a path: hinges of the distances between links and obstacles, as in CHOMP and TrajOpt.
+
+A danger field of centre lines does not see a finger's width; this does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_ompl.arrays import BoolArray, FloatArray, IntArray
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.witnesses import Proximity, Witnesses
+from safe_ompl.inputs import number
+
+WEIGHT = 20.0
+_STEEPNESS = 10.0
+
+
+class ObstacleCost:
+    """Obstacle cost of a radian of path, w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²) over pairs of link and obstacle.
+
+    d is the distance of the two, D where obstacles begin to count; d₀ ≤ D what the ends of a path allow: where these
+    are near an obstacle themselves, the path between them shall at least not come nearer.
+
+    Exact distances cost a hundred times what the danger costs. While a path descends, `anchor` keeps their witnesses,
+    and these move with the links until it is anchored again.
+
+    Parameters
+    ----------
+    checker : CollisionChecker
+        Robot and scene.
+    distance : float
+        D [m], > 0
+    weight : float
+        w > 0, the cost of a radian of path at which one pair touches and d₀ = 0.
+
+    Attributes
+    ----------
+    allowed : float
+        d₀ [m], ≥ 0; 0 at first.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+    """
+
+    def __init__(self, checker: CollisionChecker, distance: float, weight: float = WEIGHT) -> None:
+        self.distance = number("clearance", distance, above=0.0)
+        self.weight = number("weight of clearance", weight, above=0.0)
+        self.allowed = 0.0
+        self._proximity = Proximity(checker, self.distance)
+        self._anchored: Witnesses | None = None
+
+    def __repr__(self) -> str:
+        return f"ObstacleCost({self._proximity.checker!r}, {self.distance:g}, {self.weight:g})"
+
+    def afresh(self) -> ObstacleCost:
+        """Return the same that remembers nothing: no d₀, no witnesses, nor what coal keeps from query to query."""
+        return ObstacleCost(self._proximity.checker, self.distance, self.weight)
+
+    def allow(self, distance: float) -> None:
+        """Set d₀ to a distance [m], no larger than D."""
+        self.allowed = max(0.0, min(self.distance, distance))
+
+    def near(self, Q: FloatArray) -> BoolArray:
+        """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""
+        return self._proximity.near(Q)
+
+    def anchor(self, Q: FloatArray) -> None:
+        """From here on take the witnesses at `Q: (B, n)` for those at B configurations near these."""
+        self._anchored = self._proximity.witnesses(Q)
+
+    def release(self) -> None:
+        """From here on find the witnesses at every call."""
+        self._anchored = None
+
+    def values(self, Q: FloatArray) -> FloatArray:
+        """Return the density (B,) at `Q: (B, n)`."""
+        return self.values_and_gradients(Q)[0]
+
+    def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
+        rows, distances, slopes = self._pairs(Q)
+        values, gradients = np.zeros(len(Q)), np.zeros(Q.shape)
+        if len(rows):
+            density, rate, _ = self._hinges(distances)
+            np.add.at(values, rows, density)
+            np.add.at(gradients, rows, rate[:, None] * slopes)
+        return values, gradients
+
+    def bends(self, Q: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return rows (C,) of `Q: (B, n)` and vectors v (C, n): the density bends there like Σ vvᵀ (Gauss-Newton)."""
+        rows, distances, slopes = self._pairs(Q)
+        return rows, np.sqrt(self._hinges(distances)[2])[:, None] * slopes
+
+    def _pairs(self, Q: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return row (C,), distance (C,) and its gradient (C, n) of the pairs that are near."""
+        witnesses = self._proximity.witnesses(Q) if self._anchored is None else self._anchored
+        return witnesses.rows, *witnesses.distances(Q)
+
+    def _hinges(self, distances: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the density (C,) of pairs at distances (C,) [m], and its first and second derivatives."""
+        total = np.zeros((3, len(distances)))
+        for reach, weight in ((self.distance, self.weight), (self.allowed, _STEEPNESS * self.weight)):
+            if reach > 0:
+                lack = np.maximum(0.0, 1.0 - distances / reach)
+                total += (
+                    weight * lack**2,
+                    -2.0 * weight / reach * lack,
+                    2.0 * weight / reach**2 * (lack > 0),
+                )
+        return total[0], total[1], total[2]

@@ -1,0 +1,104 @@
+"""Retreat: the way from an end of a path that is near obstacles, such as a grasp between two fingers, to free space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.danger.field import DangerField
+from safe_ompl.paths.simplify.constraints import FeasibleSet
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
+
+STEP = 0.02  # [rad]
+_LONGEST = 1.0  # [rad]
+_LEFT = 0.3  # a retreat is over when this share of the cost of its end is left
+_EXCESS = 600.0  # weight of danger: at 1.4 times that of the end it costs what a contact costs
+_ONSET = 0.8  # share of the end's danger from which a point counts
+_STUCK = 0.1  # share of a step: where the best one is shorter, nothing leads on
+_BISECTIONS = 30
+
+
+def retreat(
+    end: FloatArray,
+    obstacles: ObstacleCost,
+    field: DangerField,
+    feasible: FeasibleSet,
+    stop: Callable[[], bool],
+) -> FloatArray:
+    """Return the retreat (K, n) from an end of a path to where obstacles and danger are less; K = 1: there is none.
+
+    The steepest descent of what is near, Σ over pairs of link and obstacle, and of what is dangerous, the field of
+    the danger points over that of the most dangerous one at the end: w Σ_m (CDF(p_m)/CDF(end) − 0.8)₊². Sums of hinges
+    have no kinks, unlike the danger, which is a maximum; and each step is the best of its length for their Gauss-Newton
+    model (Nocedal & Wright, ch. 4). So it goes along the floor of the valley between two fingers' obstacles, where
+    gradient steps would go from wall to wall.
+
+    Parameters
+    ----------
+    end : ndarray, shape (n,)
+        Where the path begins or ends.
+    obstacles : ObstacleCost
+        Says what is near, and that the end needs a way out at all. It is anchored anew.
+    field : DangerField
+        The danger.
+    feasible : FeasibleSet
+        The joint limits.
+    stop : callable
+        When it says so, there is none.
+
+    Returns
+    -------
+    ndarray, shape (K, n)
+        `end` first, steps of 0.02 rad. Not yet proven free.
+    """
+    reference = field.value(end)
+    q, way, enough = end, [end], None
+    while len(way) * STEP <= _LONGEST and not stop():
+        cost, gradient, bends = _model(q, obstacles, field, reference)
+        enough = _LEFT * cost if enough is None else enough
+        if cost <= enough:
+            return np.array(way)
+        q = feasible.within(q + _step(gradient, bends.T @ bends))
+        if np.linalg.norm(q - way[-1]) < _STUCK * STEP:
+            break
+        way.append(q)
+    return end[None]
+
+
+def _model(
+    q: FloatArray, obstacles: ObstacleCost, field: DangerField, reference: float
+) -> tuple[float, FloatArray, FloatArray]:
+    """Return what `q: (n,)` costs, the gradient (n,), and vectors v (C, n): it bends like Σ vvᵀ."""
+    Q = q[None]
+    obstacles.anchor(Q)
+    near, slopes = obstacles.values_and_gradients(Q)
+    bends = obstacles.bends(Q)[1]
+    if not near[0] or not 0 < reference < np.inf:
+        return float(near[0]), slopes[0], bends
+    _, danger, rises = field.terms_above(Q, _ONSET * reference)
+    excess, rises = danger / reference - _ONSET, rises / reference
+    return (
+        float(near[0] + _EXCESS * excess @ excess),
+        slopes[0] + 2.0 * _EXCESS * excess @ rises,
+        np.concatenate([bends, np.sqrt(2.0 * _EXCESS) * rises]),
+    )
+
+
+def _step(gradient: FloatArray, curvature: FloatArray) -> FloatArray:
+    """Return the step s (n,) of length `STEP` at most that minimises g·s + ½ sᵀHs, by bisection on its multiplier."""
+    bends, directions = np.linalg.eigh(curvature)
+    slopes = directions.T @ gradient
+    if not slopes.any():
+        return slopes
+    bends = np.maximum(bends, 0.0)
+    low, high = 0.0, float(np.linalg.norm(slopes)) / STEP
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if np.linalg.norm(slopes / (bends + middle)) > STEP:
+            low = middle
+        else:
+            high = middle
+    step: FloatArray = -directions @ (slopes / (bends + high))
+    return step

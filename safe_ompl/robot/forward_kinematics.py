@@ -1,0 +1,321 @@
+"""Forward kinematics of a robot: configurations, key points and their Jacobians, and the tip."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from math import isfinite
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.coupling import Coupling
+from safe_ompl.robot.joint_frames import JointFrames
+from safe_ompl.robot.parts import RobotParts
+from safe_ompl.robot.skeleton import Skeleton, frame_index
+
+_FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: asking for it costs least
+
+
+class ForwardKinematics:
+    """Joints of a robot and where they bring its key points and its tip.
+
+    The n planned joints move the m ≥ n joints of Pinocchio's model: where a joint mimics another one, m > n. Both
+    are the same where nothing mimics.
+
+    Parameters
+    ----------
+    parts : RobotParts
+        Pinocchio's models of the robot.
+    """
+
+    def __init__(self, parts: RobotParts) -> None:
+        model = parts.model
+        self.shared = parts
+        self._model = model
+        joints = list(model.joints)[1:]
+        names = list(model.names)[1:]
+        self.coupling = Coupling.of(names, parts.mimics)
+        planned = np.array([name not in parts.mimics for name in names], dtype=bool)
+        self.joint_names: tuple[str, ...] = tuple(name for name in names if name not in parts.mimics)
+        self.n: int = len(self.joint_names)
+        self._shape = (self.n,)
+
+        turning = np.array([joint.nq == 2 for joint in joints])
+        first: IntArray = np.array([joint.idx_q for joint in joints], dtype=np.intp)
+        self._turning, self._straight, self._circular = turning, first[~turning], first[turning]
+        self._plain = self.coupling.trivial and not turning.any()  # Pinocchio's form is our own
+        self._chain = parts.chain
+        self._sliding = self._chain.prismatic
+
+        self.continuous: BoolArray = turning[planned]
+        self._wraps = bool(self.continuous.any())
+        self.prismatic: BoolArray = self._sliding[planned]
+        self.lower: FloatArray = self._chain.lower[planned]
+        self.upper: FloatArray = self._chain.upper[planned]
+
+        self.tip: str = parts.tips[0]
+        self.tip_frame: int = frame_index(model, self.tip)
+        skeleton = Skeleton.from_model(model, parts.link_ends, parts.tips)
+        self.segments: IntArray = skeleton.segments
+        self.segment_names = skeleton.names
+        self._key_joints, self._key_offsets = skeleton.joints, skeleton.offsets
+        self._shifted = np.flatnonzero(np.abs(skeleton.offsets).max(axis=1) > 0)
+        self._support = self._supporting_joints(skeleton.joints)
+        self._moved_by: FloatArray = self._support.T.astype(np.float64)  # (m, K)
+        self._scratch = JointFrames(model)
+        for array in (self.lower, self.upper, self.segments, self.continuous, self.prismatic, self._support):
+            array.setflags(write=False)
+
+    # ---------------------------------------------------------------------------------------- configurations
+
+    def configuration(self, value: ArrayLike | Mapping[str, float]) -> FloatArray:
+        """Return `value` as a configuration (n,): an array-like, or a mapping of every joint's name to its value.
+
+        Raises
+        ------
+        InputError
+            If the shape is wrong, a number is not finite, or joints are missing or unknown.
+        """
+        if isinstance(value, Mapping):
+            for name in value:
+                if name not in self.joint_names:
+                    raise UnknownNameError("joint", name, self.joint_names)
+            missing = [name for name in self.joint_names if name not in value]
+            if missing:
+                raise InputError(f"configuration lacks the joints {', '.join(missing)}")
+            value = [value[name] for name in self.joint_names]
+        return finite_array(value, (self.n,), "configuration")
+
+    def _checked(self, q: ArrayLike | Mapping[str, float]) -> FloatArray:
+        """Return `configuration(q)`, at a tenth of the cost where `q` is a configuration already."""
+        if type(q) is np.ndarray and q.shape == self._shape and q.dtype is _FLOAT and isfinite(q.dot(q)):
+            return q
+        return self.configuration(q)
+
+    def configurations(self, values: ArrayLike) -> FloatArray:
+        """Return `values` as configurations (B, n); raise InputError for a wrong shape or what is not finite."""
+        return finite_array(values, (None, self.n), "configurations")
+
+    def pinocchio_configuration(self, q: ArrayLike) -> FloatArray:
+        """Return `q: (n,)` in Pinocchio's form (nq,): cosine and sine for each continuous joint, mimic joints too.
+
+        An array of floats of the right shape is not looked at further: NaN passes.
+        """
+        if type(q) is not np.ndarray or q.shape != self._shape or q.dtype is not _FLOAT:
+            q = self.configuration(q)
+        if self._plain:
+            return q
+        values = self.coupling.values(q)
+        if not len(self._circular):
+            return values
+        full = np.empty(self._model.nq)
+        full[self._straight] = values[~self._turning]
+        full[self._circular] = np.cos(values[self._turning])
+        full[self._circular + 1] = np.sin(values[self._turning])
+        return full
+
+    def difference(self, start: ArrayLike, end: ArrayLike) -> FloatArray:
+        """Return the motion from `start` to `end` (matching shapes (…, n)); continuous joints go the short way."""
+        delta: FloatArray = np.subtract(end, start, dtype=np.float64)
+        if self._wraps:
+            wrapped = delta[..., self.continuous]
+            delta[..., self.continuous] = wrapped - 2 * np.pi * np.round(wrapped / (2 * np.pi))
+        return delta
+
+    def within_limits(self, q: ArrayLike, tolerance: float = 1e-9) -> BoolArray:
+        """Return for each joint whether `q: (n,)` respects its limits; continuous joints always do, NaN never."""
+        values = np.asarray(q, dtype=np.float64)
+        inside: BoolArray = (values >= self.lower - tolerance) & (values <= self.upper + tolerance)
+        return inside | (self.continuous & np.isfinite(values)) if self._wraps else inside
+
+    def named(self, q: ArrayLike | str) -> dict[str, float]:
+        """Return `q: (n,)` as a mapping from joint name to value."""
+        return dict(zip(self.joint_names, self.configuration(q).tolist(), strict=True))
+
+    # -------------------------------------------------------------------------------------------- kinematics
+
+    def keypoints(self, q: ArrayLike) -> FloatArray:
+        """Return the key points of the skeleton (K, 3) [m] in the world frame at `q: (n,)`."""
+        rotation, translation = self._scratch.forward(self.pinocchio_configuration(q))
+        points: FloatArray = translation[self._key_joints]
+        at = self._shifted
+        points[at] += (rotation[self._key_joints[at]] @ self._key_offsets[at, :, None])[..., 0]
+        return points
+
+    def keypoints_batch(self, Q: ArrayLike) -> FloatArray:
+        """Return the key points (B, K, 3) [m] for a batch of configurations `Q: (B, n)`."""
+        return self._keypoints_of(*self._poses(self._batch(Q)))
+
+    def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
+        """Map gradients with respect to the key points to gradients with respect to the joints, Σ_k J_kᵀ g_k.
+
+        Parameters
+        ----------
+        Q : ndarray, shape (B, n)
+            Configurations.
+        gradients : ndarray, shape (B, K, 3)
+            Gradient with respect to each key point.
+
+        Returns
+        -------
+        ndarray, shape (B, n)
+        """
+        rotation, translation = self._poses(self._batch(Q))
+        axes, origins = self._axes_of(rotation), translation[:, 1:]
+        force = self._moved_by @ gradients
+        torque = self._moved_by @ _cross(self._keypoints_of(rotation, translation), gradients)
+        turning = torque - _cross(origins, force)
+        pulled: FloatArray = np.einsum("bic,bic->bi", axes, np.where(self._sliding[:, None], force, turning))
+        return self.coupling.columns(pulled)
+
+    def keypoint_jacobians(self, q: ArrayLike) -> FloatArray:
+        """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
+        q = self._checked(q)
+        axes, origins = (a[0] for a in self._axes(q[None]))
+        arms = self.keypoints(q)[:, None, :] - origins
+        columns = np.where(self._sliding[:, None], axes, np.cross(axes, arms))
+        return self.coupling.columns(np.swapaxes(columns * self._support[:, :, None], 1, 2))
+
+    def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return positions, velocities and accelerations of the key points while the joints move at a steady rate.
+
+        Parameters
+        ----------
+        Q : ndarray, shape (B, n)
+            Configurations.
+        delta : ndarray, shape (B, n)
+            Rate of the joints, such as the Δ of an edge q₁ + tΔ.
+
+        Returns
+        -------
+        three ndarrays, shape (B, K, 3)
+            x [m], dx/dt and d²x/dt² [m, for t without unit].
+        """
+        data, model, steady = self._scratch.data, self._model, np.zeros(self._model.nv)
+        rotation, translation = np.empty((len(Q), model.njoints, 3, 3)), np.empty((len(Q), model.njoints, 3))
+        rates = np.empty((2, len(Q), model.njoints, 6))
+        for row, (q, rate) in enumerate(zip(Q, self.coupling.motions(delta), strict=True)):
+            pin.forwardKinematics(model, data, self.pinocchio_configuration(q), rate, steady)
+            rotation[row], translation[row] = self._scratch.poses
+            rates[0, row] = [motion.vector for motion in data.v]
+            rates[1, row] = [motion.vector for motion in data.a]
+        turning = rotation[:, self._key_joints]
+        (linear, angular), (push, twist) = (
+            (rate[..., :3], rate[..., 3:]) for rate in rates[:, :, self._key_joints]
+        )
+        velocity = linear + _cross(angular, self._key_offsets)  # in the frames of the joints
+        acceleration = push + _cross(twist, self._key_offsets) + _cross(angular, velocity)
+        velocity, acceleration = ((turning @ rate[..., None])[..., 0] for rate in (velocity, acceleration))
+        return self._keypoints_of(rotation, translation), velocity, acceleration
+
+    def body_points(
+        self, Q: FloatArray, rows: IntArray, joints: IntArray, points: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return where points of bodies are, and what moves them.
+
+        Parameters
+        ----------
+        Q : ndarray, shape (B, n)
+            Configurations.
+        rows : ndarray of int, shape (C,)
+            The configuration for each point.
+        joints : ndarray of int, shape (C,)
+            Pinocchio's number of the joint that carries it.
+        points : ndarray, shape (C, 3)
+            In the frame of that joint [m].
+
+        Returns
+        -------
+        places : ndarray, shape (C, 3)
+            In the world frame [m].
+        jacobians : ndarray, shape (C, n, 3)
+            Velocity of the point per unit of each joint's rate; the Jacobian, transposed.
+        """
+        rotation, translation = (poses[rows] for poses in self._poses(Q))
+        each = np.arange(len(rows))
+        places = translation[each, joints] + (rotation[each, joints] @ points[:, :, None])[..., 0]
+        axes = self._axes_of(rotation)
+        turning = _cross(axes, places[:, None] - translation[:, 1:])
+        columns = np.where(self._sliding[:, None], axes, turning) * self._moves_joint[joints][:, :, None]
+        if self.coupling.trivial:
+            return places, columns
+        return places, np.swapaxes(self.coupling.columns(np.swapaxes(columns, 1, 2)), 1, 2)
+
+    def tip_pose(self, q: ArrayLike) -> pin.SE3:
+        """Return the pose of the tip frame at `q: (n,)` in the world frame."""
+        data = self._scratch.data
+        pin.framesForwardKinematics(self._model, data, self.pinocchio_configuration(self._checked(q)))
+        return pin.SE3(data.oMf[self.tip_frame])
+
+    def tip_jacobian(self, q: ArrayLike) -> FloatArray:
+        """Return the Jacobian (6, n) of the tip: linear, then angular velocity, in world-aligned axes."""
+        jacobian: FloatArray = pin.computeFrameJacobian(
+            self._model,
+            self._scratch.data,
+            self.pinocchio_configuration(self._checked(q)),
+            self.tip_frame,
+            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+        )
+        return self.coupling.columns(jacobian)
+
+    # ---------------------------------------------------------------------------------------------- internals
+
+    def _batch(self, Q: ArrayLike) -> FloatArray:
+        """Return `Q` as an array (B, n); one that is right already is not looked at further."""
+        if type(Q) is np.ndarray and Q.ndim == 2 and Q.shape[1] == self.n and Q.dtype is _FLOAT:
+            return Q
+        return self.configurations(Q)
+
+    def _poses(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rotations (B, J, 3, 3) and origins (B, J, 3) of all joint frames."""
+        scratch = self._scratch
+        if scratch.batch is not None and np.array_equal(scratch.batch[0], Q):
+            return scratch.batch[1:]  # a gradient asks for them three times
+        joints = self._model.njoints
+        rotation, translation = np.empty((len(Q), joints, 3, 3)), np.empty((len(Q), joints, 3))
+        for row, q in enumerate(Q):
+            rotation[row], translation[row] = scratch.forward(self.pinocchio_configuration(q))
+        rotation.setflags(write=False)
+        translation.setflags(write=False)
+        scratch.batch = Q.copy(), rotation, translation
+        return rotation, translation
+
+    def _axes(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """World axes (B, m, 3) and origins (B, m, 3) of the joints."""
+        rotation, translation = self._poses(Q)
+        return self._axes_of(rotation), translation[:, 1:]
+
+    def _axes_of(self, rotation: FloatArray) -> FloatArray:
+        axes: FloatArray = (rotation[:, 1:] @ self._chain.axes[:, :, None])[..., 0]
+        return axes
+
+    def _keypoints_of(self, rotation: FloatArray, translation: FloatArray) -> FloatArray:
+        points: FloatArray = translation[:, self._key_joints]
+        at = self._shifted
+        points[:, at] += (rotation[:, self._key_joints[at]] @ self._key_offsets[at, :, None])[..., 0]
+        return points
+
+    @cached_property
+    def _moves_joint(self) -> BoolArray:
+        """Which of the m joints move each of Pinocchio's joints, (J, m)."""
+        support = self._supporting_joints(np.arange(1, self._model.njoints))
+        return np.vstack([np.zeros((1, self._model.nv), dtype=bool), support])
+
+    def _supporting_joints(self, joints: IntArray) -> BoolArray:
+        """For each of the Pinocchio joints (K,): which of the m joints move it (K, m)."""
+        support = np.zeros((len(joints), self._model.nv), dtype=bool)
+        for row, joint in enumerate(joints):
+            support[row, self._chain.path_to_root(int(joint))] = True
+        return support
+
+
+_NEXT, _AFTER_NEXT = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a × b along the last axis; np.cross takes four times as long on small arrays."""
+    return a.take(_NEXT, -1) * b.take(_AFTER_NEXT, -1) - a.take(_AFTER_NEXT, -1) * b.take(_NEXT, -1)

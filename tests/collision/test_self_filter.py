@@ -1,0 +1,94 @@
+"""The robot's own points go from a cloud, and no others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.self_filter import robot_points, without_robot
+from safe_ompl.errors import InputError
+from safe_ompl.robot.displacement import bounding_hull
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box
+from safe_ompl.scene.shapes.cloud import PointCloud
+
+Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
+MARGIN = 0.02
+
+
+def skin(robot) -> np.ndarray:
+    """Return corners of the robot's hulls in the world."""
+    data, found = robot.model.createData(), []
+    pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(Q))
+    for body in robot.collision_model.geometryObjects:
+        place = data.oMi[int(body.parentJoint)] * body.placement
+        corners = bounding_hull(body.geometry).points[::5]
+        found.append(corners @ place.rotation.T + place.translation)
+    return np.concatenate(found)
+
+
+@pytest.fixture(scope="module")
+def scan(panda) -> tuple[np.ndarray, int]:
+    """Points on the robot, then points anywhere."""
+    own = skin(panda) + np.random.default_rng(0).normal(0, 0.002, skin(panda).shape)
+    anywhere = np.random.default_rng(1).uniform([-0.6, -0.6, 0], [0.9, 0.6, 1.2], (400, 3))
+    return np.concatenate([own, anywhere]), len(own)
+
+
+def test_which_points_are_the_robot_s_is_what_distances_say(panda, scan) -> None:
+    points, own = scan
+    mine = robot_points(points, panda, Q, MARGIN)
+    assert mine[:own].all()
+    bodies = panda.collision_model
+    for k in range(own, len(points), 7):
+        ball = Scene((Obstacle("p", PointCloud(1e-4, points=points[[k]])),))
+        geometry = bodies.copy()
+        geometry.removeAllCollisionPairs()
+        ((name, shape, place),) = ball["p"].geometries()
+        number = geometry.addGeometryObject(pin.GeometryObject(name, 0, place, shape))
+        for body in range(len(bodies.geometryObjects)):
+            geometry.addCollisionPair(pin.CollisionPair(body, number))
+        data = pin.GeometryData(geometry)
+        full = panda.pinocchio_configuration(Q)
+        pin.computeDistances(panda.model, panda.model.createData(), geometry, data, full)
+        distance = min(result.min_distance for result in data.distanceResults) + 1e-4
+        if abs(distance - MARGIN) > 1e-4:
+            assert mine[k] == (distance < MARGIN)
+
+
+def test_a_robot_that_saw_itself_is_free(panda, scan, caplog: pytest.LogCaptureFixture) -> None:
+    points, own = scan
+    pose = Pose.from_rpy((0.4, -0.2, 0.1), (0.1, 0.2, 0.3))
+    cloud = PointCloud(0.01, points=(points - pose.se3.translation) @ pose.se3.rotation)
+    table = Obstacle("table", Box((1, 1, 0.02)), pose=Pose((0, 0, -0.5)))
+    scene = Scene((table, Obstacle("scan", cloud, pose, 0.5)), 0.2)
+    assert CollisionChecker(panda, scene).in_collision(Q)
+    with caplog.at_level("INFO"):
+        cleared = without_robot(scene, panda, Q, 0.05)
+    assert not CollisionChecker(panda, cleared).in_collision(Q)
+    kept = len(cleared["scan"].shape.centres)
+    assert 100 < kept <= len(points) - own
+    assert f"scan: {len(points) - kept} of {len(points)} points are of the robot" in caplog.text
+    assert (cleared["scan"].weight, cleared["scan"].pose, cleared.spacing) == (0.5, pose, 0.2)
+    assert cleared["table"] is table
+
+
+def test_a_cloud_that_is_all_robot_goes(panda) -> None:
+    scene = Scene((Obstacle("scan", PointCloud(0.01, points=skin(panda))),))
+    assert without_robot(scene, panda, Q, MARGIN).names == ()
+
+
+def test_a_cloud_without_robot_stays_itself(panda) -> None:
+    scene = Scene((Obstacle("scan", PointCloud(0.01, points=[[5, 5, 5]])),))
+    assert without_robot(scene, panda, Q, MARGIN)["scan"] is scene["scan"]
+
+
+def test_what_cannot_be_is_refused(panda) -> None:
+    with pytest.raises(InputError, match="margin must be a finite number >= 0, got -1"):
+        without_robot(Scene((Obstacle("s", PointCloud(0.01, points=[[5, 5, 5]])),)), panda, Q, -1)
+    with pytest.raises(InputError, match=r"q must have shape \(7\), got \(2,\)"):
+        robot_points([[0, 0, 0]], panda, [0, 1], 0.0)

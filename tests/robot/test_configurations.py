@@ -1,0 +1,73 @@
+"""Configurations as people have them: lists, other kinds of numbers, mappings; and what is none."""
+
+import numpy as np
+import pytest
+
+from safe_ompl.errors import InputError, UnknownNameError
+
+ASKED = (
+    "keypoints",
+    "keypoint_jacobians",
+    "tip_jacobian",
+    "displacement_radii_at",
+    "pinocchio_configuration",
+)
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova"])
+@pytest.mark.parametrize("method", ASKED)
+def test_lists_and_other_numbers(robot_named, name, method):
+    robot = robot_named(name)
+    q = np.round((robot.lower + robot.upper) / 2, 1).astype(np.float32)
+    ask = getattr(robot, method)
+    expected = ask(q.astype(np.float64))
+    for other in (q, q.tolist(), tuple(q.tolist()), np.stack([q, q], axis=1)[:, 0]):
+        np.testing.assert_array_equal(ask(other), expected)
+
+
+@pytest.mark.parametrize("method", [*ASKED, "tip_pose", "named"])
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ([0.0] * 6, r"must have shape \(7\), got \(6,\)"),
+        (np.zeros((1, 7)), r"must have shape \(7\), got \(1, 7\)"),
+        ("zero", "must be numbers, got 'zero'"),
+        ([0.0] * 6 + [float("nan")], "must be finite"),
+        (None, "must"),
+    ],
+)
+def test_what_is_no_configuration(panda, method, value, message):
+    with pytest.raises(InputError, match=message):
+        getattr(panda, method)(value)
+
+
+@pytest.mark.parametrize("method", ["keypoint_jacobians", "tip_pose", "tip_jacobian", "named"])
+def test_arrays_with_nan_are_refused_where_it_costs_little(panda, method):
+    with pytest.raises(InputError, match="configuration must be finite"):
+        getattr(panda, method)(np.full(7, np.nan))
+
+
+def test_mappings_from_names(panda):
+    q = np.linspace(-0.5, -0.1, 7)
+    np.testing.assert_array_equal(panda.configuration(panda.named(q)), q)
+    np.testing.assert_array_equal(panda.keypoints(panda.named(q)), panda.keypoints(q))
+    with pytest.raises(UnknownNameError, match="unknown joint 'panda_joint9'; known: panda_joint1"):
+        panda.configuration({"panda_joint9": 0.0})
+    with pytest.raises(InputError, match="configuration lacks the joints panda_joint2, panda_joint3"):
+        panda.configuration({"panda_joint1": 0.0})
+
+
+def test_batches(panda):
+    Q = np.linspace(-0.9, -0.1, 14).reshape(2, 7)
+    np.testing.assert_array_equal(panda.keypoints_batch(Q.tolist()), panda.keypoints_batch(Q))
+    with pytest.raises(InputError, match=r"configurations must have shape \(any, 7\), got \(7,\)"):
+        panda.keypoints_batch(Q[0])
+
+
+def test_nan_is_never_within_limits(kinova):
+    assert not kinova.within_limits(np.full(6, np.nan)).any()
+    assert kinova.within_limits([0.0, *((kinova.lower + kinova.upper) / 2)[1:]]).all()
+
+
+def test_differences_of_lists(kinova):
+    np.testing.assert_allclose(kinova.difference([3.0] * 6, [-3.0] * 6)[kinova.continuous], 2 * np.pi - 6)

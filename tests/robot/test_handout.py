@@ -1,0 +1,90 @@
+"""What a robot hands out can be changed; the robot cannot."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+
+
+@pytest.fixture
+def robot(data_folder):
+    return Robot.from_urdf(data_folder / "twin_arm.urdf")
+
+
+def spoil_bodies(robot):
+    robot.collision_model.addGeometryObject(
+        pin.GeometryObject("tool_0", 1, pin.SE3.Identity(), coal.Sphere(0.3))
+    )
+
+
+def spoil_pairs(robot):
+    robot.collision_model.removeAllCollisionPairs()
+
+
+def spoil_shape(robot):
+    robot.collision_model.geometryObjects[0].geometry.halfSide[:] = 3.0
+
+
+def spoil_placement(robot):
+    robot.collision_model.geometryObjects[1].placement = pin.SE3.Random()
+
+
+def spoil_model(robot):
+    robot.model.jointPlacements[2] = pin.SE3.Random()
+
+
+@pytest.mark.parametrize("spoil", [spoil_bodies, spoil_pairs, spoil_shape, spoil_placement, spoil_model])
+def test_what_is_done_to_a_model_handed_out_changes_nothing(robot, caplog, spoil):
+    q = (robot.lower + robot.upper) / 2
+    before = robot_hash(robot), robot.displacement_radii.copy(), robot.keypoints(q)
+    pairs = CollisionChecker(robot, Scene()).pair_names
+    spoil(robot)
+    spoiled = "model" if spoil is spoil_model else "collision_model"
+    getattr(robot, spoiled)
+    assert (
+        f"twin_arm: {spoiled} was changed, which does not change the robot: use with_attached" in caplog.text
+    )
+    assert robot_hash(robot) == before[0]
+    np.testing.assert_array_equal(robot.displacement_radii, before[1])
+    np.testing.assert_array_equal(robot.keypoints(q), before[2])
+    checker = CollisionChecker(robot, Scene())
+    assert checker.pair_names == pairs
+    assert len(robot.collision_model.geometryObjects) == len(robot.displacement_radii)
+    fresh = pin.GeometryData(robot.collision_model)
+    data = robot.model.createData()
+    full = robot.pinocchio_configuration(q)
+    assert pin.computeCollisions(
+        robot.model, data, robot.collision_model, fresh, full, True
+    ) == checker.in_collision(q)
+
+
+def test_models_handed_out_unchanged_are_not_copied_again(robot, caplog):
+    assert robot.model is robot.model
+    assert robot.collision_model is robot.collision_model
+    assert "was changed" not in caplog.text
+
+
+def test_the_chain_is_a_copy(robot):
+    robot.chain.axes[:] = 0.0
+    robot.chain.placements[0].translation[:] = 7.0
+    assert np.abs(robot.chain.axes).max() == pytest.approx(1.0)
+    assert np.abs(robot.chain.placements[0].translation).max() < 1.0
+
+
+def test_arrays_are_read_only(robot):
+    for name in (
+        *("lower", "upper", "continuous", "prismatic", "segments", "displacement_radii", "joint_radii"),
+        *("keypoint_radii", "joint_keypoint_radii", "keypoint_support", "arm_rates"),
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(robot, name)[...] = 0
+
+
+def test_shared_models_are_those_of_the_proofs(robot):
+    assert robot.shared.collision_model == robot.collision_model
+    assert robot.shared.model == robot.model
