@@ -1,9 +1,10 @@
 """What each idea adds to safety: python bench/ablation.py [--runs N] [--scenarios a,b] [--time S].
 
-RRT-Connect exactly as printed (PaperRRTConnect) is what all else is compared with. SafeRRTConnect with one of its ideas
-at a time, with all but one, and with all: the selection by ρ + α·CDF, the slide
-down the gradient, the adaptive threshold on danger, and simplification afterwards. All take turns, with the same seeds.
-Medians over the runs; J is the cost ∫(1 + λ·CDF²) ds that simplification lowers.
+RRT-Connect exactly as printed (PaperRRTConnect) is what all else is compared with. SafeRRTConnect with one of its
+ideas at a time, with all but one, and with all: short steps where a whole one is trapped, the selection by ρ + α·CDF,
+the slide down the gradient, the adaptive threshold on danger, and simplification afterwards. All take turns, with the
+same seeds. Short steps go with each single idea. Medians over the runs; J is the cost ∫(1 + λ·CDF²) ds that
+simplification lowers.
 """
 
 from __future__ import annotations

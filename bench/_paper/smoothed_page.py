@@ -33,7 +33,9 @@ as is usual. Numbers are means over the solved runs; time is that of planning an
 
 def smoothing_section(studies: Sequence[Smoothed]) -> str:
     """Return the section of the report: answer, figure, and a table for each study."""
-    parts = ["## Does safe planning still win after smoothing?", answer(studies)]
+    parts = ["## Does safe planning still win after smoothing?"]
+    for as_printed, words in ((True, "Planners as printed"), (False, "Ours")):
+        parts += [f"### {words}", answer([study.of_form(as_printed=as_printed) for study in studies])]
     parts += [f"![{_CAPTION}]({FIGURE})\n\n*{_CAPTION}.*", _EXPLANATION]
     for study in studies:
         parts += [f"Study {study.study.number}:", smoothing_table(study)]
