@@ -64,7 +64,8 @@ class SafeJTRRT(WeighingPlanner):
         weighed alike.
     raw_gains : bool
         Take k₁ and k₂ as they are: Δq = k₂ [J†Δx + (I − J†J)Δq₀] with Δq₀ = k₁ Σ Jᵀ CDF over all danger points and
-        the ends of all links, evaluated at every step. `step` remains the largest length of a step.
+        the ends of all links, evaluated at every step. The more danger points, the smaller k₁ must be: a thousandth
+        serves the paper's scenes. `step` remains the largest length of a step.
     gain : float
         k₂, where the gains are raw.
     random_starts : float
