@@ -11,7 +11,7 @@ import numpy as np
 
 from _paper.evidence import COLUMNS
 from _paper.store import Store
-from _paper.studies import Pair
+from _paper.studies import Pair, with_crossed
 from _paper.tables import markdown_table
 from safe_ompl.arrays import FloatArray
 from safe_ompl.benchmark.campaign import Campaign
@@ -146,7 +146,7 @@ class RandomStudy:
     def ratios(self) -> str:
         """Return a row for each pair: safe divided by classical on the scenes that both solved."""
         header = ("safe / classic", "scenes", "mean danger", "lower in", "time", "nodes", "checks")
-        return markdown_table(header, [self._ratio_cells(pair) for pair in self.pairs])
+        return markdown_table(header, [self._ratio_cells(pair) for pair in with_crossed(self.pairs)])
 
     def _cells(self, name: str) -> tuple[str, ...]:
         scenes = self.rows[name]

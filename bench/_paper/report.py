@@ -111,7 +111,8 @@ def _study_section(evidence: Evidence, scenario: Scenario, hardness: Hardness) -
         f"gradient {hardness.gradient:.1f}: this is what safe planners have to save.",
         f"Table {'I' * number}, our numbers:",
         effort_table(evidence),
-        "Safe divided by classical; in brackets the paper's:",
+        'Safe divided by classical; in brackets the paper\'s. "Ours / printed" is our safe planner against the '
+        "classical one as printed:",
         ratio_table(evidence),
         "The paper prints:",
         printed_table(evidence),

@@ -26,7 +26,7 @@ from _paper.smoothed import MEAN, Ratio, Smoothed, answer
 from _paper.smoothed_page import plot_smoothing, smoothing_section, smoothing_table
 from _paper.smoothing import ShorteningCampaign, Smoothing
 from _paper.store import Store, read_result
-from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs
+from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs, with_crossed
 from _paper.tables import effort_table, markdown_table, ratio_table
 
 from safe_ompl.benchmark.campaign import Campaign, failure
@@ -129,6 +129,12 @@ def test_every_family_is_there_as_printed_and_in_our_form() -> None:
     printed, ours = ([pair.label for pair in PAIRS if pair.as_printed is form] for form in (True, False))
     assert printed == ours == ["Bubbles", "PRM", "RRT-Connect", "JT-RRT"]
     assert all(name.startswith("Paper") == pair.as_printed for pair in PAIRS for name in pair.planners)
+
+
+def test_our_safe_planners_are_also_compared_with_classical_ones_as_printed() -> None:
+    (crossed,) = (pair for pair in with_crossed(chosen_pairs(["SafePRM", "PaperPRM"])) if pair.against_print)
+    assert (crossed.safe, crossed.classic, crossed.title) == ("SafePRM", "PaperPRM", "PRM ours / printed")
+    assert with_crossed([PAIR]) == [PAIR]
 
 
 def test_the_forms_have_verdicts_of_their_own(evidence: Evidence) -> None:
