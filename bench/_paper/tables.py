@@ -34,7 +34,7 @@ def printed_table(evidence: Evidence) -> str:
 
 
 def ratio_table(evidence: Evidence) -> str:
-    """Return the ratios safe/classic, the paper's in brackets; of ours also against the classical planner as printed."""
+    """Return the ratios safe/classic, the paper's in brackets; ours also against the classical one as printed."""
     return markdown_table(_RATIOS, [_ratio_row(evidence, pair) for pair in with_crossed(evidence.pairs)])
 
 
