@@ -47,6 +47,9 @@ class BubblePlanner(WeighingPlanner):
         search is `guided` it does not pay; the paper's form needs it.
     nearest_fraction : float
         ε: share of the turns that ignore danger, so that no passage stays closed because it is dangerous.
+    patience : float
+        After so many turns danger counts half, after twice as many a quarter, and so on: where it keeps the planner
+        out of a narrow place, it yields. 0: it never does.
     shape : {"link", "cube", "paper", "paper_cube"}
         The diamond of all links' own distances, or the largest cube in the bubble of all links; the paper's diamond
         (9), or the largest cube in that. The first holds the third and is 4 times as large on a 6-DOF arm; with
@@ -83,7 +86,7 @@ class BubblePlanner(WeighingPlanner):
     * f in metres and on a logarithmic scale (`normalized`): one set of parameters for all robots and scenes;
     * a tree goes on while it comes nearer, and heads for other places, too (`guided`): far fewer bubbles;
     * the path is contracted and slides (`guided`, `slide`): shorter and less dangerous;
-    * a share of the turns ignores danger (`nearest_fraction`): no passage stays closed;
+    * a share of the turns ignores danger (`nearest_fraction`), and danger fades (`patience`): no passage stays closed;
     * bubbles below a clearance are left out (`least_clearance`): none is spent on creeping along a surface.
 
     References
@@ -101,6 +104,7 @@ class BubblePlanner(WeighingPlanner):
         alpha: float = 1.0,
         beta: float = 0.0,
         nearest_fraction: float = 1 / 3,
+        patience: float = 500,
         shape: str = "link",
         slide: float = 0.8,
         normalized: bool = True,
@@ -121,6 +125,7 @@ class BubblePlanner(WeighingPlanner):
         self.setAlpha(alpha)
         self.setBeta(beta)
         self.setNearestFraction(nearest_fraction)
+        self.setPatience(patience)
         self.setShape(shape)
         self.setSlide(slide)
         self.setNormalized(normalized)
@@ -205,9 +210,11 @@ class BubblePlanner(WeighingPlanner):
             if ptc() or not (len(tree.open) or len(other.open)):
                 break
             self._take_goals(ptc)
+            self._patience.fade()
             for current_goal in self._headings(other):
                 path = self._expand(tree, other, current_goal, ptc)
                 if path is not None:
+                    self._patience.reset()
                     return self._band.settled(path, self.getRange(), ptc) if self._guided else path
             tree, other = other, tree  # SWAP
             self._turns += 1
@@ -244,7 +251,7 @@ class BubblePlanner(WeighingPlanner):
         f = self._metric.lengths(rows["q"], goal)
         f += (_PATH_SHARE if self._normalized else 1.0) * rows["path_length"]
         if self.getAlpha() and not self._careless:
-            f += self.getAlpha() * rows["cost"]
+            f += self.getAlpha() * self._danger.heed * rows["cost"]
         if self._beta:
             f -= self._beta * rows["diversity"]
         return f
@@ -343,6 +350,7 @@ class BubblePlanner(WeighingPlanner):
         self._metric = JointMetric(self._bridge, rates, taxicab=not self._normalized)
         self._trees = VolumeTrees(self._bridge, self._metric, diverse=self._beta > 0)
         self._turns = self._places = 0
+        self._patience.reset()
 
 
 class _Progress:

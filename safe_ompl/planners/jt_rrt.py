@@ -59,6 +59,9 @@ class SafeJTRRT(WeighingPlanner):
         than the node that they grow from (a start may be in danger). Infinite by default.
     transpose : bool
         Take Jᵀ in place of J† and leave the null space alone. With α = 0 this is the classical JT-RRT [2].
+    patience : float
+        After so many turns half of them ignore danger, after twice as many three of four, and so on: where danger keeps the
+        planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative; the tip's metres and the joints' radians are
         weighed alike.
@@ -91,6 +94,7 @@ class SafeJTRRT(WeighingPlanner):
       dead ends;
     * random steps slide and keep to thresholds (`slide`, `threshold_rise`, `strict_threshold`): lower danger;
     * nodes safer than their parents are always welcome (`strict_threshold`): a start in danger can be left;
+    * danger yields where no path is found (`patience`): no solution is lost for its sake;
     * α is relative (`raw_alpha`): one default for all robots.
 
     References
@@ -118,6 +122,7 @@ class SafeJTRRT(WeighingPlanner):
         danger_threshold: float = np.inf,
         transpose: bool = False,
         raw_alpha: bool = False,
+        patience: float = 100,
         raw_gains: bool = False,
         gain: float = 0.1,
         random_starts: float = 0.3,
@@ -149,6 +154,7 @@ class SafeJTRRT(WeighingPlanner):
         self.setDangerThreshold(danger_threshold)
         self.setTranspose(transpose)
         self.setRawAlpha(raw_alpha)
+        self.setPatience(patience)
         self.setRawGains(raw_gains)
         self.setGain(gain)
         self.setRandomStarts(random_starts)
@@ -256,6 +262,7 @@ class SafeJTRRT(WeighingPlanner):
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_JT-RRT."""
         while self._approach.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
+            self._patience.turn(self._rng)
             if self._rng.random() < self._goal_bias:
                 self._extend_towards_goal(ptc)
             else:
@@ -368,6 +375,7 @@ class SafeJTRRT(WeighingPlanner):
     def _forget(self) -> None:
         self._trees = Trees(self._bridge, self._task.cost, self.counts)
         self._threshold.reset()
+        self._patience.reset()
         self._approach = Approach(self._goal)
 
     def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:

@@ -54,6 +54,9 @@ class SafePRM(WeighingPlanner):
         straight edges as in the paper. Edges of the path that are longer than twice the range slide down the gradient
         of the danger in their middle, where both halves stay free; so do the halves. It acts where α > 0 and the
         objective offers gradients (`DangerObjective` does).
+    patience : float
+        After so many searches, each with more samples, danger counts half, after twice as many a quarter, and so on: where it keeps the planner
+        out of a narrow place, it yields. 0: it never does.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.
     taxicab : bool
@@ -76,6 +79,7 @@ class SafePRM(WeighingPlanner):
     * invalid milestones do not count among the K (`lazy`): the roadmap stays connected in clutter;
     * more samples are drawn (`growing`): what can be solved is solved, whatever N;
     * edges of the path slide (`slide`): lower danger between milestones;
+    * danger yields where no path is found (`patience`): no solution is lost for its sake;
     * α is relative (`raw_alpha`): one default for all robots.
 
     Laziness goes further than in the paper: an edge is checked when its milestone is about to leave Open, not when it
@@ -109,6 +113,7 @@ class SafePRM(WeighingPlanner):
         neighbors: int = 25,
         samples: int = 50,
         slide: float = 0.8,
+        patience: float = 4,
         raw_alpha: bool = False,
         taxicab: bool = False,
         lazy: bool = True,
@@ -120,6 +125,7 @@ class SafePRM(WeighingPlanner):
         self.setNeighbors(neighbors)
         self.setSamples(samples)
         self.setSlide(slide)
+        self.setPatience(patience)
         self.setRawAlpha(raw_alpha)
         self.setTaxicab(taxicab)
         self.setLazy(lazy)
@@ -186,10 +192,12 @@ class SafePRM(WeighingPlanner):
         self._random_set(self._samples + roots - len(self._roadmap))
         while not ptc():
             self._take_goals(ptc)
+            self._patience.fade()
             graph = Graph(len(self._roadmap), self._roadmap.starts, from_start=True)
             other = Graph(len(self._roadmap), self._roadmap.goals, from_start=False)
             path = self._safe_prm_planner(graph, other, ptc)
             if path is not None and self._can_be_driven(path):
+                self._patience.reset()
                 return self._driven(path, ptc)
             if path is None and not self._growing:
                 break
@@ -363,6 +371,7 @@ class SafePRM(WeighingPlanner):
 
     def _forget(self) -> None:
         self._roadmap = Roadmap(self._bridge, self._task.cost, self._metric())
+        self._patience.reset()
 
     def _begin_anew(self) -> None:
         """Forget all milestones but starts and goals."""

@@ -34,14 +34,23 @@ _RRT_CONNECT_AS_PRINTED = {
     "nearest_fraction": 0.0,
     "slide": 0.0,
     "threshold_rise": 0.0,
+    "patience": 0.0,
     "short_steps": False,
     "raw_alpha": True,
 }
-_PRM_AS_PRINTED = {"slide": 0.0, "raw_alpha": True, "taxicab": True, "lazy": False, "growing": False}
+_PRM_AS_PRINTED = {
+    "slide": 0.0,
+    "patience": 0.0,
+    "raw_alpha": True,
+    "taxicab": True,
+    "lazy": False,
+    "growing": False,
+}
 _JT_RRT_AS_PRINTED = {
     "nearest_fraction": 0.0,
     "slide": 0.0,
     "threshold_rise": 0.0,
+    "patience": 0.0,
     "raw_alpha": True,
     "raw_gains": True,
     "random_starts": 0.0,
@@ -49,6 +58,7 @@ _JT_RRT_AS_PRINTED = {
 }
 _BUBBLES_AS_PRINTED = {
     "nearest_fraction": 0.0,
+    "patience": 0.0,
     "slide": 0.0,
     "normalized": False,
     "guided": False,

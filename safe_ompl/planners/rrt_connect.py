@@ -51,6 +51,9 @@ class SafeRRTConnect(WeighingPlanner):
     short_steps : bool
         Where the step towards a random configuration is trapped, try a shorter one, of 5 to 100 % of the range: it
         leads out of narrow places.
+    patience : float
+        After so many turns half of them ignore danger, after twice as many three of four, and so on: where danger keeps the
+        planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.
     iterations : int
@@ -65,6 +68,7 @@ class SafeRRTConnect(WeighingPlanner):
     * a share of the choices ignores danger (`nearest_fraction`): no passage stays closed;
     * steps slide and keep to a threshold (`slide`, `threshold_rise`): lower danger;
     * a shorter step is tried (`short_steps`): fewer nodes in narrow places, more checks elsewhere;
+    * danger yields where no path is found (`patience`): no solution is lost for its sake;
     * α is relative (`raw_alpha`): one default for all robots.
 
     References
@@ -85,6 +89,7 @@ class SafeRRTConnect(WeighingPlanner):
         threshold_rise: float = 0.05,
         short_steps: bool = True,
         raw_alpha: bool = False,
+        patience: float = 50,
         iterations: int = 0,
     ) -> None:
         super().__init__(si, name)
@@ -101,6 +106,7 @@ class SafeRRTConnect(WeighingPlanner):
         self.setThresholdRise(threshold_rise)
         self.setShortSteps(short_steps)
         self.setRawAlpha(raw_alpha)
+        self.setPatience(patience)
         self.setIterations(iterations)
 
     def setNearestFraction(self, epsilon: float) -> None:
@@ -152,6 +158,7 @@ class SafeRRTConnect(WeighingPlanner):
             if ptc():
                 break
             self._take_goals(ptc)
+            self._patience.turn(self._rng)
             q_rand = self._task.random_configuration(self._rng)
             old = self._select(tree, q_rand)
             outcome, new = self._extend(tree, old, q_rand)
@@ -199,3 +206,4 @@ class SafeRRTConnect(WeighingPlanner):
     def _forget(self) -> None:
         self._trees = Trees(self._bridge, self._task.cost, self.counts)
         self._threshold.reset()
+        self._patience.reset()
