@@ -55,8 +55,8 @@ class SafePRM(WeighingPlanner):
         of the danger in their middle, where both halves stay free; so do the halves. It acts where α > 0 and the
         objective offers gradients (`DangerObjective` does).
     patience : float
-        After so many searches, each with more samples, danger counts half, after twice as many a quarter, and so on: where it keeps the planner
-        out of a narrow place, it yields. 0: it never does.
+        After so many searches, each with more samples, danger counts half, after twice as many a quarter, and so on.
+        0: it never yields. Here it need not: where milestones are dense danger leads out of narrow places.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.
     taxicab : bool
@@ -79,7 +79,6 @@ class SafePRM(WeighingPlanner):
     * invalid milestones do not count among the K (`lazy`): the roadmap stays connected in clutter;
     * more samples are drawn (`growing`): what can be solved is solved, whatever N;
     * edges of the path slide (`slide`): lower danger between milestones;
-    * danger yields where no path is found (`patience`): no solution is lost for its sake;
     * α is relative (`raw_alpha`): one default for all robots.
 
     Laziness goes further than in the paper: an edge is checked when its milestone is about to leave Open, not when it
@@ -113,7 +112,7 @@ class SafePRM(WeighingPlanner):
         neighbors: int = 25,
         samples: int = 50,
         slide: float = 0.8,
-        patience: float = 4,
+        patience: float = 0,
         raw_alpha: bool = False,
         taxicab: bool = False,
         lazy: bool = True,

@@ -44,11 +44,11 @@ class WeighingPlanner(SafePlanner):
         self._slide.share = fraction("slide", slide)
 
     def setPatience(self, turns: float) -> None:
-        """Set after how many turns half of them ignore danger, so that it never costs a solution; 0: it never yields."""
+        """Set after how many turns danger has half its say, so that it never costs a solution; 0: it never yields."""
         self._patience.half_life = number("patience", turns, at_least=0)
 
     def getPatience(self) -> float:
-        """Return after how many turns half of them ignore danger."""
+        """Return after how many turns danger has half its say."""
         return self._patience.half_life
 
     def getSlide(self) -> float:
