@@ -9,6 +9,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.coupling import Mimic
 from safe_ompl.robot.reduction import resting_value
 from safe_ompl.robot.skeleton import frame_index
 from safe_ompl.robot.srdf import SrdfFile
@@ -18,7 +19,7 @@ _log = logging.getLogger(__name__)
 
 def joints_and_posture(
     full: pin.Model,
-    followers: Collection[str],
+    mimics: Mapping[str, Mimic],
     locked: Mapping[str, float],
     *,
     tip: str | None,
@@ -29,16 +30,16 @@ def joints_and_posture(
 ) -> dict[str, float]:
     """Return all joints to hold with their values [rad or m], except those that mimic others.
 
-    Held are the joints of `locked`, and those that are not in the group or, without a group, do not move the tip. The
-    latter keep the values of the state `locked_state`; or those of `locked`, if that leaves no joint free and so can
+    Held are the joints of `locked`, and those that are not in the group or, without a group, do not move the tip, not
+    even through a joint that mimics them. The latter keep the values of the state `locked_state`; or those of `locked`, if that leaves no joint free and so can
     only be meant as a posture; or zero, which a warning says.
 
     Parameters
     ----------
     full : pin.Model
         All joints.
-    followers : collection of str
-        Those that mimic others.
+    mimics : mapping of str to Mimic
+        Which of them mimic which, chains resolved.
     locked : mapping of str to float
         Joints to hold.
     tip, group, locked_state : str, optional
@@ -53,7 +54,7 @@ def joints_and_posture(
     InputError
         If group, state, or a joint does not exist, or there is a state but no joint to hold.
     """
-    names = [name for name in list(full.names)[1:] if name not in followers]
+    names = [name for name in list(full.names)[1:] if name not in mimics]
     for name in locked:
         if not full.existJointName(name):
             raise UnknownNameError("joint to lock", name, list(full.names)[1:], source)
@@ -66,10 +67,11 @@ def joints_and_posture(
                 "locked_state is the posture of joints that are held: give a tip or a group", source
             )
         return dict(locked)
-    moving = _moving(full, tip, group, srdf, source)
+    moving = _moving(full, mimics, tip, group, srdf, source)
     free = [name for name in names if name in moving]
     if locked_state is None and free and all(name in locked for name in free):
         posture, locked = locked, {}
+    moving = _moving(full, _without(mimics, locked), tip, group, srdf, source)
     held = dict(locked)
     idle = [name for name in names if name not in moving and name not in held]
     for name in idle:
@@ -86,12 +88,22 @@ def group_tip(srdf: str | None, group: str | None, source: str) -> str | None:
 
 
 def _moving(
-    full: pin.Model, tip: str | None, group: str | None, srdf: str | None, source: str
+    full: pin.Model,
+    mimics: Mapping[str, Mimic],
+    tip: str | None,
+    group: str | None,
+    srdf: str | None,
+    source: str,
 ) -> Collection[str]:
     if group is not None:
         return _srdf(srdf, "group", source).group_joints(group, full)
     assert tip is not None
-    return [full.names[j] for j in list(full.supports[full.frames[frame_index(full, tip)].parentJoint])[1:]]
+    above = {full.names[j] for j in list(full.supports[full.frames[frame_index(full, tip)].parentJoint])[1:]}
+    return above | {mimic.primary for name, mimic in mimics.items() if name in above}
+
+
+def _without(mimics: Mapping[str, Mimic], locked: Mapping[str, float]) -> dict[str, Mimic]:
+    return {name: mimic for name, mimic in mimics.items() if name not in locked}
 
 
 def _srdf(srdf: str | None, key: str, source: str) -> SrdfFile:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 from typing import Literal, get_args
 
 import pinocchio as pin
@@ -46,10 +47,10 @@ def build_collision_geometry(urdf: UrdfFile, full: pin.Model, collision: str) ->
     return geometry
 
 
-def links_without_collision(
-    urdf: UrdfFile, model: pin.Model, geometry: pin.GeometryModel, collision: str, robot: str
+def links_with_visuals_alone(
+    urdf: UrdfFile, model: pin.Model, geometry: pin.GeometryModel, collision: str
 ) -> tuple[str, ...]:
-    """Return the moving links that have visual shapes but no collision shapes, after one warning that names them.
+    """Return the links, moving or not, that have visual shapes but no collision shapes.
 
     Parameters
     ----------
@@ -59,8 +60,6 @@ def links_without_collision(
         Joints that move and bodies that collide.
     collision : str
         One of `CollisionSource`.
-    robot : str
-        Name for the warning.
 
     Raises
     ------
@@ -82,13 +81,17 @@ def links_without_collision(
         )
     collides = {model.frames[part.parentFrame].name for part in geometry.geometryObjects}
     bare = urdf.links_with_visuals_only() - collides
-    moving = (frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint)
-    names = tuple(name for name in moving if name in bare)
-    if names:
+    return tuple(
+        frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.name in bare
+    )
+
+
+def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
+    """Say in one warning which moving links have no collision shapes, if any."""
+    if names := ", ".join(links):
         _log.warning(
             "%s: nothing is checked for links that have no collision shape: %s "
             "(collision='visual' takes their visual shapes)",
             robot,
-            ", ".join(names),
+            names,
         )
-    return names

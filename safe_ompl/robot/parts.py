@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.errors import InputError
+from safe_ompl.robot.collision_shapes import warn_of_unchecked
 from safe_ompl.robot.coupling import Mimic
 from safe_ompl.robot.displacement import JointChain
 from safe_ompl.robot.reduction import joint_limits
@@ -41,8 +42,10 @@ class RobotParts:
         Frames at the ends of arms; the first is the robot's tip.
     mimics : mapping of str to Mimic
         Joints of the model that follow planned ones.
-    links_without_collision : tuple of str
-        Moving links that have visual but no collision shapes.
+    held : mapping of str to float
+        Joints that are held, with their values [rad or m].
+    bare_links : tuple of str
+        Links, moving or not, that have visual but no collision shapes.
     """
 
     name: str
@@ -53,7 +56,18 @@ class RobotParts:
     link_ends: tuple[str, ...]
     tips: tuple[str, ...]
     mimics: Mapping[str, Mimic] = field(default_factory=dict)
-    links_without_collision: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    bare_links: tuple[str, ...] = ()
+
+    @cached_property
+    def links_without_collision(self) -> tuple[str, ...]:
+        """Moving links that have visual but no collision shapes."""
+        moving = {
+            frame.name
+            for frame in self.model.frames
+            if frame.type == pin.FrameType.BODY and frame.parentJoint
+        }
+        return tuple(name for name in self.bare_links if name in moving)
 
     @cached_property
     def chain(self) -> JointChain:
@@ -86,7 +100,10 @@ class RobotParts:
         yaw = model.addJoint(parent, pin.JointModelRUBZ(), pin.SE3.Identity(), BASE_JOINTS[2])
         model.addJointFrame(yaw)
         standing = self._on(model, yaw, pin.SE3.Identity())
-        return replace(standing, link_ends=(BASE_JOINTS[2], *self.link_ends))
+        parts = replace(standing, link_ends=(BASE_JOINTS[2], *self.link_ends))
+        before = set(self.links_without_collision)
+        warn_of_unchecked(self.name, [name for name in parts.links_without_collision if name not in before])
+        return parts
 
     def _on(self, model: pin.Model, joint: int, pose: pin.SE3) -> RobotParts:
         """Return the robot with its base fixed to a joint of `model`, which it is appended to."""
@@ -146,7 +163,8 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
             for p, parts in robots.items()
             for joint, mimic in parts.mimics.items()
         },
-        prefixed(lambda parts: parts.links_without_collision, order),
+        {f"{p}_{joint}": value for p, parts in robots.items() for joint, value in parts.held.items()},
+        prefixed(lambda parts: parts.bare_links, order),
     )
 
 

@@ -13,7 +13,6 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.coupling import Mimic
-from safe_ompl.robot.skeleton import frame_index
 
 _log = logging.getLogger(__name__)
 
@@ -38,10 +37,10 @@ def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], 
         full.upperPositionLimit[joint.idx_q] = high
 
 
-def joints_to_hold(
-    full: pin.Model, mimics: Mapping[str, Mimic], tip: str | None, locked: Mapping[str, float], source: str
+def with_mimics(
+    full: pin.Model, mimics: Mapping[str, Mimic], held: Mapping[str, float], source: str
 ) -> dict[str, float]:
-    """Return the joints to lock with their values: those asked for, those that do not move the tip, and their mimics.
+    """Return the joints to lock with their values, checked: those held, and those that mimic them.
 
     Parameters
     ----------
@@ -49,41 +48,33 @@ def joints_to_hold(
         All joints.
     mimics : mapping of str to Mimic
         Which of them mimic which, chains resolved.
-    tip : str, optional
-        Frame that must move; None: lock no joint for its sake.
-    locked : mapping of str to float
-        What is asked for [rad or m].
+    held : mapping of str to float
+        Joints to hold [rad or m].
     source : str
         For errors and the log.
 
     Raises
     ------
     InputError
-        If a joint to lock does not exist, its value cannot be, or a joint mimics one that does not exist.
+        If a joint to hold does not exist, its value cannot be, or a joint mimics one that does not exist.
     """
     names = list(full.names)[1:]
-    held: dict[str, float] = {}
-    for name, value in locked.items():
+    locked: dict[str, float] = {}
+    for name, value in held.items():
         if name not in names:
             raise UnknownNameError("joint to lock", name, names, source)
-        held[name] = _joint_value(full, name, value, source)
-    followers = {name: mimic for name, mimic in mimics.items() if name in names and name not in held}
-    for name, mimic in followers.items():
+        locked[name] = _joint_value(full, name, value, source)
+    for name, mimic in mimics.items():
+        if name not in names or name in held:
+            continue
         if mimic.primary not in names:
             raise UnknownNameError(f"joint that {name!r} mimics", mimic.primary, names, source)
-    if tip is not None:
-        moving = {full.names[j] for j in full.supports[full.frames[frame_index(full, tip)].parentJoint]}
-        moving |= {mimic.primary for name, mimic in followers.items() if name in moving}
-        for name in names:
-            if name not in moving and name not in held and name not in followers:
-                held[name] = resting_value(full, name)
-    for name, mimic in followers.items():
         if mimic.primary in held or mimic.multiplier == 0:
-            held[name] = mimic.multiplier * held.get(mimic.primary, 0.0) + mimic.offset
-    implied = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in locked)
+            locked[name] = mimic.multiplier * locked.get(mimic.primary, 0.0) + mimic.offset
+    implied = ", ".join(f"{name} = {value:g}" for name, value in locked.items() if name not in held)
     if implied:
-        _log.info("%s: locked, too, as not moving the tip or mimicking: %s", Path(source).name, implied)
-    return held
+        _log.info("%s: locked, too, as they mimic joints that are held: %s", Path(source).name, implied)
+    return locked
 
 
 def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float:

@@ -63,6 +63,8 @@ class Robot(DisplacementBounds):
         How the joints of Pinocchio's model follow the planned ones.
     shared : RobotParts
         Pinocchio's models themselves, not copied: for code that never changes them.
+    held_joints : dict of str to float
+        Joints that are held, with their values [rad or m].
     links_without_collision : tuple of str
         Moving links that have visual but no collision shapes: nothing is proven of them.
 
@@ -78,6 +80,7 @@ class Robot(DisplacementBounds):
         self.blueprint = blueprint
         super().__init__(blueprint.assemble() if parts is None else parts)
         self.name: str = self.shared.name
+        self.held_joints = dict(self.shared.held)
         self.links_without_collision = self.shared.links_without_collision
 
     # ------------------------------------------------------------------------------------------ construction
@@ -365,7 +368,9 @@ class Robot(DisplacementBounds):
 
     def __repr__(self) -> str:
         held = f", attached={[item.name for item in self.attached]}" if self.attached else ""
-        return f"Robot({self.name!r}, joints={list(self.joint_names)}, tip={self.tip!r}{held})"
+        bare = self.links_without_collision
+        unchecked = f", links_without_collision={list(bare)}" if bare else ""
+        return f"Robot({self.name!r}, joints={list(self.joint_names)}, tip={self.tip!r}{unchecked}{held})"
 
     # -------------------------------------------------------------------------------------- Pinocchio's models
 

@@ -14,7 +14,11 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.blueprint import Blueprint, Limits
 from safe_ompl.robot.chosen_joints import group_tip, joints_and_posture
-from safe_ompl.robot.collision_shapes import build_collision_geometry, links_without_collision
+from safe_ompl.robot.collision_shapes import (
+    build_collision_geometry,
+    links_with_visuals_alone,
+    warn_of_unchecked,
+)
 from safe_ompl.robot.convex import make_convex
 from safe_ompl.robot.coupling import Mimic, resolved
 from safe_ompl.robot.fingers import default_tip
@@ -23,9 +27,9 @@ from safe_ompl.robot.reduction import (
     apply_mimic_limits,
     check_joints,
     joint_limits,
-    joints_to_hold,
     override_limits,
     reduce_model,
+    with_mimics,
 )
 from safe_ompl.robot.self_collision import sample_configurations, select_self_pairs
 from safe_ompl.robot.srdf import SrdfFile
@@ -77,8 +81,10 @@ class UrdfBlueprint(Blueprint):
             group=self.group,
             locked_state=self.locked_state,
         )
-        lacking = links_without_collision(file, parts.model, parts.collision_model, self.collision, name)
-        return replace(parts, links_without_collision=lacking)
+        bare = links_with_visuals_alone(file, parts.model, parts.collision_model, self.collision)
+        parts = replace(parts, bare_links=bare)
+        warn_of_unchecked(name, parts.links_without_collision)
+        return parts
 
     def with_limits(self, limits: Limits) -> UrdfBlueprint:
         return replace(self, limits={**self.limits, **limits})
@@ -143,10 +149,10 @@ class _Source:
         override_limits(full, limits, source)
         if tip is not None and not full.existFrame(tip):
             raise UnknownNameError("tip frame", tip, (frame.name for frame in list(full.frames)[1:]), source)
-        locked = joints_and_posture(
+        held = joints_and_posture(
             full, mimics, locked, tip=tip, group=group, locked_state=locked_state, srdf=srdf, source=source
         )
-        held = joints_to_hold(full, mimics, None if group else tip, locked, source)
+        held = with_mimics(full, mimics, held, source)
         model, collision_model = reduce_model(full, self.collision_model, held)
         check_joints(model, source)
         if hulls:
@@ -164,7 +170,7 @@ class _Source:
 
         ends = tuple(full.names)[1:]
         tips = (tip or group_tip(srdf, group, source) or default_tip(full, model),)
-        return RobotParts(name, source, model, collision_model, visual, ends, tips, mimics)
+        return RobotParts(name, source, model, collision_model, visual, ends, tips, mimics, held)
 
 
 def _drop_fixed_pairs(geometry: pin.GeometryModel) -> None:

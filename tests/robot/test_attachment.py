@@ -145,7 +145,7 @@ def test_meshes(panda, data_folder, tmp_path):
         ({"name": ""}, "name: must be text that is not empty"),
         ({"shape": (0.1, 0.1)}, "attached shape: must be one of Box, Sphere, Cylinder, Capsule, Mesh, not"),
         ({"shape": PointCloud(points=[[0, 0, 0]], radius=0.1)}, "attached shape: must be one of Box"),
-        ({"pose": (1.0, 2.0)}, "pose.position: must be 3 numbers, not 2"),
+        ({"pose": (1.0, 2.0)}, "pose.position: must be 3 numbers, got 2"),
         ({"pose": {"position": [0, 0, 0], "angle": 1}}, "pose.angle: unknown key"),
         ({"link": "panda_link0", "danger": True}, "has no danger: no joint of the skeleton is below"),
     ],

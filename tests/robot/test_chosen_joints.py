@@ -59,7 +59,7 @@ def test_a_group_with_another_tip(build):
 
 
 def held(robot):
-    return {name: pytest.approx(value) for name, value in robot._held.items()}
+    return {name: pytest.approx(value) for name, value in robot.held_joints.items()}
 
 
 def test_the_other_arm_is_held_and_a_warning_says_where(build, caplog):
@@ -78,7 +78,7 @@ def test_a_state_is_the_posture_of_what_is_held(build, caplog):
     assert "right_turn = 0 (" in caplog.text
     assert "right_slide" not in caplog.text.replace("–", "")
     again = pickle.loads(pickle.dumps(robot))
-    assert held(again) == robot._held
+    assert held(again) == robot.held_joints
 
 
 def test_locks_win_over_the_state(build):
