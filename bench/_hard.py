@@ -18,8 +18,8 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.robot.displacement import bounding_hull
-from safe_ompl.robot.kinematics import Place, inverse_kinematics
+from safe_ompl.robot.bodies.reach import bounding_hull
+from safe_ompl.robot.inverse_kinematics import Place, inverse_kinematics
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose

@@ -29,10 +29,10 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import CertificateError, InputError, SafeOmplError
 from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
-from safe_ompl.robot.cache import VARIABLE
-from safe_ompl.robot.fingers import default_tip
+from safe_ompl.robot.bodies.cache import VARIABLE
+from safe_ompl.robot.description.urdf import UrdfFile
+from safe_ompl.robot.joints.fingers import default_tip
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.urdf import UrdfFile
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene

@@ -12,7 +12,7 @@ from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.plugins.states import ScratchState, StateBridge
-from safe_ompl.robot.kinematics import Place, inverse_kinematics
+from safe_ompl.robot.inverse_kinematics import Place, inverse_kinematics
 from safe_ompl.robot.robot import Robot
 
 TOLERANCE = 0.01  # [m]
@@ -44,7 +44,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         Orientation of the tip; without it any will do.
     tolerance : float
         How near to the place is near enough [m]. With a rotation a radian counts as
-        `safe_ompl.robot.kinematics.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
+        `safe_ompl.robot.inverse_kinematics.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
     field : DangerField, optional
         Ranks the solutions.
     seed : int, optional

@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.attachment import Attachment, as_pose
-from safe_ompl.robot.blueprint import (
+from safe_ompl.robot.bodies.reach import JointChain
+from safe_ompl.robot.construction.attachment import Attachment, as_pose
+from safe_ompl.robot.construction.blueprint import (
     Attached,
     Blueprint,
     Combined,
@@ -25,15 +26,14 @@ from safe_ompl.robot.blueprint import (
     check_prefixes,
     standing,
 )
-from safe_ompl.robot.collision_shapes import CollisionSource
-from safe_ompl.robot.coupling import Mimic
-from safe_ompl.robot.displacement import JointChain
+from safe_ompl.robot.construction.parts import RobotParts, independent
+from safe_ompl.robot.construction.sources import ModelsBlueprint, UrdfBlueprint, check_models
+from safe_ompl.robot.description.collision_shapes import CollisionSource
+from safe_ompl.robot.description.examples import find_example, robots_folder
+from safe_ompl.robot.description.urdf import existing_file
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
-from safe_ompl.robot.examples import find_example, robots_folder
 from safe_ompl.robot.handout import Handout
-from safe_ompl.robot.parts import RobotParts, independent
-from safe_ompl.robot.sources import ModelsBlueprint, UrdfBlueprint, check_models
-from safe_ompl.robot.urdf import existing_file
+from safe_ompl.robot.joints.coupling import Mimic
 from safe_ompl.scene.shapes.basic import Shape
 
 
@@ -181,7 +181,7 @@ class Robot(DisplacementBounds):
         Parameters
         ----------
         name : str
-            A key of `safe_ompl.robot.examples.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
+            A key of `safe_ompl.robot.description.examples.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
         tip, locked, hulls, base, mobile_base, collision, group, locked_state
             As in `from_urdf`; by default those of the table of examples.
 

@@ -15,10 +15,10 @@ from typing import Any
 
 from safe_ompl import document
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.robot.examples import robots_folder
+from safe_ompl.robot.construction.sources import UrdfBlueprint
+from safe_ompl.robot.description.examples import robots_folder
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.sources import UrdfBlueprint
 from safe_ompl.scene.scene import Scene
 
 _FILES = ("urdf", "srdf")

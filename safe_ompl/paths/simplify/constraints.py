@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.robot.kinematics import Place, inverse_kinematics
+from safe_ompl.robot.inverse_kinematics import Place, inverse_kinematics
 from safe_ompl.robot.robot import Robot
 
 _DAMPING = 1e-6  # [m²/rad²] of the projection: keeps it defined where the arm is singular

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.coupling import Mimic
+from safe_ompl.robot.joints.coupling import Mimic
 
 _log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
-from safe_ompl.robot import cache
+from safe_ompl.robot.bodies import cache
 
 _log = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ import pytest
 
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.robot.kinematics import (
+from safe_ompl.robot.inverse_kinematics import (
     METRES_PER_RADIAN,
     Place,
     StepLimits,

@@ -4,13 +4,13 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from test_robot import pair_names
+from self_pairs import self_pairs
 
 from safe_ompl.cli import main
-from safe_ompl.robot.examples import find_example, robots_folder
+from safe_ompl.robot.description.examples import find_example, robots_folder
+from safe_ompl.robot.description.srdf_writer import disabled_links
+from safe_ompl.robot.description.urdf import UrdfFile
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.srdf_writer import disabled_links
-from safe_ompl.robot.urdf import UrdfFile
 
 
 def test_round_trip(data_folder, tmp_path, capsys):
@@ -20,7 +20,7 @@ def test_round_trip(data_folder, tmp_path, capsys):
     assert "of 200 configurations" in text
     assert "200 samples: 0 pairs of links always touch, 6 are adjacent" in capsys.readouterr().err
     with_srdf = Robot.from_urdf(data_folder / "twin_arm.urdf", srdf)
-    assert pair_names(with_srdf) == pair_names(Robot.from_urdf(data_folder / "twin_arm.urdf"))
+    assert self_pairs(with_srdf) == self_pairs(Robot.from_urdf(data_folder / "twin_arm.urdf"))
 
 
 @pytest.mark.parametrize("name", ["ur10", "so101"])
@@ -32,7 +32,7 @@ def test_round_trip_of_robots_whose_links_always_touch(robot_named, tmp_path, na
     assert "Adjacent" in reasons
     example = find_example(name)
     again = Robot.from_urdf(urdf, srdf, [robots_folder().parents[1]], example.tip, example.locked)
-    assert pair_names(again) <= pair_names(robot_named(name))
+    assert self_pairs(again) <= self_pairs(robot_named(name))
 
 
 def test_links_that_always_touch(edited):

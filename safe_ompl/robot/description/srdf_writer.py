@@ -11,11 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.robot.collision_shapes import build_collision_geometry
-from safe_ompl.robot.convex import make_convex
-from safe_ompl.robot.coupling import Mimic
-from safe_ompl.robot.self_collision import adjacent_pairs, always_in_contact, sample_configurations
-from safe_ompl.robot.urdf import UrdfFile
+from safe_ompl.robot.bodies.self_collision import adjacent_pairs, always_in_contact, sample_configurations
+from safe_ompl.robot.description.collision_shapes import build_collision_geometry, make_convex
+from safe_ompl.robot.description.urdf import UrdfFile
+from safe_ompl.robot.joints.coupling import Mimic
 
 _log = logging.getLogger(__name__)
 

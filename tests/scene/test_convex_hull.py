@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from safe_ompl.errors import InputError
-from safe_ompl.robot.convex import convex_hull
-from safe_ompl.robot.enclosing_hull import enclosing_hull
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.shapes.convex_hull import convex_hull
 from safe_ompl.scene.shapes.mesh import Mesh
 
 
@@ -69,7 +68,7 @@ def test_every_vertex_is_inside_and_little_is_added(name):
 
 
 def test_it_is_the_same_each_time():
-    first, second = (np.array(enclosing_hull(cone(300), "cone").points()) for _ in range(2))
+    first, second = (np.array(convex_hull(mesh(cone(300)), "cone").points()) for _ in range(2))
     np.testing.assert_array_equal(first, second)
 
 

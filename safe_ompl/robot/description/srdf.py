@@ -9,7 +9,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.urdf import existing_file
+from safe_ompl.robot.description.urdf import existing_file
 
 
 class SrdfFile:

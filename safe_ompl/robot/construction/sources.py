@@ -12,18 +12,21 @@ import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.blueprint import Blueprint, Limits
-from safe_ompl.robot.chosen_joints import group_tip, joints_and_posture
-from safe_ompl.robot.collision_shapes import (
+from safe_ompl.robot.bodies.self_collision import sample_configurations, select_self_pairs
+from safe_ompl.robot.construction.blueprint import Blueprint, Limits
+from safe_ompl.robot.construction.chosen_joints import group_tip, joints_and_posture
+from safe_ompl.robot.construction.parts import RobotParts, independent
+from safe_ompl.robot.description.collision_shapes import (
     build_collision_geometry,
     links_with_visuals_alone,
+    make_convex,
     warn_of_unchecked,
 )
-from safe_ompl.robot.convex import make_convex
-from safe_ompl.robot.coupling import Mimic, resolved
-from safe_ompl.robot.fingers import default_tip
-from safe_ompl.robot.parts import RobotParts, independent
-from safe_ompl.robot.reduction import (
+from safe_ompl.robot.description.srdf import SrdfFile
+from safe_ompl.robot.description.urdf import UrdfFile
+from safe_ompl.robot.joints.coupling import Mimic, resolved
+from safe_ompl.robot.joints.fingers import default_tip
+from safe_ompl.robot.joints.reduction import (
     apply_mimic_limits,
     check_joints,
     joint_limits,
@@ -31,9 +34,6 @@ from safe_ompl.robot.reduction import (
     reduce_model,
     with_mimics,
 )
-from safe_ompl.robot.self_collision import sample_configurations, select_self_pairs
-from safe_ompl.robot.srdf import SrdfFile
-from safe_ompl.robot.urdf import UrdfFile
 
 _log = logging.getLogger(__name__)
 

@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.attachment import Attachment, as_pose
-from safe_ompl.robot.parts import BASE_JOINTS, RobotParts, combined
+from safe_ompl.robot.construction.attachment import Attachment, as_pose
+from safe_ompl.robot.construction.parts import BASE_JOINTS, RobotParts, combined
 from safe_ompl.scene.pose import Pose
 
 Limits: TypeAlias = Mapping[str, tuple[float, float]]

@@ -13,9 +13,9 @@ import pinocchio as pin
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.displacement import bounding_hull
-from safe_ompl.robot.parts import RobotParts
-from safe_ompl.robot.skeleton import Skeleton, frame_index
+from safe_ompl.robot.bodies.reach import bounding_hull
+from safe_ompl.robot.construction.parts import RobotParts
+from safe_ompl.robot.joints.skeleton import Skeleton, frame_index
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Shape, Sphere

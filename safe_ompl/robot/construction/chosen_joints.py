@@ -9,10 +9,10 @@ from pathlib import Path
 import pinocchio as pin
 
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.coupling import Mimic
-from safe_ompl.robot.reduction import resting_value
-from safe_ompl.robot.skeleton import frame_index
-from safe_ompl.robot.srdf import SrdfFile
+from safe_ompl.robot.description.srdf import SrdfFile
+from safe_ompl.robot.joints.coupling import Mimic
+from safe_ompl.robot.joints.reduction import resting_value
+from safe_ompl.robot.joints.skeleton import frame_index
 
 _log = logging.getLogger(__name__)
 
@@ -31,8 +31,8 @@ def joints_and_posture(
     """Return all joints to hold with their values [rad or m], except those that mimic others.
 
     Held are the joints of `locked`, and those that are not in the group or, without a group, do not move the tip, not
-    even through a joint that mimics them. The latter keep the values of the state `locked_state`; or those of `locked`, if that leaves no joint free and so can
-    only be meant as a posture; or zero, which a warning says.
+    even through a joint that mimics them. The latter keep the values of the state `locked_state`; or those of
+    `locked`, if that leaves no joint free and so can only be meant as a posture; or zero, which a warning says.
 
     Parameters
     ----------

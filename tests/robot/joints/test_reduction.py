@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 import pytest
-from test_robot import pair_names
+from self_pairs import self_pairs
 
 from safe_ompl.errors import InputError
 from safe_ompl.robot.robot import Robot
@@ -74,7 +74,7 @@ def test_a_joint_may_have_the_name_of_a_link(edited, locked):
         edited("gripper_arm.urdf", '"elbow"', '"elbow"'), tip="hand", locked={locked: 0.3}
     )
     np.testing.assert_allclose(robot.keypoints(np.array([0.2])), plain.keypoints(np.array([0.2])))
-    assert pair_names(robot) == pair_names(plain)
+    assert self_pairs(robot) == self_pairs(plain)
 
 
 def test_key_points_of_a_joint_with_the_name_of_a_link(edited, data_folder):

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.robot import joint_frames
-from safe_ompl.robot.joint_frames import JointFrames
+from safe_ompl.robot.joints import joint_frames
+from safe_ompl.robot.joints.joint_frames import JointFrames
 
 
 def plain_poses(model, q):

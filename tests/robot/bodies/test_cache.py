@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from safe_ompl.robot import cache
+from safe_ompl.robot.bodies import cache
 
 
 def test_values_come_back(tmp_path, monkeypatch):

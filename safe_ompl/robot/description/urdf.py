@@ -11,10 +11,10 @@ from pathlib import Path
 import pinocchio as pin
 
 from safe_ompl.errors import InputError
-from safe_ompl.robot import geometry_check
-from safe_ompl.robot.coupling import Mimic
-from safe_ompl.robot.packages import PackageFolders
-from safe_ompl.robot.xacro import check_expanded, unreadable
+from safe_ompl.robot.description import geometry_check
+from safe_ompl.robot.description.packages import PackageFolders
+from safe_ompl.robot.description.xacro import check_expanded, unreadable
+from safe_ompl.robot.joints.coupling import Mimic
 
 _PACKAGE = "package://"
 

@@ -9,7 +9,7 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.attachment import Attachment, as_pose
+from safe_ompl.robot.construction.attachment import Attachment, as_pose
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.pose import Pose

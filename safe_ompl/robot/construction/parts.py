@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.errors import InputError
-from safe_ompl.robot.collision_shapes import warn_of_unchecked
-from safe_ompl.robot.coupling import Mimic
-from safe_ompl.robot.displacement import JointChain
-from safe_ompl.robot.reduction import joint_limits
+from safe_ompl.robot.bodies.reach import JointChain
+from safe_ompl.robot.description.collision_shapes import warn_of_unchecked
+from safe_ompl.robot.joints.coupling import Mimic
+from safe_ompl.robot.joints.reduction import joint_limits
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 _SLIDES = (pin.JointModelPX, pin.JointModelPY)

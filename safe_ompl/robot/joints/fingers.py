@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.robot.reduction import farthest_body
+from safe_ompl.robot.joints.reduction import farthest_body
 
 _log = logging.getLogger(__name__)
 

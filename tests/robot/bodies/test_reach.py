@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.robot.displacement import Hull, JointChain, ReachCylinder, bounding_hull
-from safe_ompl.robot.examples import EXAMPLES
+from safe_ompl.robot.bodies.reach import Hull, JointChain, ReachCylinder, bounding_hull
+from safe_ompl.robot.description.examples import EXAMPLES
 from safe_ompl.scene.scene import Scene
 
 ROBOTS = [*sorted(EXAMPLES), "twin_arm", "slider"]

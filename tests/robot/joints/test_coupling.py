@@ -10,8 +10,8 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError
-from safe_ompl.robot.coupling import Coupling, Mimic, resolved
 from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot.joints.coupling import Coupling, Mimic, resolved
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose

@@ -6,10 +6,12 @@ import logging
 from collections.abc import Iterable
 from typing import Literal, get_args
 
+import coal
 import pinocchio as pin
 
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.urdf import UrdfFile
+from safe_ompl.robot.description.urdf import UrdfFile
+from safe_ompl.scene.shapes.convex_hull import convex_hull
 
 _log = logging.getLogger(__name__)
 
@@ -95,3 +97,10 @@ def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
             robot,
             names,
         )
+
+
+def make_convex(geometry: pin.GeometryModel) -> None:
+    """Replace every mesh of `geometry` by its convex hull, in place."""
+    for part in geometry.geometryObjects:
+        if isinstance(part.geometry, coal.BVHModelBase):
+            part.geometry = convex_hull(part.geometry, part.name)

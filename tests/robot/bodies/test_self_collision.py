@@ -3,9 +3,13 @@
 import pinocchio as pin
 import pytest
 
-from safe_ompl.robot import cache, self_collision
+from safe_ompl.robot.bodies import cache, self_collision
+from safe_ompl.robot.bodies.self_collision import (
+    always_in_contact,
+    remembered_contacts,
+    sample_configurations,
+)
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.self_collision import always_in_contact, remembered_contacts, sample_configurations
 
 
 def every_pair(robot):

@@ -1,4 +1,4 @@
-"""Convex hulls for meshes with too many neighbours: a little larger than the mesh, never smaller.
+"""Convex hulls of meshes; where coal cannot keep the hull itself, one that is a little larger, never smaller.
 
 coal keeps the number of neighbours of each corner of a convex body in one byte, and refuses a hull in which a corner
 has more than 254: the end of a cylinder of 260 sides, triangulated, or the tip of a cone. Here the hull of fewer, or of
@@ -25,7 +25,32 @@ _ROUNDING = 1e-9  # by which a hull is larger than computed
 _CORNERS = (2000, 1000, 500, 250, 120)  # how many directions pick the corners of a coarser hull
 
 
-def enclosing_hull(vertices: FloatArray, name: str) -> coal.Convex:
+def convex_hull(mesh: coal.BVHModelBase, name: str) -> coal.ConvexBase:
+    """Return the convex hull of a triangle mesh; a hardly larger body where coal cannot keep the hull itself.
+
+    Raises
+    ------
+    InputError
+        If the mesh is flat: coal's managers drop such shapes in silence; or has vertices that are not finite.
+    """
+    vertices = np.asarray(mesh.vertices(), dtype=np.float64)
+    if not np.isfinite(vertices).all():
+        raise InputError(f"mesh of {name!r} has vertices that are not finite")
+    spread = vertices - vertices.mean(axis=0) if len(vertices) else np.zeros((1, 3))
+    if len(vertices) < 4 or np.linalg.matrix_rank(spread, tol=1e-9) < 3:
+        raise InputError(f"mesh of {name!r} is flat (no volume); collision meshes must be solid")
+    try:
+        mesh.buildConvexHull(True, "Qt")
+    except RuntimeError as error:
+        if "Too many neighbors" not in str(error):
+            raise InputError(
+                f"mesh of {name!r} has no convex hull ({' '.join(str(error).split())})"
+            ) from None
+        return _slightly_larger_hull(vertices, name)
+    return mesh.convex
+
+
+def _slightly_larger_hull(vertices: FloatArray, name: str) -> coal.Convex:
     """Return a convex body that holds all `vertices`, has at most 254 neighbours per corner, and is hardly larger.
 
     Parameters
