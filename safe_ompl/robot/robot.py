@@ -19,8 +19,8 @@ from safe_ompl.robot.construction.blueprint import (
     Attached,
     Blueprint,
     Combined,
-    Limits,
-    Placed,
+    JointLimits,
+    OnBase,
     PoseLike,
     Ranges,
     check_prefixes,
@@ -96,7 +96,7 @@ class Robot(DisplacementBounds):
         *,
         hulls: bool = True,
         name: str | None = None,
-        limits: Limits | None = None,
+        limits: JointLimits | None = None,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
         collision: CollisionSource = "required",
@@ -218,7 +218,7 @@ class Robot(DisplacementBounds):
         locked: Mapping[str, float] | None = None,
         hulls: bool = True,
         name: str | None = None,
-        limits: Limits | None = None,
+        limits: JointLimits | None = None,
         mimics: Mapping[str, Mimic] | None = None,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
@@ -293,13 +293,13 @@ class Robot(DisplacementBounds):
 
     # -------------------------------------------------------------------------------------------- variations
 
-    def with_limits(self, limits: Limits) -> Robot:
+    def with_limits(self, limits: JointLimits) -> Robot:
         """Return the same robot with other limits [rad or m] for the joints named."""
         return Robot(self.blueprint.with_limits(limits))
 
     def with_base(self, pose: PoseLike) -> Robot:
         """Return the same robot with its base, as it is now, moved by `pose` in the world."""
-        blueprint = Placed(self.blueprint, as_pose(pose, "base"))
+        blueprint = OnBase(self.blueprint, as_pose(pose, "base"))
         return Robot(blueprint, blueprint.applied(self.shared))
 
     def with_attached(

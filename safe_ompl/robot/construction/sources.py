@@ -13,7 +13,7 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.bodies.self_collision import sample_configurations, select_self_pairs
-from safe_ompl.robot.construction.blueprint import Blueprint, Limits
+from safe_ompl.robot.construction.blueprint import Blueprint, JointLimits
 from safe_ompl.robot.construction.chosen_joints import group_tip, joints_and_posture
 from safe_ompl.robot.construction.parts import RobotParts, independent
 from safe_ompl.robot.description.collision_shapes import (
@@ -28,7 +28,7 @@ from safe_ompl.robot.joints.coupling import Mimic, resolved
 from safe_ompl.robot.joints.fingers import default_tip
 from safe_ompl.robot.joints.reduction import (
     apply_mimic_limits,
-    check_joints,
+    check_plannable,
     joint_limits,
     override_limits,
     reduce_model,
@@ -49,7 +49,7 @@ class UrdfBlueprint(Blueprint):
     locked: Mapping[str, float]
     hulls: bool
     name: str | None
-    limits: Limits
+    limits: JointLimits
     collision: str = "required"
     group: str | None = None
     locked_state: str | None = None
@@ -86,7 +86,7 @@ class UrdfBlueprint(Blueprint):
         warn_of_unchecked(name, parts.links_without_collision)
         return parts
 
-    def with_limits(self, limits: Limits) -> UrdfBlueprint:
+    def with_limits(self, limits: JointLimits) -> UrdfBlueprint:
         return replace(self, limits={**self.limits, **limits})
 
     def state(self, name: str) -> dict[str, float]:
@@ -104,7 +104,7 @@ class ModelsBlueprint(Blueprint):
     locked: Mapping[str, float]
     hulls: bool
     name: str
-    limits: Limits
+    limits: JointLimits
     mimics: Mapping[str, Mimic]
 
     def assemble(self) -> RobotParts:
@@ -118,7 +118,7 @@ class ModelsBlueprint(Blueprint):
         )
         return source.reduced(self.name, self.tip, self.locked, self.limits, self.hulls)
 
-    def with_limits(self, limits: Limits) -> ModelsBlueprint:
+    def with_limits(self, limits: JointLimits) -> ModelsBlueprint:
         return replace(self, limits={**self.limits, **limits})
 
 
@@ -137,7 +137,7 @@ class _Source:
         name: str,
         tip: str | None,
         locked: Mapping[str, float],
-        limits: Limits,
+        limits: JointLimits,
         hulls: bool,
         *,
         srdf: str | None = None,
@@ -154,7 +154,7 @@ class _Source:
         )
         held = with_mimics(full, mimics, held, source)
         model, collision_model = reduce_model(full, self.collision_model, held)
-        check_joints(model, source)
+        check_plannable(model, source)
         if hulls:
             make_convex(collision_model)
         mimics = {joint: mimic for joint, mimic in mimics.items() if model.existJointName(joint)}

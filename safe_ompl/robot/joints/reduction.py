@@ -134,7 +134,7 @@ def reduce_model(
     return model, reduced
 
 
-def check_joints(model: pin.Model, source: str) -> None:
+def check_plannable(model: pin.Model, source: str) -> None:
     """Raise InputError if no joint is free, or one of a kind that cannot be planned for."""
     if model.njoints < 2:
         raise InputError("no joint is free to move", source)
