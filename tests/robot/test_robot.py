@@ -367,11 +367,14 @@ def test_broken_mesh(edited, tmp_path):
         Robot.from_urdf(urdf)
 
 
-def test_flat_mesh(edited, tmp_path):
+def test_a_flat_mesh_gets_a_little_thickness(edited, tmp_path, caplog):
     urdf = edited("twin_arm.urdf", "wedge.obj", "flat.obj")
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
-    with pytest.raises(InputError, match="mesh of 'left_hand_0' is flat"):
-        Robot.from_urdf(urdf)
+    with caplog.at_level(logging.INFO):
+        robot = Robot.from_urdf(urdf)
+    assert "mesh of left_hand_0 is flat: its hull is 0.2 mm thick" in caplog.text
+    hand = next(body for body in robot.collision_model.geometryObjects if body.name == "left_hand_0")
+    assert np.ptp(np.array(hand.geometry.points()), axis=0).min() == pytest.approx(2e-4)
 
 
 @pytest.mark.parametrize(

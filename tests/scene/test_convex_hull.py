@@ -102,3 +102,34 @@ def test_robots_and_obstacles_with_a_round_mesh(tmp_path, edited):
     (part,) = Mesh(file).parts()
     part.geometry.computeLocalAABB()
     assert (np.asarray(part.geometry.aabb_local.max_).ravel() >= [0.1, 0.1 * (1 - 1e-4), 0.3]).all()
+
+
+FLAT = {
+    "square": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]],
+    "triangle": [[0, 0, 0.3], [1, 0, 0.3], [0, 1, 0.5]],
+    "line": [[0, 0, 0], [1, 2, 3], [2, 4, 6]],
+    "point": [[0.1, 0.2, 0.3]] * 3,
+}
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_flat_meshes_are_thickened_if_asked_for(name, caplog):
+    vertices = np.array(FLAT[name], dtype=np.float64)
+    with pytest.raises(InputError, match="is flat"):
+        convex_hull(mesh(vertices), name)
+    with caplog.at_level("INFO"):
+        hull = convex_hull(mesh(vertices), name, thickness=2e-4)
+    assert f"mesh of {name} is flat: its hull is 0.2 mm thick" in caplog.text
+    corners = np.array(hull.points())
+    ball, data = coal.Sphere(1e-5), coal.DistanceResult()
+    for point in (*vertices, vertices.mean(axis=0)):
+        data.clear()
+        place = coal.Transform3s(np.eye(3), point)
+        depth = coal.distance(hull, coal.Transform3s(), ball, place, coal.DistanceRequest(), data)
+        assert depth < -0.999e-5, "the middle of the ball is not outside"
+    assert np.ptp(corners, axis=0).max() < np.ptp(vertices, axis=0).max() + 3e-4
+
+
+def test_a_mesh_without_vertices_is_refused():
+    with pytest.raises(InputError, match="'nothing' has no vertices"):
+        convex_hull(coal.BVHModelOBBRSS(), "nothing", thickness=1e-4)

@@ -30,6 +30,7 @@ from safe_ompl.robot.joints.reduction import (
     apply_mimic_limits,
     check_plannable,
     joint_limits,
+    joints_without_range,
     override_limits,
     reduce_model,
     with_mimics,
@@ -152,9 +153,13 @@ class _Source:
         held = joints_and_posture(
             full, mimics, locked, tip=tip, group=group, locked_state=locked_state, srdf=srdf, source=source
         )
-        held = with_mimics(full, mimics, held, source)
+        stiff = joints_without_range(full, set(list(full.names)[1:]) - set(mimics) - set(limits) - set(held))
+        if stiff:
+            values = ", ".join(f"{joint} = {value:g}" for joint, value in sorted(stiff.items()))
+            _log.warning("%s: held, as their limits leave no range (limits= gives others): %s", name, values)
+        held = with_mimics(full, mimics, {**held, **stiff}, source)
         model, collision_model = reduce_model(full, self.collision_model, held)
-        check_plannable(model, source)
+        check_plannable(model, source, stiff)
         if hulls:
             make_convex(collision_model)
         mimics = {joint: mimic for joint, mimic in mimics.items() if model.existJointName(joint)}

@@ -15,6 +15,8 @@ from safe_ompl.scene.shapes.convex_hull import convex_hull
 
 _log = logging.getLogger(__name__)
 
+_THICKNESS = 2e-4  # [m] of the hulls of flat meshes, such as stickers
+
 CollisionSource = Literal["required", "visual", "optional"]
 """What to do about links without collision shapes.
 
@@ -100,7 +102,7 @@ def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
 
 
 def make_convex(geometry: pin.GeometryModel) -> None:
-    """Replace every mesh of `geometry` by its convex hull, in place."""
+    """Replace every mesh of `geometry` by its convex hull, in place; flat ones get a little thickness."""
     for part in geometry.geometryObjects:
         if isinstance(part.geometry, coal.BVHModelBase):
-            part.geometry = convex_hull(part.geometry, part.name)
+            part.geometry = convex_hull(part.geometry, part.name, _THICKNESS)

@@ -13,7 +13,7 @@ import pinocchio as pin
 from safe_ompl.errors import InputError
 from safe_ompl.robot.description import geometry_check
 from safe_ompl.robot.description.packages import PackageFolders
-from safe_ompl.robot.description.xacro import check_expanded, unreadable
+from safe_ompl.robot.description.xacro import check_expanded, parsed, unreadable
 from safe_ompl.robot.joints.coupling import Mimic
 
 _PACKAGE = "package://"
@@ -43,7 +43,7 @@ class UrdfFile:
                 raise InputError(f"package folder {str(folder)!r} does not exist", str(path))
         self.package_dirs = [str(folder.resolve()) for folder in (*given, *self.path.parents)]
         try:
-            self._root = ElementTree.parse(self.path).getroot()
+            self._root = parsed(self.path)
         except ElementTree.ParseError as error:
             raise unreadable(self.path, str(path), error) from None
         if self._root.tag != "robot":
@@ -116,7 +116,11 @@ class UrdfFile:
 
     def _places(self, mesh: str) -> list[Path]:
         if mesh.startswith(_PACKAGE):
-            beside = [Path(folder) / mesh[len(_PACKAGE) :] for folder in self.package_dirs]
+            name = mesh[len(_PACKAGE) :]
+            beside = [Path(folder) / name.lstrip("/") for folder in self.package_dirs]
+            if name.startswith("/"):  # no package: a path, or below one of the folders
+                found = [place for place in (*beside, Path(name)) if place.is_file()]
+                return found[:1] or beside
             named = self._packages.resolve(mesh) if not any(place.is_file() for place in beside) else None
             return beside if named is None else [named]
         return [self.path.parent / mesh.removeprefix("file://")]

@@ -9,7 +9,28 @@ from pathlib import Path
 from safe_ompl.errors import InputError
 
 _XACRO_TAG = re.compile(r"\{[^}]*xacro[^}]*\}")
+_PREFIX = re.compile(r"[\s<]([A-Za-z_][\w.-]*):[A-Za-z_]")
 _EXPRESSION = re.compile(r"\$[{(][^})]*[})]")
+
+
+def parsed(path: Path) -> ElementTree.Element:
+    """Return the outermost tag of a URDF, whose name spaces need not be declared: many leave out `drake:`.
+
+    Raises
+    ------
+    ParseError
+        If it is not XML, or uses xacro's name space, which says that it is not a URDF yet.
+    """
+    try:
+        return ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        text = path.read_text(encoding="utf-8", errors="replace")
+        if "unbound prefix" not in str(error) or "<xacro:" in text:
+            raise
+    unknown = {prefix for prefix in _PREFIX.findall(text) if not f"{prefix}:".startswith(("xml:", "xmlns:"))}
+    unknown = {prefix for prefix in unknown if f"xmlns:{prefix}=" not in text}
+    declared = " ".join(f'xmlns:{prefix}="{prefix}"' for prefix in sorted(unknown))
+    return ElementTree.fromstring(re.sub(r"<robot\b", f"<robot {declared}", text, count=1).encode())
 
 
 def check_expanded(root: ElementTree.Element, path: Path, source: str) -> None:

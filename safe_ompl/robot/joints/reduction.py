@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Container, Mapping
+from collections.abc import Collection, Container, Iterable, Mapping
 from pathlib import Path
 from typing import overload
 
@@ -77,6 +77,17 @@ def with_mimics(
     return locked
 
 
+def joints_without_range(full: pin.Model, names: Iterable[str]) -> dict[str, float]:
+    """Return those of the joints whose limits are one value, which they can only be held at [rad or m]."""
+    lower, upper = full.lowerPositionLimit, full.upperPositionLimit
+    joints = {name: full.joints[full.getJointId(name)] for name in names}
+    return {
+        name: float(lower[joint.idx_q])
+        for name, joint in joints.items()
+        if joint.nq == 1 and lower[joint.idx_q] == upper[joint.idx_q]
+    }
+
+
 def _joint_value(full: pin.Model, name: str, value: float, source: str) -> float:
     try:
         number = float(value)
@@ -134,10 +145,25 @@ def reduce_model(
     return model, reduced
 
 
-def check_plannable(model: pin.Model, source: str) -> None:
-    """Raise InputError if no joint is free, or one of a kind that cannot be planned for."""
+def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) -> None:
+    """Raise InputError if no joint is free, or one of a kind that cannot be planned for.
+
+    Parameters
+    ----------
+    model : pin.Model
+        The joints that are not held.
+    source : str
+        For errors.
+    stiff : collection of str
+        Joints that are held as their limits are one value.
+    """
     if model.njoints < 2:
-        raise InputError("no joint is free to move", source)
+        why = (
+            f": the limits of {', '.join(sorted(stiff))} leave no range; limits= gives others"
+            if stiff
+            else ""
+        )
+        raise InputError(f"no joint is free to move{why}", source)
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         if joint.nv != 1 or joint.shortname().startswith(("JointModelH", "JointModelMimic")):
             raise InputError(

@@ -22,23 +22,39 @@ _log = logging.getLogger(__name__)
 
 _JITTER = 1e-6  # of the body's size: enough to make corners that lie in one plane leave it
 _ROUNDING = 1e-9  # by which a hull is larger than computed
+_FLAT = 1e-9  # [m], spread of vertices that lie in a plane
 _CORNERS = (2000, 1000, 500, 250, 120)  # how many directions pick the corners of a coarser hull
 
 
-def convex_hull(mesh: coal.BVHModelBase, name: str) -> coal.ConvexBase:
+def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> coal.ConvexBase:
     """Return the convex hull of a triangle mesh; a hardly larger body where coal cannot keep the hull itself.
+
+    Parameters
+    ----------
+    mesh : coal.BVHModelBase
+        Vertices and triangles.
+    name : str
+        For messages.
+    thickness : float
+        What to give flat meshes [m], the vertices in the middle; 0: refuse them.
 
     Raises
     ------
     InputError
-        If the mesh is flat: coal's managers drop such shapes in silence; or has vertices that are not finite.
+        If the mesh has no vertices, or such that are not finite; or is flat (coal's managers drop such shapes in
+        silence) and no thickness is given.
     """
     vertices = np.asarray(mesh.vertices(), dtype=np.float64)
     if not np.isfinite(vertices).all():
         raise InputError(f"mesh of {name!r} has vertices that are not finite")
-    spread = vertices - vertices.mean(axis=0) if len(vertices) else np.zeros((1, 3))
-    if len(vertices) < 4 or np.linalg.matrix_rank(spread, tol=1e-9) < 3:
-        raise InputError(f"mesh of {name!r} is flat (no volume); collision meshes must be solid")
+    if not len(vertices):
+        raise InputError(f"mesh of {name!r} has no vertices")
+    if _thin_directions(vertices).any():
+        if not thickness:
+            raise InputError(f"mesh of {name!r} is flat (no volume); collision meshes must be solid")
+        mesh = _thickened(vertices, thickness)
+        vertices = np.asarray(mesh.vertices(), dtype=np.float64)
+        _log.info("mesh of %s is flat: its hull is %g mm thick", name, 1e3 * thickness)
     try:
         mesh.buildConvexHull(True, "Qt")
     except RuntimeError as error:
@@ -48,6 +64,21 @@ def convex_hull(mesh: coal.BVHModelBase, name: str) -> coal.ConvexBase:
             ) from None
         return _slightly_larger_hull(vertices, name)
     return mesh.convex
+
+
+def _thin_directions(vertices: FloatArray) -> FloatArray:
+    """Return unit vectors (3, 3) in which vertices have no extent; rows of zeros for the others."""
+    _, extents, directions = np.linalg.svd(np.vstack([vertices - vertices.mean(axis=0), np.zeros((3, 3))]))
+    thin: FloatArray = np.where((extents < _FLAT)[:, None], directions, 0.0)
+    return thin
+
+
+def _thickened(vertices: FloatArray, thickness: float) -> coal.BVHModelBase:
+    """Return points whose hull holds flat `vertices` in the middle of its `thickness` [m]."""
+    for direction in _thin_directions(vertices):
+        half = thickness / 2 * direction
+        vertices = np.vstack([vertices - half, vertices + half]) if half.any() else vertices
+    return _points(vertices)
 
 
 def _slightly_larger_hull(vertices: FloatArray, name: str) -> coal.Convex:
@@ -113,12 +144,18 @@ def _directions(count: int) -> FloatArray:
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
 
 
-def _hull_or_none(points: FloatArray) -> coal.Convex | None:
+def _points(points: FloatArray) -> coal.BVHModelBase:
+    """Return points as vertices of a mesh, which coal makes hulls of."""
     tree = coal.BVHModelOBBRSS()
     tree.beginModel(1, len(points))
     tree.addVertices(np.ascontiguousarray(points))
     tree.addTriangles(np.array([[0, 1, 2]]))
     tree.endModel()
+    return tree
+
+
+def _hull_or_none(points: FloatArray) -> coal.Convex | None:
+    tree = _points(points)
     try:
         tree.buildConvexHull(True, "Qt")
     except RuntimeError:  # too many neighbours, or too flat for Qhull

@@ -70,3 +70,23 @@ def test_a_broken_manifest_is_no_package(workspace, tmp_path):
     (tmp_path / "src" / "meshes-v2" / "package.xml").write_text("<package>")
     with pytest.raises(InputError, match="not found"):
         Robot.from_urdf(workspace)
+
+
+@pytest.mark.parametrize("given", ["below a folder", "a path"])
+def test_a_package_without_a_name(tmp_path, data_folder, given):
+    """Some exporters write three slashes: what follows is a path, whole or below a package folder."""
+    meshes = tmp_path / "elsewhere" / "meshes"
+    meshes.mkdir(parents=True)
+    (meshes / "wedge.obj").write_text((data_folder / "wedge.obj").read_text())
+    name = "/meshes/wedge.obj" if given == "below a folder" else str(meshes / "wedge.obj")
+    text = (data_folder / "twin_arm.urdf").read_text().replace("wedge.obj", f"package://{name}")
+    (tmp_path / "arm.urdf").write_text(text)
+    folders = [tmp_path / "elsewhere"] if given == "below a folder" else []
+    robot = Robot.from_urdf(tmp_path / "arm.urdf", package_dirs=folders)
+    assert "left_hand_0" in [body.name for body in robot.collision_model.geometryObjects]
+
+
+def test_name_spaces_need_not_be_declared(edited):
+    """Robots that come from Drake say `drake:acceleration` without saying what drake is."""
+    urdf = edited("gripper_arm.urdf", "<limit ", '<limit drake:acceleration="2.5" ')
+    assert Robot.from_urdf(urdf).n == 3

@@ -123,3 +123,27 @@ def test_joints_that_cannot_be_planned_for(edited, kind):
 def test_continuous_joints_have_no_limits_to_change(data_folder):
     with pytest.raises(InputError, match="joint 'left_shoulder' is continuous: it has no limits"):
         Robot.from_urdf(data_folder / "twin_arm.urdf", limits={"left_shoulder": (0.0, 1.0)})
+
+
+STIFF = '<limit lower="0.2" upper="0.2" effort="1" velocity="1"/>'
+
+
+def test_joints_whose_limits_leave_no_range_are_held(edited, caplog):
+    text = '<joint name="elbow" type="revolute">'
+    urdf = edited("gripper_arm.urdf", text, text.replace("elbow", "stiff"))
+    original = urdf.read_text()
+    start = original.index('name="stiff"')
+    limit = original[
+        original.index("<limit", start) : original.index("/>", original.index("<limit", start)) + 2
+    ]
+    urdf.write_text(original[:start] + original[start:].replace(limit, STIFF, 1))
+    robot = Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0})
+    assert robot.joint_names == ("turn",)
+    assert robot.held_joints["stiff"] == 0.2
+    assert "held, as their limits leave no range (limits= gives others): stiff = 0.2" in caplog.text
+    freed = Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0}, limits={"stiff": (-1.0, 1.0)})
+    assert freed.joint_names == ("turn", "stiff")
+    with pytest.raises(InputError, match="no joint is free to move: the limits of stiff leave no range"):
+        Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0, "turn": 0.1})
+    with pytest.raises(InputError, match=r"joint 'turn' has the limits \[0.1, 0.1\]: no range to plan in"):
+        freed.with_limits({"turn": (0.1, 0.1)})
