@@ -1,4 +1,4 @@
-"""Which robots work: python bench/robots.py FOLDER … [--markdown] [--out FILE] [--pairs N] [--time SECONDS] [--package-dir DIR …].
+"""Which robots work: python bench/robots.py FOLDER … [--markdown] [--pairs N] [--time SECONDS] [--package-dir DIR …].
 
 Every URDF below the folders is loaded twice (the second time with what the first has left in the cache), each in a
 process of its own, so that one that crashes or hangs is a line of the table and not its end (a dash: no time to ask).
@@ -26,7 +26,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.errors import CertificateError, InputError, SafeOmplError
+from safe_ompl.errors import CertificateError, InputError, PlanningError, SafeOmplError
 from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.robot.bodies.cache import VARIABLE
@@ -191,7 +191,7 @@ def _plan(
 def _verifies(path: FloatArray, robot: Robot, scene: Scene) -> bool:
     try:
         verify(certificate(path, robot, scene), robot, scene)
-    except CertificateError:
+    except (CertificateError, PlanningError):
         return False
     return True
 
