@@ -68,7 +68,8 @@ def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> c
 
 def _thin_directions(vertices: FloatArray) -> FloatArray:
     """Return unit vectors (3, 3) in which vertices have no extent; rows of zeros for the others."""
-    _, extents, directions = np.linalg.svd(np.vstack([vertices - vertices.mean(axis=0), np.zeros((3, 3))]))
+    spread = np.vstack([vertices - vertices.mean(axis=0), np.zeros((3, 3))])
+    _, extents, directions = np.linalg.svd(spread, full_matrices=False)
     thin: FloatArray = np.where((extents < _FLAT)[:, None], directions, 0.0)
     return thin
 
