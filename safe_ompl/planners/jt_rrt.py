@@ -19,7 +19,13 @@ from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
 from safe_ompl.planners.parts.trees import Trees
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.goals import WorkspaceGoal
-from safe_ompl.robot.kinematics import Place, StepLimits, limited_step, pseudoinverse_step, transpose_step
+from safe_ompl.robot.inverse_kinematics import (
+    Place,
+    StepLimits,
+    limited_step,
+    pseudoinverse_step,
+    transpose_step,
+)
 
 _log = logging.getLogger(__name__)
 

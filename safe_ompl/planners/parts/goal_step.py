@@ -6,7 +6,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.danger.field import DangerField
-from safe_ompl.robot.kinematics import Place
+from safe_ompl.robot.inverse_kinematics import Place
 
 
 def printed_step(
