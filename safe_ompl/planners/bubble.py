@@ -48,7 +48,7 @@ class BubblePlanner(WeighingPlanner):
     nearest_fraction : float
         ε: share of the turns that ignore danger, so that no passage stays closed because it is dangerous.
     patience : float
-        After so many turns danger counts half, after twice as many a quarter, and so on: where it keeps the planner
+        After so many turns danger counts half, after three times as many next to nothing: where it keeps the planner
         out of a narrow place, it yields. 0: it never does.
     shape : {"link", "cube", "paper", "paper_cube"}
         The diamond of all links' own distances, or the largest cube in the bubble of all links; the paper's diamond

@@ -66,9 +66,8 @@ class SafeJTRRT(WeighingPlanner):
     transpose : bool
         Take Jᵀ in place of J† and leave the null space alone. With α = 0 this is the classical JT-RRT [2].
     patience : float
-        After so many turns half of them ignore danger, after twice as many three of four, and so on: where danger
-        keeps the planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never
-        does.
+        After so many turns half of them ignore danger, after three times as many nearly all: where danger keeps the
+        planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative; the tip's metres and the joints' radians are
         weighed alike.

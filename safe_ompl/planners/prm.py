@@ -55,7 +55,7 @@ class SafePRM(WeighingPlanner):
         of the danger in their middle, where both halves stay free; so do the halves. It acts where α > 0 and the
         objective offers gradients (`DangerObjective` does).
     patience : float
-        After so many searches, each with more samples, danger counts half, after twice as many a quarter, and so on.
+        After so many searches, each with more samples, danger counts half, after three times as many next to nothing.
         0: it never yields. Here it need not: where milestones are dense danger leads out of narrow places.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.

@@ -52,9 +52,8 @@ class SafeRRTConnect(WeighingPlanner):
         Where the step towards a random configuration is trapped, try a shorter one, of 5 to 100 % of the range: it
         leads out of narrow places.
     patience : float
-        After so many turns half of them ignore danger, after twice as many three of four, and so on: where danger
-        keeps the planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never
-        does.
+        After so many turns half of them ignore danger, after three times as many nearly all: where danger keeps the
+        planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.
     iterations : int
@@ -90,7 +89,7 @@ class SafeRRTConnect(WeighingPlanner):
         threshold_rise: float = 0.05,
         short_steps: bool = True,
         raw_alpha: bool = False,
-        patience: float = 50,
+        patience: float = 100,
         iterations: int = 0,
     ) -> None:
         super().__init__(si, name)

@@ -1,0 +1,126 @@
+"""Hard problems: whether heeding danger ever costs a solution, and what it costs in time.
+
+    python bench/hard.py [--problems A:B] [--time S] [--seeds N] [--json FILE]
+
+Narrow openings of seven kinds for four robots, made by rule from a seed (`_hard.py`), each with a proven way; no draw
+is left out. Safe planners and their classical counterparts plan each of them in turn, in one process, with the same
+checker. Printed for each planner: solved, time and queries (unsolved ones count with the whole time), and for each pair
+the ratio of times problem by problem; then danger where both solve.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _hard import HardProblem, hard_problems
+from _timing import print_table
+from ompl import util as ou
+
+from safe_ompl import PlanResult, SafeSetup
+from safe_ompl.cli.arguments import positions
+
+PAIRS = {
+    "SafeRRTConnect": "ClassicRRTConnect",
+    "SafePRM": "ClassicPRM",
+}
+ALONE = ("PaperRRTConnect", "RRTConnect")
+_COUNT = 112
+
+
+def main() -> None:
+    """Run the planners on the problems, and print what came of it."""
+    options = _options()
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    logging.disable(logging.WARNING)
+    names = [name for pair in PAIRS.items() for name in pair] + list(ALONE)
+    rows = []
+    for problem in list(hard_problems(_COUNT))[options.problems]:
+        for seed in range(options.seeds):
+            runs = dict(_runs(problem, names, seed, options.time))
+            rows.append({"problem": problem.name, "kind": problem.kind, "seed": seed, "runs": runs})
+            if options.json:
+                Path(options.json).write_text(json.dumps(rows), encoding="utf-8")
+    for file in options.also:
+        rows += json.loads(Path(file).read_text(encoding="utf-8"))
+    report(rows, options.time)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--problems", type=positions, default="0:", metavar="A:B")
+    parser.add_argument("--time", type=float, default=5.0, metavar="S", help="for planning (default: 5)")
+    parser.add_argument("--seeds", type=int, default=1, metavar="N")
+    parser.add_argument("--json", metavar="FILE", help="write every run")
+    parser.add_argument("--also", nargs="*", default=[], metavar="FILE", help="runs of earlier calls to join")
+    return parser.parse_args()
+
+
+def _runs(problem: HardProblem, names: list[str], seed: int, time: float) -> Iterator[tuple[str, Any]]:
+    setup = SafeSetup(problem.robot, problem.scene)
+    setup.setConfigurations(problem.start, problem.goal)
+    for name in names:
+        yield name, _facts(setup.plan(name, time=time, seed=seed))
+
+
+def _facts(result: PlanResult) -> dict[str, Any]:
+    counts = result.counts
+    facts = {
+        "solved": bool(result),
+        "time": result.planning_time,
+        "queries": counts.collision_queries + counts.margin_queries,
+    }
+    if result and result.report is not None and result.report.danger is not None:
+        facts |= {"danger": result.report.danger.mean, "avoidable": result.report.danger.avoidable}
+    return facts
+
+
+def report(rows: list[dict[str, Any]], limit: float) -> None:
+    """Print the tables."""
+    names = list(rows[0]["runs"])
+    kinds = list(dict.fromkeys(row["kind"] for row in rows))
+    lines = []
+    for name in names:
+        runs = [row["runs"][name] for row in rows]
+        times = [run["time"] if run["solved"] else limit for run in runs]
+        unsolved = [sum(not row["runs"][name]["solved"] for row in rows if row["kind"] == k) for k in kinds]
+        lines.append(
+            (
+                name,
+                f"{sum(run['solved'] for run in runs)}/{len(runs)}",
+                *(1e3 * float(np.quantile(times, q)) for q in (0.5, 0.75, 0.9)),
+                float(np.median([run["queries"] for run in runs])),
+                *unsolved,
+            )
+        )
+    print_table(("planner", "solved", "median ms", "75 %", "90 %", "queries", *kinds), lines)
+    for safe, classic in PAIRS.items():
+        for line in _compared([(row["runs"][safe], row["runs"][classic]) for row in rows], limit):
+            print(f"{safe} / {classic}: {line}")
+
+
+def _compared(pairs: list[tuple[dict[str, Any], dict[str, Any]]], limit: float) -> Iterator[str]:
+    """Yield what there is to say about a safe planner's runs beside those of its classical counterpart."""
+    times = np.array([[run["time"] if run["solved"] else limit for run in pair] for pair in pairs])
+    ratios = [np.quantile(times[:, 0], q) / np.quantile(times[:, 1], q) for q in (0.5, 0.9)]
+    yield f"time {ratios[0]:.2f} (medians), {ratios[1]:.2f} (at 90 %)"
+    first, second = (sum(pair[k]["solved"] and not pair[1 - k]["solved"] for pair in pairs) for k in (0, 1))
+    yield f"solved by the first only {first}, by the second only {second}"
+    both = [pair for pair in pairs if pair[0]["solved"] and pair[1]["solved"]]
+    mean, avoidable = (
+        np.array([[run[key] for run in pair] for pair in both]) for key in ("danger", "avoidable")
+    )
+    lower = float(np.mean(mean[:, 0] < mean[:, 1]))
+    yield f"mean danger {np.median(mean[:, 0] / mean[:, 1]):.2f}, lower in {lower:.0%} of {len(both)}"
+    yield f"avoidable danger {avoidable[:, 0].mean():.2f} against {avoidable[:, 1].mean():.2f}"
+
+
+if __name__ == "__main__":
+    main()
