@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 from _hard import HardProblem, hard_problems
+from _problems import positions
 from _timing import print_table
 from ompl import util as ou
 
 from safe_ompl import PlanResult, SafeSetup
-from safe_ompl.cli.arguments import positions
 
 PAIRS = {
     "SafeRRTConnect": "ClassicRRTConnect",

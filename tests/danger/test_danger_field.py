@@ -377,4 +377,4 @@ def test_the_push_is_the_sum_over_all_points_and_the_ends_of_all_links(ur5):
         for weight, vector in zip(weights, vectors, strict=True)
         for _, end in ur5.segments
     )
-    np.testing.assert_allclose(field.push(q), expected, rtol=1e-10)
+    np.testing.assert_allclose(field.push(q), expected, rtol=1e-10, atol=1e-9)

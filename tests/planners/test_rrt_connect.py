@@ -233,6 +233,26 @@ def test_a_threshold_does_not_close_a_dangerous_passage():
     def hot_gap(x, y):
         return abs(x) < 0.1 and abs(y) > 0.1
 
-    problem = Problem(hot_gap, SlopedHotSpot, seed=1, threshold_rise=0.01)
+    problem = Problem(hot_gap, SlopedHotSpot, seed=1, threshold_rise=0.01, patience=0)
     assert problem.solve() == EXACT
     assert problem.planner._threshold.level > 1.5 * np.exp(-4 * 0.8**2)
+
+
+def test_danger_yields_where_no_path_is_found():
+    """The goal is walled in: of the turns more and more ignore danger, in the end nearly all."""
+    task = Problem(walled_in, SlopedHotSpot, seed=1, patience=20)
+    heeded = []
+    turn = task.planner._patience.turn
+
+    def noted(rng):
+        turn(rng)
+        heeded.append(task.planner._danger.heed)
+
+    task.planner._patience.turn = noted
+    task.solve(Stop(task.walls, 1000).condition)
+    assert len(heeded) > 100
+    assert set(heeded) == {0.0, 1.0}
+    assert np.mean(heeded[:10]) > 0.8
+    assert np.mean(heeded[80:]) < 0.1
+    task.planner.clear()
+    assert task.planner._danger.heed == 1.0

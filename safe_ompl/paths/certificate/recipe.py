@@ -230,7 +230,7 @@ class RecipeReader:
 
 def _example(name: str) -> Path:
     path = (robots_folder() / name).resolve()
-    if not path.is_relative_to(robots_folder()):
+    if not (path.is_relative_to(robots_folder()) and path.is_file()):
         raise InputError(f"{name!r} is not in example-robot-data", "example_robot_data")
     return path
 

@@ -51,7 +51,7 @@ class Patience:
 
     @property
     def _yields(self) -> bool:
-        return self.half_life > 0 and self._danger.alpha > 0
+        return self.half_life > 0 and self._danger.alpha > 0 and not self._danger.cost.is_zero
 
     @property
     def _share(self) -> float:
