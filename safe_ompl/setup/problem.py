@@ -20,13 +20,13 @@ from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.inputs import configuration_of, several
-from safe_ompl.setup.limits import LimitedSetup
+from safe_ompl.setup.tool import ToolLimitedSetup
 from safe_ompl.setup.wiring import danger_field as danger_field
 
 _log = logging.getLogger(__name__)
 
 
-class SafeProblem(LimitedSetup):
+class SafeProblem(ToolLimitedSetup):
     """The part of `SafeSetup` that says what is to be planned; parameters as there."""
 
     def __init__(
@@ -105,6 +105,9 @@ class SafeProblem(LimitedSetup):
             seed=0,
         )
         self.setGoal(self._place)
+
+    def _given_start(self) -> FloatArray | None:
+        return self._given[0]
 
     def _check_given(self) -> None:
         """Raise an error if the start or all goals that were given are not allowed any more."""
