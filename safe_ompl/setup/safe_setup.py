@@ -349,6 +349,8 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
         setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
         if goal.position is not None:
             setup.setWorkspaceGoal(goal.position, goal.rotation, goal.tolerance)
+        elif goal.region is not None:
+            setup.setGoalRegion(goal.region, goal.tolerance)
         if goals is None:
             setup.setStartConfiguration(start)
         else:

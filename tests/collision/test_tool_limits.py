@@ -111,9 +111,7 @@ def test_a_motion_at_the_limit_is_undecided(ur5):
     limit = ToolOrientation(ur5, UP, [0.0, 1.0, 0.0], 1.0)
     limit = ToolOrientation(ur5, UP, [0.0, 1.0, 0.0], limit.angle(q) + 5e-10)
     assert limit.allows(q)
-    verdict = limit.check(
-        q, q + [0.0, 0.0, 0.0, 0.0, 0.0, 0.5]
-    )  # turns about the axis: the angle stays what it is
+    verdict = limit.check(q, q + 0.5 * np.eye(6)[5])  # turns about the axis: the angle stays what it is
     assert verdict.verdict is Verdict.UNDECIDED
     assert 0.0 <= verdict.at <= 1.0
 
