@@ -361,4 +361,9 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
             if scenario.limits.min_clearance:
                 limits = scenario.limits
                 setup.setMinClearance(limits.min_clearance, limits.obstacles, limits.exempt)
+            if scenario.limits.tool is not None:
+                tool = scenario.limits.tool
+                setup.setToolConstraint(tool.axis, tool.direction, tool.angle)
+            if scenario.limits.tip is not None:
+                setup.setTipBounds(*scenario.limits.tip.corners)
     return setup

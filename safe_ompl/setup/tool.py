@@ -124,4 +124,4 @@ class ToolLimitedSetup(LimitedSetup):
 
     def _objection(self, q: FloatArray) -> str | None:
         refusing = (f": {limit.objection(q)}" for limit in self._tool_limits if not limit.allows(q))
-        return next(refusing, None) or super()._objection(q)
+        return super()._objection(q) or next(refusing, None)
