@@ -221,8 +221,14 @@ class TipBounds(ToolLimit):
         return f"the tip is {1e3 * self.excess(q):.4g} mm outside of its bounds"
 
     def as_dict(self) -> dict[str, object]:
-        """Return it as plain numbers."""
-        return {"lower": self.lower.tolist(), "upper": self.upper.tolist()}
+        """Return the bounds of x, y and z that are finite, as certificates claim them."""
+        largest = float(np.finfo(np.float64).max)
+        bounds = dict(zip("xyz", zip(self.lower, self.upper, strict=True), strict=True))
+        return {
+            key: [max(float(low), -largest), min(float(high), largest)]
+            for key, (low, high) in bounds.items()
+            if np.isfinite([low, high]).any()
+        }
 
 
 def _turning_rates(robot: Robot, axis: FloatArray) -> FloatArray:

@@ -93,6 +93,13 @@ class ToolLimitedSetup(LimitedSetup):
         """Return the box that the tip stays in; None where there is none."""
         return self._tip
 
+    def tool_claim(self) -> dict[str, Any] | None:
+        """Return what a certificate can claim of the tool (`tool` of `certificate`); None where nothing limits it."""
+        claim: dict[str, Any] = {} if self._tool is None else {"orientation": self._tool.as_dict()}
+        if self._tip is not None:
+            claim["position"] = self._tip.as_dict()
+        return claim or None
+
     def _orientation(self, axis: ArrayLike | None, direction: ArrayLike, angle: float) -> ToolOrientation:
         if axis is not None:
             return ToolOrientation(self.robot, axis, direction, angle)
