@@ -82,14 +82,8 @@ class ToolLimit(ABC):
         delta = self.robot.difference(first, last)
         change = float(self.rates @ np.abs(delta))
         witness = (self.name, "its limit")
-        unproven: list[
-            tuple[float, float, float]
-        ] = []  # a heap of intervals, the one with the worst centre first
-        intervals = [
-            (0.0, 0.0),
-            (1.0, 0.0),
-            (0.5, 0.5),
-        ]  # ends first: most of what is refused is refused there
+        unproven: list[tuple[float, float, float]] = []  # a heap, the interval with the worst centre first
+        intervals = [(0.0, 0.0), (1.0, 0.0), (0.5, 0.5)]  # most of what is refused is refused at an end
         while True:
             for t, half in intervals:
                 excess = self.excess(first + t * delta)

@@ -22,6 +22,7 @@ Bounds: TypeAlias = tuple[float, float]
 
 _POSE_KEYS = ("position", "quaternion_xyzw", "rpy", "yaw")
 _ANGLES = ("roll", "pitch", "yaw")
+_ORIGIN = (0.0, 0.0)
 _FREE = (-np.pi, np.pi), (-np.pi / 2, np.pi / 2), (-np.pi, np.pi)
 _SWEEPS = 100  # over the three angles, in the search for the nearest orientation
 _SETTLED = 1e-9  # [rad] by which a sweep that ends the search changes an angle
@@ -146,20 +147,22 @@ class GoalRegion:
         """
         frame = self.frame.se3
         if self.radius is None:
-            here = rng.uniform(
-                *np.transpose([self.x or (0.0, 0.0), self.y or (0.0, 0.0), self.z or (0.0, 0.0)])
-            )
+            here = rng.uniform(*np.transpose(self._coordinates))
         else:
             radius = np.sqrt(rng.uniform(*np.square(self.radius)))
             around = rng.uniform(-np.pi, np.pi)
-            here = np.array(
-                [radius * np.cos(around), radius * np.sin(around), rng.uniform(*self.z or (0.0, 0.0))]
-            )
+            height = rng.uniform(*self._coordinates[2])
+            here = np.array([radius * np.cos(around), radius * np.sin(around), height])
         position: FloatArray = frame.rotation @ here + frame.translation
         if not self.turns:
             return position, None
         angles = rng.uniform(*np.transpose(self._angles))
         return position, frame.rotation @ pin.rpy.rpyToMatrix(angles)
+
+    @property
+    def _coordinates(self) -> tuple[Bounds, Bounds, Bounds]:
+        """Bounds of x, y and z [m]."""
+        return self.x or _ORIGIN, self.y or _ORIGIN, self.z or _ORIGIN
 
     @property
     def _angles(self) -> tuple[Bounds, Bounds, Bounds]:
@@ -168,7 +171,7 @@ class GoalRegion:
 
     def _nearest_position(self, here: FloatArray) -> FloatArray:
         """Return the position (3,) that is nearest to one (3,), both in the frame."""
-        low, high = np.transpose([self.x or (0.0, 0.0), self.y or (0.0, 0.0), self.z or (0.0, 0.0)])
+        low, high = np.transpose(self._coordinates)
         if self.radius is None:
             return np.clip(here, low, high)
         length = hypot(here[0], here[1])

@@ -51,15 +51,17 @@ class ToolLimitedSetup(LimitedSetup):
         direction : array_like, shape (3,)
             In the world frame; default: up.
         angle : float, optional
-            [rad] The largest angle between the two; None: there is no such limit any more.
+            [rad] The largest angle between the two. Without arguments: there is no such limit any more.
 
         Raises
         ------
         InputError
-            As `ToolOrientation`; without an axis if no start is set.
+            As `ToolOrientation`; without an axis if no start is set; an axis without an angle.
         CollisionError
             If start or all goals are farther from the direction. Then the limit stays what it was.
         """
+        if angle is None and axis is not None:
+            raise InputError("give the angle [rad] within which the axis of the tool must stay")
         self._limit_tool(None if angle is None else self._orientation(axis, direction, angle), self._tip)
 
     def getToolConstraint(self) -> ToolOrientation | None:

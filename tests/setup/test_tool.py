@@ -153,6 +153,8 @@ def test_a_start_that_spills(setup, ends):
 def test_the_axis_of_the_start_needs_a_start(ur5, scene):
     with pytest.raises(InputError, match="set a start before, or give the axis"):
         SafeSetup(ur5, scene).setToolConstraint(angle=LIMIT)
+    with pytest.raises(InputError, match="give the angle"):
+        SafeSetup(ur5, scene).setToolConstraint([0.0, 0.0, 1.0])
 
 
 def test_the_tip_stays_in_a_box(setup, ends):
