@@ -9,6 +9,7 @@ import pytest
 from safe_ompl.collision.motion import MotionLimit, Verdict
 from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
 from safe_ompl.errors import InputError
+from safe_ompl.robot.robot import Robot
 
 ROBOTS = ["panda", "ur5", "kinova", "slider", "twin_arm"]
 UP = [0.0, 0.0, 1.0]
@@ -154,3 +155,31 @@ def test_what_is_no_orientation_is_refused(ur5, axis, direction, angle, words):
 def test_what_is_no_box_is_refused(ur5, lower, upper, words):
     with pytest.raises(InputError, match=words):
         TipBounds(ur5, lower, upper)
+
+
+def test_mimic_joints_count_with_their_multipliers(data_folder, tmp_path, rng):
+    """A hand that turns back by twice the angle of the elbow."""
+    text = (data_folder / "gripper_arm.urdf").read_text()
+    for old, new in (
+        ('<joint name="wrist" type="fixed">', '<joint name="wrist" type="revolute">'),
+        (
+            '<origin xyz="0.42 0 0"/>',
+            '<origin xyz="0.42 0 0"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>'
+            '<mimic joint="elbow" multiplier="-2" offset="-0.3"/>',
+        ),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "parallel.urdf").write_text(text)
+    robot = Robot.from_urdf(tmp_path / "parallel.urdf")
+    elbow = robot.joint_names.index("elbow")
+    assert ToolOrientation(robot, [1.0, 0.0, 0.0], UP, 1.0).rates[elbow] == pytest.approx(3.0)
+    seen = set()
+    for start, end in edges(robot, rng, 30, 0.6):
+        limit = ToolOrientation.as_at(
+            robot, start, robot.tip_pose(start).rotation[:, 0], rng.uniform(0.2, 1.0)
+        )
+        verdict = limit.check(start, end).verdict
+        seen.add(verdict)
+        assert (verdict is Verdict.FREE) == all(limit.allows(q) for q in along(robot, start, end))
+    assert seen == {Verdict.FREE, Verdict.BLOCKED}
