@@ -28,7 +28,7 @@ from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
 from safe_ompl.plugins.region_goal import RegionGoal
 from safe_ompl.plugins.validity import CollisionFreeValidity
-from safe_ompl.robot.inverse_kinematics import inverse_kinematics
+from safe_ompl.robot.ik_search import inverse_kinematics
 from safe_ompl.robot.region import GoalRegion
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario

@@ -14,7 +14,7 @@ from safe_ompl.collision.arguments import edge
 from safe_ompl.collision.motion import MotionVerdict, Verdict
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import float_array, number
-from safe_ompl.robot.displacement import Hull
+from safe_ompl.robot.bodies.reach import Hull
 from safe_ompl.robot.robot import Robot
 
 FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided

@@ -12,7 +12,7 @@ from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.plugins.states import ScratchState, StateBridge
-from safe_ompl.robot.kinematics import Place, inverse_kinematics
+from safe_ompl.robot.inverse_kinematics import Place, solve_from_seed
 from safe_ompl.robot.place_input import place_of
 from safe_ompl.robot.robot import Robot
 
@@ -45,7 +45,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         Orientation of the tip, a matrix or a quaternion x, y, z, w; without it any will do.
     tolerance : float
         How near to the place is near enough [m]. With a rotation a radian counts as
-        `safe_ompl.robot.kinematics.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
+        `safe_ompl.robot.inverse_kinematics.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
     field : DangerField, optional
         Ranks the solutions.
     seed : int, optional
@@ -166,7 +166,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         new: list[FloatArray] = []
         for _ in range(seeds):
             seed = self._rng.uniform(robot.lower, robot.upper)
-            q = inverse_kinematics(self._target(), seed, _PRECISION * self.tolerance)
+            q = solve_from_seed(self._target(), seed, _PRECISION * self.tolerance)
             if q is not None and self._is_new(q, new) and self._is_valid(q):
                 new.append(q)
         if self._field is None or not new:

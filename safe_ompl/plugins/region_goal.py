@@ -8,7 +8,7 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import shown
 from safe_ompl.plugins.goals import WorkspaceGoal
-from safe_ompl.robot.kinematics import Place
+from safe_ompl.robot.inverse_kinematics import Place
 from safe_ompl.robot.region import GoalRegion, RegionPlace
 from safe_ompl.robot.robot import Robot
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import InputError
-from safe_ompl.robot.kinematics import Place
+from safe_ompl.robot.inverse_kinematics import Place
 from safe_ompl.robot.robot import Robot
 
 _UNIT = (

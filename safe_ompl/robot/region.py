@@ -13,7 +13,7 @@ import pinocchio as pin
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
-from safe_ompl.robot.kinematics import METRES_PER_RADIAN, Place
+from safe_ompl.robot.inverse_kinematics import METRES_PER_RADIAN, Place
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.pose import Pose
 

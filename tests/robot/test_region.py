@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl.errors import InputError
-from safe_ompl.robot.kinematics import METRES_PER_RADIAN, inverse_kinematics
+from safe_ompl.robot.inverse_kinematics import METRES_PER_RADIAN, solve_from_seed
 from safe_ompl.robot.region import GoalRegion, RegionPlace
 from safe_ompl.scene.pose import Pose
 
@@ -113,7 +113,7 @@ def test_the_jacobian_is_the_slope_of_the_distance(region, ur5, rng):
 
 def test_the_arm_comes_into_the_region(ur5, rng):
     place = RegionPlace(ur5, REGIONS["cone"])
-    found = [inverse_kinematics(place, q, 1e-5) for q in rng.uniform(ur5.lower, ur5.upper, (20, ur5.n))]
+    found = [solve_from_seed(place, q, 1e-5) for q in rng.uniform(ur5.lower, ur5.upper, (20, ur5.n))]
     arrived = [q for q in found if q is not None]
     assert len(arrived) >= 5
     for q in arrived:

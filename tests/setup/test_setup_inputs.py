@@ -16,7 +16,7 @@ from safe_ompl.errors import CollisionError, InputError, UnknownNameError
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.states import StateBridge
-from safe_ompl.robot.inverse_kinematics import inverse_kinematics
+from safe_ompl.robot.ik_search import inverse_kinematics
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose

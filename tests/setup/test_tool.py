@@ -14,7 +14,7 @@ import pytest
 from safe_ompl.cli import main
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import CollisionError, InputError
-from safe_ompl.robot.inverse_kinematics import inverse_kinematics
+from safe_ompl.robot.ik_search import inverse_kinematics
 from safe_ompl.robot.region import GoalRegion
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.goal import Goal
