@@ -3,6 +3,7 @@
 from safe_ompl.benchmark.benchmark import Benchmark
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
 from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import (
@@ -25,8 +26,10 @@ from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
+from safe_ompl.plugins.region_goal import RegionGoal
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.robot.ik_search import inverse_kinematics
+from safe_ompl.robot.region import GoalRegion
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.obstacle import Obstacle
@@ -55,6 +58,7 @@ __all__ = [
     "DangerField",
     "DangerLimit",
     "DangerObjective",
+    "GoalRegion",
     "InputError",
     "Mesh",
     "Obstacle",
@@ -65,6 +69,7 @@ __all__ = [
     "PlanningError",
     "PointCloud",
     "Pose",
+    "RegionGoal",
     "Robot",
     "SafeJTRRT",
     "SafeOmplError",
@@ -74,6 +79,8 @@ __all__ = [
     "Scenario",
     "Scene",
     "Sphere",
+    "TipBounds",
+    "ToolOrientation",
     "UnknownNameError",
     "Verdict",
     "WorkspaceGoal",

@@ -150,7 +150,7 @@ def _in_order(runs: Sequence[Run], done: Iterator[tuple[Run, PlanResult]]) -> It
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:
     """Return the planners that a comparison looks at: OMPL's RRT-Connect, and all of ours that fit the goal."""
-    has_place = scenario.goal.position is not None
+    has_place = scenario.goal.is_place
     ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
     return ("RRTConnect", *ours)
 

@@ -16,6 +16,7 @@ from safe_ompl.robot.description.collision_shapes import CollisionSource
 from safe_ompl.robot.description.examples import find_example
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.scenario.tool import ToolConstraint
 
 _Number = TypeVar("_Number", int, float)
 
@@ -42,6 +43,11 @@ def seed(text: str) -> int:
 def limit(text: str) -> float:
     """Read a limit."""
     return _number(float, text, lambda value: 0 < value < math.inf, "a positive number")
+
+
+def degrees(text: str) -> float:
+    """Read an angle in degrees; return it in radians."""
+    return math.radians(_number(float, text, lambda value: 0 < value <= 180, "an angle in (0, 180] degrees"))
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -224,11 +230,20 @@ def add_limit_options(parser: argparse.ArgumentParser) -> None:
         metavar="D",
         help="keep D metres from people and whatever has a danger weight",
     )
+    group.add_argument(
+        "--keep-upright",
+        type=degrees,
+        metavar="DEG",
+        help="what is upright on the tool at the start stays so within DEG degrees",
+    )
 
 
 def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
     """Return the scenario with the limits that the options give instead of its own."""
-    given = {key: getattr(options, key) for key in ("max_danger", "min_clearance") if getattr(options, key)}
+    keys = ("max_danger", "min_clearance")
+    given: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
+    if options.keep_upright:
+        given["tool"] = ToolConstraint(options.keep_upright)
     return dataclasses.replace(scenario, limits=dataclasses.replace(scenario.limits, **given))
 
 

@@ -168,6 +168,7 @@ def certificate_of(
         max_danger=scenario.limits.max_danger or None,
         clearance=None if wanted is None else wanted.as_dict(),
         moving_obstacles={"speeds": speeds, "time": time} if speeds else None,
+        tool=setup.tool_claim(),
         source={
             "scenario": document.file_name(scenario.file.resolve(), folder),
             "robot": None if spec is scenario.robot else spec.to_mapping(folder),

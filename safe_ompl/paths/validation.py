@@ -7,6 +7,7 @@ from typing import Any
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict, Verdict
+from safe_ompl.collision.tool_limits import ToolLimit
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.user_checks import UserCheck
 
@@ -46,7 +47,8 @@ class Validation:
     refused : tuple of (int, MotionVerdict), optional
         The first edge that is not proven, or that a check of the user's own refuses, and why; None: there is none.
     claims : tuple of str
-        What the proof is of: "collision", "min clearance", "max danger", "moving obstacles".
+        What the proof is of: "collision", "min clearance", "max danger", "moving obstacles", "tool orientation",
+        "tip position".
     checks : tuple of CheckOutcome
         The user's own checks, of which nothing can be proven.
     """
@@ -111,6 +113,7 @@ def claims_of(motion: CertifiedMotion) -> tuple[str, ...]:
         claims.append("max danger")
     if separation.speeds:
         claims.append("moving obstacles")
+    claims += [limit.name for limit in motion.limits if isinstance(limit, ToolLimit)]
     return tuple(claims)
 
 

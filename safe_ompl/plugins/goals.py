@@ -12,7 +12,7 @@ from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.plugins.states import ScratchState, StateBridge
-from safe_ompl.robot.inverse_kinematics import solve_from_seed
+from safe_ompl.robot.inverse_kinematics import Place, solve_from_seed
 from safe_ompl.robot.place_input import place_of
 from safe_ompl.robot.robot import Robot
 
@@ -39,7 +39,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         Its space must have the robot's joints as coordinates (see `joint_space`).
     robot : Robot
         The robot.
-    position : array_like, shape (3,), or pin.SE3
+    position : array_like, shape (3,), pin.SE3 or Place
         Where its tip is to be, in the world frame [m]; or its whole pose.
     rotation : array_like, shape (3, 3) or (4,), or pin.Quaternion, optional
         Orientation of the tip, a matrix or a quaternion x, y, z, w; without it any will do.
@@ -81,7 +81,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         seed: int | None = None,
     ) -> None:
         super().__init__(si)
-        self.place = place_of(robot, position, rotation)
+        self.place = position if isinstance(position, Place) else place_of(robot, position, rotation)
         self.tolerance = positive(tolerance, "tolerance", "length [m]")
         self.setThreshold(self.tolerance)
         self._field = field
@@ -166,12 +166,16 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         new: list[FloatArray] = []
         for _ in range(seeds):
             seed = self._rng.uniform(robot.lower, robot.upper)
-            q = solve_from_seed(self.place, seed, _PRECISION * self.tolerance)
+            q = solve_from_seed(self._target(), seed, _PRECISION * self.tolerance)
             if q is not None and self._is_new(q, new) and self._is_valid(q):
                 new.append(q)
         if self._field is None or not new:
             return new
         return [new[k] for k in np.argsort(self._field.values(np.array(new)), kind="stable")]
+
+    def _target(self) -> Place:
+        """Return where the next solution is to bring the tip."""
+        return self.place
 
     def _is_new(self, q: FloatArray, others: list[FloatArray]) -> bool:
         known = np.array([*self._found, *others]).reshape(-1, len(q))

@@ -11,6 +11,7 @@ from ompl import base as ob
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import FLOOR, CertifiedMotion
 from safe_ompl.collision.separation import TOUCHING_ONLY, Separation
+from safe_ompl.collision.tool_limits import ToolLimit
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
 from safe_ompl.plugins.user_checks import BorrowedCheck, UserCheck
@@ -37,6 +38,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
         self._bridge = StateBridge(self._space)
         self._danger: DangerLimit | None = None
+        self._tool: tuple[ToolLimit, ...] = ()
         self._checks: tuple[UserCheck, ...] = ()
 
     def __repr__(self) -> str:
@@ -62,6 +64,11 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         self._danger = limit
         self._take_limits()
 
+    def setToolLimits(self, limits: Sequence[ToolLimit]) -> None:
+        """Accept only motions whose tool is proven to keep to limits, such as an angle."""
+        self._tool = tuple(limits)
+        self._take_limits()
+
     def setUserChecks(self, checks: Sequence[UserCheck]) -> None:
         """Accept only motions that checks of the user's own accept, too; they are asked about what is proven free.
 
@@ -72,7 +79,7 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
 
     def _take_limits(self) -> None:
         danger = () if self._danger is None else (self._danger,)
-        self._motion = self._motion.with_limits((*self._checks, *danger))
+        self._motion = self._motion.with_limits((*self._checks, *self._tool, *danger))
 
     def setMinClearance(
         self,

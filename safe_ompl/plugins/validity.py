@@ -9,6 +9,7 @@ from ompl import base as ob
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.separation import TOUCHING_ONLY, Separation
+from safe_ompl.collision.tool_limits import ToolLimit
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
 from safe_ompl.plugins.user_checks import SampledValidity, UserCheck
@@ -19,8 +20,8 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
 
     States nearer to an obstacle than `setMinClearance` allows are refused, too, and so are states more dangerous than
-    `setDangerLimit` allows, and those that a checker of the user's own refuses (`setUserChecks`). The limits are the
-    robot's, however wide the space.
+    `setDangerLimit` allows, those whose tool is where `setToolLimits` does not allow it, and those that a checker of
+    the user's own refuses (`setUserChecks`). The limits of the joints are the robot's, however wide the space.
 
     Parameters
     ----------
@@ -34,6 +35,7 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         super().__init__(si)
         self.checker = checker
         self._limit: DangerLimit | None = None
+        self._tool: tuple[ToolLimit, ...] = ()
         self._user: SampledValidity | None = None
         self._checks: tuple[UserCheck, ...] = ()
         self._joint_limits = JointLimits(checker.robot)
@@ -44,6 +46,10 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     def setDangerLimit(self, limit: DangerLimit | None) -> None:
         """Accept only states whose danger keeps to a limit; None: whatever it is."""
         self._limit = limit
+
+    def setToolLimits(self, limits: Sequence[ToolLimit]) -> None:
+        """Accept only states whose tool keeps to limits, such as an angle."""
+        self._tool = tuple(limits)
 
     def __repr__(self) -> str:
         return f"CollisionFreeValidity({self.checker!r})"
@@ -67,19 +73,21 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         return self._separation
 
     @property
-    def settings(self) -> tuple[CollisionChecker, Separation, float | None] | None:
-        """What decides which states are valid: checker, distances, limit of danger; None where the user's own does."""
+    def settings(self) -> tuple[CollisionChecker, Separation, float | None, tuple[ToolLimit, ...]] | None:
+        """What decides which states are valid: checker, distances, limits; None where the user's own does."""
         if self._user is not None:
             return None
         limit = None if self._limit is None else self._limit.limit
-        return self.checker, self._separation, limit
+        return self.checker, self._separation, limit, self._tool
 
     def adds_nothing(self, other: Any) -> bool:
         """Return whether another checker is this one, or asks for nothing that this one does not ask for."""
         if other is self:
             return True
-        plain = type(other) is CollisionFreeValidity and other.checker is self.checker
-        return plain and other._limit is None and other._user is None and other._separation == TOUCHING_ONLY
+        if type(other) is not CollisionFreeValidity or other.checker is not self.checker:
+            return False
+        unlimited = other._limit is None and not other._tool and other._separation == TOUCHING_ONLY
+        return unlimited and other._user is None
 
     def setUserChecks(self, checks: Sequence[UserCheck]) -> None:
         """Accept only states that a checker of the user's own among these accepts, too; and keep all of them alive."""
@@ -93,6 +101,8 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         q = self._bridge.view(state)
         # OMPL's bounds let NaN pass, and a space may be wider than the robot's limits.
         if not self._joint_limits.hold(q) or self.checker.touches(q) or self._required.violated(q):
+            return False
+        if not all(limit.allows(q) for limit in self._tool):
             return False
         if self._limit is not None and not self._limit.allows(q):
             return False

@@ -11,13 +11,14 @@ import numpy as np
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.region import GoalRegion
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.pose import Pose
 
 Configuration: TypeAlias = tuple[float, ...] | Mapping[str, float]
 """Joint values in the robot's order, or by the names of the joints [rad or m]."""
 
-_TOLERANCE = 0.01  # [m]
+_TOLERANCE, _REGION_TOLERANCE = 0.01, 0.001  # [m]
 _TURNS = ("quaternion_xyzw", "rpy")
 
 
@@ -36,32 +37,46 @@ class Goal:
     quaternion_xyzw : sequence of 4 float, optional
         Orientation of the tip, which makes the place a pose.
     tolerance : float, optional
-        How near to the place is near enough [m].
+        How near to the place or region is near enough [m]; default: 0.01 for a place, 0.001 for a region.
+    region : GoalRegion, optional
+        Where the tip may be, instead of a position.
 
     Raises
     ------
     InputError
-        If there is neither a configuration nor a position, or a value cannot be used.
+        If there is no configuration, position or region, both of the latter, or a value cannot be used.
     """
 
     configurations: tuple[Configuration, ...] = ()
     position: tuple[float, ...] | None = None
     quaternion_xyzw: tuple[float, ...] | None = None
-    tolerance: float = _TOLERANCE
+    tolerance: Any = None  # becomes a float
+    region: GoalRegion | None = None
 
     def __post_init__(self) -> None:
         given = document.sequence("configurations", self.configurations)
         read = tuple(read_configuration(key, item) for key, item in _numbered("configurations", given))
         object.__setattr__(self, "configurations", read)
-        object.__setattr__(self, "tolerance", document.number("tolerance", self.tolerance, above=0.0))
+        usual = _TOLERANCE if self.region is None else _REGION_TOLERANCE
+        wanted = usual if self.tolerance is None else document.number("tolerance", self.tolerance, above=0.0)
+        object.__setattr__(self, "tolerance", wanted)
+        if self.region is not None and (self.position is not None or self.quaternion_xyzw is not None):
+            raise InputError("give only one of position and region", "region")
         if self.position is not None:
             pose = Pose(self.position, self.quaternion_xyzw or (0.0, 0.0, 0.0, 1.0))
             object.__setattr__(self, "position", pose.position)
             object.__setattr__(self, "quaternion_xyzw", self.quaternion_xyzw and pose.quaternion_xyzw)
         elif self.quaternion_xyzw is not None:
             raise InputError("missing: an orientation alone is no goal", "position")
-        elif not self.configurations:
-            raise InputError("missing: give configuration, configurations or position", "configuration")
+        elif not self.configurations and self.region is None:
+            raise InputError(
+                "missing: give configuration, configurations, position or region", "configuration"
+            )
+
+    @property
+    def is_place(self) -> bool:
+        """Whether it says where the tip is to be."""
+        return self.position is not None or self.region is not None
 
     @property
     def rotation(self) -> FloatArray | None:
@@ -73,8 +88,10 @@ class Goal:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Goal:
-        """Read ``configuration`` or ``configurations``, and ``position`` with orientation and tolerance."""
-        document.check_keys(data, ("configuration", "configurations", "position", *_TURNS, "tolerance"))
+        """Read ``configuration`` or ``configurations``, and ``position`` with orientation or ``region``."""
+        document.check_keys(
+            data, ("configuration", "configurations", "position", *_TURNS, "tolerance", "region")
+        )
         if "configuration" in data and "configurations" in data:
             raise InputError("give only one of configuration and configurations", "configurations")
         if "configuration" in data:
@@ -84,7 +101,12 @@ class Goal:
         turn = None
         if any(key in data for key in _TURNS):
             turn = Pose.from_mapping(data).quaternion_xyzw
-        return cls(tuple(configurations), data.get("position"), turn, data.get("tolerance", _TOLERANCE))
+        region = None
+        if "region" in data:
+            bounds = document.mapping("region", data["region"])
+            with document.within("region"):
+                region = GoalRegion.from_mapping(bounds)
+        return cls(tuple(configurations), data.get("position"), turn, data.get("tolerance"), region)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
@@ -96,7 +118,9 @@ class Goal:
         for key in ("position", "quaternion_xyzw"):
             if getattr(self, key) is not None:
                 data[key] = getattr(self, key)
-        if self.tolerance != _TOLERANCE:
+        if self.region is not None:
+            data["region"] = self.region.to_mapping()
+        if self.tolerance != (_TOLERANCE if self.region is None else _REGION_TOLERANCE):
             data["tolerance"] = self.tolerance
         return data
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from safe_ompl import document
 from safe_ompl.errors import InputError
+from safe_ompl.scenario.tool import TipBox, ToolConstraint
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,10 @@ class PathLimits:
         From these; default: from those with a danger weight, such as people.
     exempt : sequence of (str, str), optional
         Pairs of a link and an obstacle that need not keep it.
+    tool : ToolConstraint, optional
+        How an axis of the tool must point.
+    tip : TipBox, optional
+        Where the tip must stay.
 
     Raises
     ------
@@ -35,6 +40,8 @@ class PathLimits:
     min_clearance: float = 0.0
     obstacles: tuple[str, ...] | None = None
     exempt: tuple[tuple[str, str], ...] = ()
+    tool: ToolConstraint | None = None
+    tip: TipBox | None = None
 
     def __post_init__(self) -> None:
         for key in ("max_danger", "min_clearance"):
@@ -49,7 +56,13 @@ class PathLimits:
     def from_mapping(cls, data: Mapping[str, Any]) -> PathLimits:
         """Read limits from a document."""
         document.check_keys(data, [field.name for field in fields(cls)])
-        return cls(**data)
+        kinds: dict[str, type[ToolConstraint | TipBox]] = {"tool": ToolConstraint, "tip": TipBox}
+        read = dict(data)
+        for key in kinds.keys() & data.keys():
+            given = document.mapping(key, data[key])
+            with document.within(key):
+                read[key] = kinds[key].from_mapping(given)
+        return cls(**read)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
@@ -58,6 +71,8 @@ class PathLimits:
 
 
 def _lists(value: Any) -> Any:
+    if isinstance(value, (ToolConstraint, TipBox)):
+        return value.to_mapping()
     return [_lists(item) for item in value] if isinstance(value, tuple) else value
 
 

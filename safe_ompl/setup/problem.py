@@ -17,16 +17,18 @@ from safe_ompl.errors import CollisionError, InputError
 from safe_ompl.planners.registry import accepts
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
+from safe_ompl.plugins.region_goal import REGION_TOLERANCE, RegionGoal
+from safe_ompl.robot.region import GoalRegion
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.inputs import configuration_of, several
-from safe_ompl.setup.limits import LimitedSetup
+from safe_ompl.setup.tool import ToolLimitedSetup
 from safe_ompl.setup.wiring import danger_field as danger_field
 
 _log = logging.getLogger(__name__)
 
 
-class SafeProblem(LimitedSetup):
+class SafeProblem(ToolLimitedSetup):
     """The part of `SafeSetup` that says what is to be planned; parameters as there."""
 
     def __init__(
@@ -105,6 +107,30 @@ class SafeProblem(LimitedSetup):
             seed=0,
         )
         self.setGoal(self._place)
+
+    def setGoalRegion(self, region: GoalRegion, tolerance: float = REGION_TOLERANCE) -> None:
+        """Set a region for the tip as the goal: position and orientation within bounds.
+
+        It takes the place of a `setWorkspaceGoal`; what is said there of configurations holds here, too.
+
+        Parameters
+        ----------
+        region : GoalRegion
+            Where the tip may be.
+        tolerance : float
+            How far outside of it is near enough [m]; a radian counts as 0.25 m.
+
+        Raises
+        ------
+        InputError
+            If it is no region, or the tolerance is not positive.
+        """
+        si = self.getSpaceInformation()
+        self._place = RegionGoal(si, self.robot, region, tolerance=tolerance, field=self.field, seed=0)
+        self.setGoal(self._place)
+
+    def _given_start(self) -> FloatArray | None:
+        return self._given[0]
 
     def _check_given(self) -> None:
         """Raise an error if the start or all goals that were given are not allowed any more."""
@@ -208,7 +234,9 @@ class SafeProblem(LimitedSetup):
         """Raise an error where OMPL would say less, or end the process."""
         goal = self.getGoal()
         if goal is None:
-            raise InputError("no goal is set: call setConfigurations, setWorkspaceGoal or setGoal")
+            raise InputError(
+                "no goal is set: call setConfigurations, setWorkspaceGoal, setGoalRegion or setGoal"
+            )
         if isinstance(goal, ob.GoalLazySamples):
             raise InputError(
                 "OMPL's GoalLazySamples waits for itself for ever where its sampler is Python's; take a WorkspaceGoal, "

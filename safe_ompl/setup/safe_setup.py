@@ -349,6 +349,8 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
         setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
         if goal.position is not None:
             setup.setWorkspaceGoal(goal.position, goal.rotation, goal.tolerance)
+        elif goal.region is not None:
+            setup.setGoalRegion(goal.region, goal.tolerance)
         if goals is None:
             setup.setStartConfiguration(start)
         else:
@@ -359,4 +361,9 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
             if scenario.limits.min_clearance:
                 limits = scenario.limits
                 setup.setMinClearance(limits.min_clearance, limits.obstacles, limits.exempt)
+            if scenario.limits.tool is not None:
+                tool = scenario.limits.tool
+                setup.setToolConstraint(tool.axis, tool.direction, tool.angle)
+            if scenario.limits.tip is not None:
+                setup.setTipBounds(*scenario.limits.tip.corners)
     return setup

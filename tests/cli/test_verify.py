@@ -46,7 +46,7 @@ def test_it_says_what_it_is_about_and_what_is_not_claimed(call, written):
     first, second, third = out.splitlines()
     assert first.startswith("proof.json: every motion is free: ")
     assert second == "proof.json: robot planar3 and scene of planar3.yaml: person, machine, bin, post"
-    assert third == "proof.json: not claimed: clearance, moving obstacles"
+    assert third == "proof.json: not claimed: clearance, moving obstacles, tool"
 
 
 def test_elsewhere_it_verifies_by_itself(call, written, tmp_path, monkeypatch):
@@ -130,7 +130,7 @@ def test_what_a_setup_proves_of_moving_obstacles_stands_in_its_certificate(call,
     status, out, err = call("verify", "moving.json")
     assert (status, err) == (0, "")
     assert "the same while obstacles move no faster than person 0.1 m/s, for 0.5 s" in out
-    assert "not claimed: clearance\n" in out
+    assert "not claimed: clearance, tool\n" in out
 
 
 def test_a_robot_of_a_scenario_that_holds_something_travels(call, tmp_path, monkeypatch):

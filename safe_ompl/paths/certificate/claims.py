@@ -13,7 +13,7 @@ import numpy as np
 
 from safe_ompl import document
 from safe_ompl.errors import CertificateError, InputError, UnknownNameError
-from safe_ompl.paths.certificate.format import CLAIMS
+from safe_ompl.paths.certificate.format import CLAIMS, OPTIONAL
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.cloud import PointCloud
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _CHOICES = {"aggregate": ("max", "mean", "softmax"), "weighting": ("unit", "length")}
 _POSITIVE = ("spacing", "k1", "sharpness")
+_SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
+_UNBOUNDED = 1e300  # [m]
 _MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
 
 
@@ -33,6 +35,7 @@ def check_claims(content: Mapping[str, Any], robot: Robot, scene: Scene) -> None
     """Raise InputError, naming key and value, unless the claims of a certificate have a meaning."""
     check_clearance(content["clearance"], robot, scene)
     check_moving_obstacles(content["moving_obstacles"], scene)
+    check_tool(content.get("tool"))
     if content["danger"] is not None:
         with document.within("danger"):
             _check_danger(document.mapping("claim", content["danger"]), scene)
@@ -85,6 +88,34 @@ def check_moving_obstacles(claim: Any, scene: Scene) -> None:
                 document.number(name, speed, at_least=0.0)
 
 
+def check_tool(claim: Any) -> None:
+    """Raise InputError unless a claim about the tool, or None, has a meaning."""
+    if claim is None:
+        return
+    with document.within("tool"):
+        document.check_keys(document.mapping("claim", claim), ("orientation", "position"))
+        if not claim:
+            raise InputError("must claim an orientation or a position", "orientation")
+        if "orientation" in claim:
+            _check_orientation(document.mapping("orientation", claim["orientation"]))
+        if "position" in claim:
+            bounds = document.mapping("position", claim["position"], ("x", "y", "z"))
+            if not bounds:
+                raise InputError("must have bounds of x, y or z", "position")
+            for key, given in bounds.items():
+                document.numbers(f"position.{key}", given, 2)
+
+
+def _check_orientation(claim: Mapping[str, Any]) -> None:
+    with document.within("orientation"):
+        document.check_keys(claim, ("axis", "direction", "angle"))
+        document.number("angle", document.require(claim, "angle"), above=0.0, at_most=np.pi)
+        for key in ("axis", "direction"):
+            vector = document.numbers(key, document.require(claim, key), 3)
+            if not _SHORTEST <= float(np.linalg.norm(vector)) <= _LONGEST:
+                raise InputError(f"must be a direction, got {vector!r}", key)
+
+
 def _check_danger(claim: Mapping[str, Any], scene: Scene) -> None:
     document.check_keys(claim, ("bound", *_POSITIVE, *_CHOICES))
     document.number("bound", document.require(claim, "bound"), at_least=0.0)
@@ -134,12 +165,33 @@ def claimed(content: Mapping[str, Any]) -> tuple[str, ...]:
     if moving is not None:
         speeds = ", ".join(f"{name} {speed:g} m/s" for name, speed in moving["speeds"].items())
         said.append(f"the same while obstacles move no faster than {speeds}, for {moving['time']:g} s")
-    return tuple(said)
+    return (*said, *_claimed_of_tool(content.get("tool") or {}))
+
+
+def _claimed_of_tool(claim: Mapping[str, Any]) -> list[str]:
+    said = []
+    if "orientation" in claim:
+        wanted = claim["orientation"]
+        axis, direction = (", ".join(f"{x:.4g}" for x in wanted[key]) for key in ("axis", "direction"))
+        said.append(
+            f"the tool's axis ({axis}) within {np.degrees(wanted['angle']):.4g}° of the direction ({direction})"
+        )
+    if "position" in claim:
+        bounds = (_range(key, *given) for key, given in claim["position"].items())
+        said.append(f"the tip at {', '.join(bounds)}")
+    return said
+
+
+def _range(key: str, low: float, high: float) -> str:
+    if max(-low, high) < _UNBOUNDED:
+        return f"{key} from {low:g} to {high:g} m"
+    return f"{key} of at least {low:g} m" if high >= _UNBOUNDED else f"{key} of at most {high:g} m"
 
 
 def not_claimed(content: Mapping[str, Any]) -> tuple[str, ...]:
     """Return which claims a certificate could make, but does not."""
-    return tuple(key.replace("_", " ") for key in CLAIMS if content[key] is None)
+    claims = {**{key: content[key] for key in CLAIMS}, **{key: content.get(key) for key in OPTIONAL}}
+    return tuple(key.replace("_", " ") for key, claim in claims.items() if claim is None)
 
 
 def not_covered(content: Mapping[str, Any]) -> tuple[str, ...]:

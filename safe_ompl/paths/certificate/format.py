@@ -18,6 +18,7 @@ from safe_ompl.errors import InputError
 FORMAT, VERSION = "safe-ompl certificate", 2
 OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
 CLAIMS = ("clearance", "danger", "moving_obstacles")  # besides freedom; None where nothing is claimed
+OPTIONAL = ("tool",)  # claims that came later: a certificate without the key claims nothing of it
 KEYS = (
     *("format", "version", "source", "robot", "scene", "joint_names", "path", "pairs"),
     *(*CLAIMS, "also_sampled", "edges", "digest"),
@@ -51,4 +52,4 @@ def check_form(content: Any) -> None:
     if missing:
         raise InputError(f"the certificate has no {missing[0]!r}")
     with document.within("certificate"):
-        document.check_keys(content, KEYS)
+        document.check_keys(content, (*KEYS, *OPTIONAL))

@@ -16,10 +16,12 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import BoolArray, FloatArray, finite_array
 from safe_ompl.collision.checker import DISTANCE_ERROR
+from safe_ompl.collision.motion import Verdict
+from safe_ompl.collision.tool_limits import TipBounds, ToolLimit, ToolOrientation
 from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError, PlanningError
-from safe_ompl.paths.certificate.claims import check_clearance, check_moving_obstacles
+from safe_ompl.paths.certificate.claims import check_clearance, check_moving_obstacles, check_tool
 from safe_ompl.paths.certificate.format import FORMAT, OBSTACLE, VERSION, digest, edges_of
 from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
 from safe_ompl.robot.robot import Robot
@@ -43,6 +45,7 @@ def certificate(
     max_danger: float | None = None,
     clearance: Mapping[str, Any] | None = None,
     moving_obstacles: Mapping[str, Any] | None = None,
+    tool: Mapping[str, Any] | None = None,
     also_sampled: str | None = None,
     source: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -68,6 +71,9 @@ def certificate(
         Claim, too, that the path stays free, and keeps its clearance, whatever obstacles do that move no faster than
         their `speeds` (by name [m/s]), until a `time` [s] after the moment of the scene: see
         `CertifiedMotion.setMovingObstacles`.
+    tool : mapping, optional
+        Claim limits of the tool, too: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle`
+        [rad], a `position` with bounds of `x`, `y` and `z` [m]; either or both.
     also_sampled : str, optional
         What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad": whoever verifies
         is told that it is not covered.
@@ -86,6 +92,7 @@ def certificate(
         raise InputError("path must have a configuration at least, got none")
     check_clearance(clearance, robot, scene)
     check_moving_obstacles(moving_obstacles, scene)
+    check_tool(tool)
     clear, moving = _plain_clearance(clearance), _plain_moving_obstacles(moving_obstacles)
     pairs = Pairs(robot, scene)
     required = pairs.required(clear, moving)
@@ -109,6 +116,8 @@ def certificate(
             for k, (start, end) in enumerate(edges_of(points))
         ],
     }
+    if tool is not None:
+        content["tool"] = _tool_claim(tool, robot, points)
     return {**content, "digest": digest(content)}
 
 
@@ -214,6 +223,26 @@ def _plain_moving_obstacles(claim: Mapping[str, Any] | None) -> dict[str, Any] |
         return None
     speeds = {name: float(speed) for name, speed in claim["speeds"].items()}
     return {"speeds": speeds, "time": float(claim["time"])}
+
+
+def _tool_claim(claim: Mapping[str, Any], robot: Robot, path: FloatArray) -> dict[str, Any]:
+    """Return a claim about the tool in plain numbers, if every edge keeps to it."""
+    plain: dict[str, Any] = {}
+    limits: list[ToolLimit] = []
+    if "orientation" in claim:
+        wanted = claim["orientation"]
+        limits.append(ToolOrientation(robot, wanted["axis"], wanted["direction"], wanted["angle"]))
+        plain["orientation"] = {key: [float(x) for x in wanted[key]] for key in ("axis", "direction")}
+        plain["orientation"]["angle"] = float(wanted["angle"])
+    if "position" in claim:
+        plain["position"] = {key: [float(x) for x in given] for key, given in claim["position"].items()}
+        bounds = [plain["position"].get(key, (-np.inf, np.inf)) for key in "xyz"]
+        limits.append(TipBounds(robot, *np.transpose(bounds)))
+    for limit in limits:
+        for k, (start, end) in enumerate(edges_of(path)):
+            if limit.check(start, end).verdict is not Verdict.FREE:
+                raise PlanningError(f"edge {k} cannot be certified: its {limit.name} is not proven")
+    return plain
 
 
 def _danger_claim(

@@ -19,6 +19,7 @@ from safe_ompl.paths.certificate.claims import check_claims, check_kind, claimed
 from safe_ompl.paths.certificate.format import check_form, digest
 from safe_ompl.paths.certificate.plain_danger import PlainDanger
 from safe_ompl.paths.certificate.plain_distances import Separations, plain_name
+from safe_ompl.paths.certificate.plain_tool import PlainTool
 from safe_ompl.paths.certificate.portable import built_robot, built_scene, links_without_collision
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
@@ -44,7 +45,7 @@ class Verified:
     claims : tuple of str
         What holds, in words.
     not_claimed : tuple of str
-        What a certificate can claim, but this one does not: of "clearance", "danger" and "moving obstacles".
+        What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles" and "tool".
     not_covered : tuple of str
         Of what nothing is proven: links without collision geometry, checks that were only sampled.
     """
@@ -125,6 +126,7 @@ def _verified(content: Mapping[str, Any], robot: Robot, scene: Scene) -> Verifie
             _check_interval(f"edge {k}, interval {j}", interval, start, delta, separations, content["pairs"])
             intervals += 1
     _check_danger(content["danger"], robot, scene, path, ends)
+    _check_tool(content.get("tool"), robot, path, ends)
     if content["digest"] != digest(content):
         raise CertificateError(
             "every interval holds, but the file is not as it was written: its digest differs"
@@ -251,4 +253,19 @@ def _check_danger(
         if failure is not None:
             raise CertificateError(
                 f"edge {k}: danger {failure[1]:.4f} near {failure[0]:.6f} of it, {claim['bound']:.4f} is claimed"
+            )
+
+
+# ------------------------------------------------------------------------------------------------------ tool
+
+
+def _check_tool(claim: Mapping[str, Any] | None, robot: Robot, path: FloatArray, ends: FloatArray) -> None:
+    if claim is None:
+        return
+    tool = PlainTool(robot, claim)
+    for k, (start, end) in enumerate(zip(path, ends, strict=False)):
+        failure = tool.exceeded(start, robot.difference(start, end))
+        if failure is not None:
+            raise CertificateError(
+                f"edge {k}: the {failure[1]} of the tool is not as claimed near {failure[0]:.6f} of it"
             )

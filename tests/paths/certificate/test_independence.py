@@ -28,7 +28,7 @@ def imported(module):
 
 
 @pytest.mark.parametrize(
-    "module", ["verify", "claims", "format", "plain_danger", "plain_distances", "portable"]
+    "module", ["verify", "claims", "format", "plain_danger", "plain_distances", "plain_tool", "portable"]
 )
 def test_the_verifier_imports_no_prover(module):
     names = imported(f"{CERTIFICATE}.{module}")

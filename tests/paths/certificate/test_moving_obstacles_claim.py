@@ -44,7 +44,7 @@ def test_it_is_proven_up_to_how_far_the_obstacle_is(ur5, clutter, nearest):
     found = verify(content)
     assert found.claims[1].startswith("the same while obstacles move no faster than ball ")
     assert found.claims[1].endswith(" m/s, for 0.5 s")
-    assert found.not_claimed == ("clearance", "danger")
+    assert found.not_claimed == ("clearance", "danger", "tool")
     with pytest.raises(PlanningError, match="cannot be certified"):
         written(ur5, clutter, 1.05 * nearest["ball"] / 0.5, 0.5)
 

@@ -191,13 +191,13 @@ def test_it_verifies_with_nothing_given(written, ur5, clutter):
 def test_what_is_not_claimed_is_listed(written, ur5, clutter):
     found = verify(written)
     assert found.claims == ("every motion is free",)
-    assert found.not_claimed == ("clearance", "danger", "moving obstacles")
+    assert found.not_claimed == ("clearance", "danger", "moving obstacles", "tool")
     assert found.not_covered == ()
     claim = {"distance": 0.01, "obstacles": ["ball"], "exempt": []}
     claimed = travelled(certificate(written["path"], ur5, clutter, clearance=claim))
-    assert verify(claimed).not_claimed == ("danger", "moving obstacles")
+    assert verify(claimed).not_claimed == ("danger", "moving obstacles", "tool")
     withdrawn = signed({**claimed, "clearance": None})
-    assert verify(withdrawn).not_claimed == ("clearance", "danger", "moving obstacles")
+    assert verify(withdrawn).not_claimed == ("clearance", "danger", "moving obstacles", "tool")
 
 
 @pytest.mark.parametrize("key", ["source", "clearance", "danger", "moving_obstacles", "also_sampled"])

@@ -1,0 +1,284 @@
+"""Regions of the tip: where its position and its orientation may be, within bounds (task space regions)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from math import hypot
+from typing import Any, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl import document
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError
+from safe_ompl.robot.inverse_kinematics import METRES_PER_RADIAN, Place
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.pose import Pose
+
+Bounds: TypeAlias = tuple[float, float]
+"""Least and largest value, equal where there is one only."""
+
+_POSE_KEYS = ("position", "quaternion_xyzw", "rpy", "yaw")
+_ANGLES = ("roll", "pitch", "yaw")
+_ORIGIN = (0.0, 0.0)
+_FREE = (-np.pi, np.pi), (-np.pi / 2, np.pi / 2), (-np.pi, np.pi)
+_SWEEPS = 100  # over the three angles, in the search for the nearest orientation
+_SETTLED = 1e-9  # [rad] by which a sweep that ends the search changes an angle
+
+
+@dataclass(frozen=True)
+class GoalRegion:
+    """Where the tip may be: its position and its orientation within bounds, in a frame of the region's own.
+
+    Bounds are two numbers, or one where there is no choice. The position is given by x, y and z, or by radius and z:
+    a ring, a disc or a tube about the z axis of the frame. A coordinate that is not given is 0; an angle that is not
+    given is free, and without any the orientation is.
+
+    Parameters
+    ----------
+    frame : Pose, optional
+        The frame in the world; default: that of the world.
+    x, y, z : (float, float) or float, optional
+        Bounds of the position in the frame [m].
+    radius : (float, float) or float, optional
+        Bounds of the distance from the z axis of the frame [m], instead of x and y.
+    roll, pitch, yaw : (float, float) or float, optional
+        Bounds of the orientation in the frame [rad], about its fixed x, y and z axes, in this order; roll and yaw
+        span at most 2π, the pitch is in [−π/2, π/2].
+
+    Raises
+    ------
+    InputError
+        If bounds are no numbers, in the wrong order or out of range; if both radius and x or y are given.
+
+    References
+    ----------
+    .. [1] D. Berenson, S. Srinivasa, J. Kuffner: Task space regions: a framework for pose-constrained manipulation
+       planning. International Journal of Robotics Research, 2011.
+    """
+
+    frame: Pose = field(default_factory=Pose)
+    x: Bounds | None = None
+    y: Bounds | None = None
+    z: Bounds | None = None
+    radius: Bounds | None = None
+    roll: Bounds | None = None
+    pitch: Bounds | None = None
+    yaw: Bounds | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.frame, Pose):
+            object.__setattr__(self, "frame", Pose.of(self.frame))
+        for key in ("x", "y", "z", "radius", *_ANGLES):
+            given = getattr(self, key)
+            object.__setattr__(self, key, None if given is None else _bounds(key, given))
+        if self.radius is not None:
+            if self.x is not None or self.y is not None:
+                raise InputError("give either radius, or x and y", "radius")
+            if self.radius[0] < 0:
+                raise InputError(f"must be lengths >= 0 [m], got {self.radius[0]:g}", "radius")
+        for key in ("roll", "yaw"):
+            low, high = getattr(self, key) or (0.0, 0.0)
+            if high - low > 2 * np.pi + 1e-9:
+                raise InputError(f"must span at most 2π [rad], got [{low:g}, {high:g}]", key)
+        low, high = self.pitch or (0.0, 0.0)
+        if max(-low, high) > np.pi / 2 + 1e-9:
+            raise InputError(f"must be in [−π/2, π/2], got [{low:g}, {high:g}]", "pitch")
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> GoalRegion:
+        """Read a region from a document: `frame` with position and orientation, and bounds."""
+        keys = [bounded.name for bounded in fields(cls)]
+        document.check_keys(data, keys)
+        frame = document.mapping("frame", data.get("frame", {}), _POSE_KEYS)
+        with document.within("frame"):
+            pose = Pose.from_mapping(frame)
+        return cls(pose, **{key: data[key] for key in keys if key != "frame" and key in data})
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what `from_mapping` reads."""
+        data: dict[str, Any] = {} if self.frame == Pose() else {"frame": self.frame.to_mapping()}
+        for key in (bounded.name for bounded in fields(self) if bounded.name != "frame"):
+            given = getattr(self, key)
+            if given is not None:
+                data[key] = list(given)
+        return data
+
+    @property
+    def turns(self) -> bool:
+        """Whether the orientation is bounded, too."""
+        return any(getattr(self, key) is not None for key in _ANGLES)
+
+    def nearest(self, pose: pin.SE3) -> tuple[FloatArray, FloatArray | None]:
+        """Return the position (3,) and the orientation (3, 3) of the region that are nearest to a pose.
+
+        Both in the world frame; the orientation is None where any will do. The nearest orientation is that with the
+        least angle to the pose's own.
+        """
+        frame = self.frame.se3
+        here = frame.rotation.T @ (pose.translation - frame.translation)
+        position: FloatArray = frame.rotation @ self._nearest_position(here) + frame.translation
+        if not self.turns:
+            return position, None
+        rotation: FloatArray = frame.rotation @ _nearest_rotation(
+            frame.rotation.T @ pose.rotation, self._angles
+        )
+        return position, rotation
+
+    def distance(self, pose: pin.SE3) -> float:
+        """Return how far [m] a pose is from the region, 0 inside; a radian counts as `METRES_PER_RADIAN`."""
+        error = self.error(pose)
+        return float(np.sqrt(error @ error))
+
+    def error(self, pose: pin.SE3) -> FloatArray:
+        """Return Δx [m] from a pose to the nearest one of the region, (3,) or (6,) as that of `Place`."""
+        position, rotation = self.nearest(pose)
+        offset: FloatArray = position - pose.translation
+        if rotation is None:
+            return offset
+        return np.concatenate([offset, METRES_PER_RADIAN * pin.log3(rotation @ pose.rotation.T)])
+
+    def sample(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray | None]:
+        """Return a position (3,) of the region and an orientation (3, 3), or None where any will do, at random.
+
+        Positions are uniform in the region's volume (or area), each of the three angles within its bounds.
+        """
+        frame = self.frame.se3
+        if self.radius is None:
+            here = rng.uniform(*np.transpose(self._coordinates))
+        else:
+            radius = np.sqrt(rng.uniform(*np.square(self.radius)))
+            around = rng.uniform(-np.pi, np.pi)
+            height = rng.uniform(*self._coordinates[2])
+            here = np.array([radius * np.cos(around), radius * np.sin(around), height])
+        position: FloatArray = frame.rotation @ here + frame.translation
+        if not self.turns:
+            return position, None
+        angles = rng.uniform(*np.transpose(self._angles))
+        return position, frame.rotation @ pin.rpy.rpyToMatrix(angles)
+
+    @property
+    def _coordinates(self) -> tuple[Bounds, Bounds, Bounds]:
+        """Bounds of x, y and z [m]."""
+        return self.x or _ORIGIN, self.y or _ORIGIN, self.z or _ORIGIN
+
+    @property
+    def _angles(self) -> tuple[Bounds, Bounds, Bounds]:
+        """Bounds of roll, pitch and yaw [rad]."""
+        return self.roll or _FREE[0], self.pitch or _FREE[1], self.yaw or _FREE[2]
+
+    def _nearest_position(self, here: FloatArray) -> FloatArray:
+        """Return the position (3,) that is nearest to one (3,), both in the frame."""
+        low, high = np.transpose(self._coordinates)
+        if self.radius is None:
+            return np.clip(here, low, high)
+        length = hypot(here[0], here[1])
+        outward = here[:2] / length if length > 0 else np.array([1.0, 0.0])
+        return np.array([*np.clip(length, *self.radius) * outward, np.clip(here[2], low[2], high[2])])
+
+
+class RegionPlace(Place):
+    """A region of the tip as a place to go to: its error is that to the nearest pose of the region.
+
+    ½‖Δx‖² has the gradient −JᵀΔx, as for a place: the way to the nearest pose is the steepest one.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    region : GoalRegion
+        The region.
+    """
+
+    def __init__(self, robot: Robot, region: GoalRegion) -> None:
+        super().__init__(robot, *region.nearest(region.frame.se3))
+        self.region = region
+
+    def __repr__(self) -> str:
+        return f"RegionPlace({self.robot.name!r}, {self.region!r})"
+
+    def error(self, q: FloatArray) -> FloatArray:
+        """Return Δx (m,) [m] from the tip at `q: (n,)` to the nearest pose of the region, in world axes."""
+        return self.region.error(self.robot.tip_pose(q))
+
+    def sample(self, rng: np.random.Generator) -> Place:
+        """Return a place of the region at random."""
+        return Place(self.robot, *self.region.sample(rng))
+
+
+def _bounds(key: str, given: Any) -> Bounds:
+    """Return what a user gave for bounds: two numbers, or one."""
+    if np.ndim(given) == 0 and not isinstance(given, str):
+        value = document.number(key, given)
+        return value, value
+    low, high = document.numbers(key, given, 2)
+    if low > high:
+        raise InputError(f"must be the least and the largest value, got [{low:g}, {high:g}]", key)
+    return low, high
+
+
+# ---------------------------------------------------------------------------------------- the nearest orientation
+
+
+def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds]) -> FloatArray:
+    """Return the orientation (3, 3) with roll, pitch and yaw within bounds and the least angle to another one."""
+    lower, upper = np.transpose(bounds)
+    roll, pitch, yaw = pin.rpy.matrixToRpy(rotation)
+    written = np.array([[roll, pitch, yaw], [roll + np.pi, np.pi - pitch, yaw + np.pi]])
+    begins = _brought_within(written, lower, upper)
+    if np.abs(np.sin((begins[0] - written[0]) / 2)).max() < _SETTLED:
+        return rotation  # it is inside
+    # The best angle by angle may be a corner that is not the best of all: begin in all of them.
+    corners = np.stack(np.meshgrid(*bounds), axis=-1).reshape(-1, 3)
+    begins = np.unique(np.vstack([begins, (lower + upper) / 2, corners]), axis=0)
+    found = _rotations(_descended(rotation, begins, lower, upper))
+    nearest: FloatArray = found[np.einsum("sij,ij->s", found, rotation).argmax()]
+    return nearest
+
+
+def _descended(rotation: FloatArray, angles: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return what roll, pitch and yaw (S, 3) become when each in turn is set to its best, until nothing changes.
+
+    The angle between R and A·R_k(θ)·B falls with tr(B Rᵀ A R_k(θ)) = a cos θ + b sin θ + c.
+    """
+    (choice,) = np.nonzero(lower < upper)
+    angles = angles.copy()
+    for _ in range(_SWEEPS):
+        before = angles.copy()
+        for k in choice:
+            turns = [_turns(axis, angles[:, axis]) for axis in range(3)]
+            left = (turns[2] @ turns[1], turns[2], np.eye(3))[k]
+            right = (np.eye(3), turns[0], turns[1] @ turns[0])[k]
+            around = right @ rotation.T @ left
+            i, j = (k + 1) % 3, (k + 2) % 3
+            best = np.arctan2(around[:, i, j] - around[:, j, i], around[:, i, i] + around[:, j, j])
+            angles[:, k] = _brought_within(best, lower[k], upper[k])
+        if len(choice) < 2 or np.abs(angles - before).max() < _SETTLED:
+            break
+    return angles
+
+
+def _rotations(angles: FloatArray) -> FloatArray:
+    """Return the orientations (S, 3, 3) of roll, pitch and yaw (S, 3)."""
+    return _turns(2, angles[:, 2]) @ _turns(1, angles[:, 1]) @ _turns(0, angles[:, 0])
+
+
+def _turns(axis: int, angles: FloatArray) -> FloatArray:
+    """Return turns (S, 3, 3) by angles (S,) about the x, y or z axis."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turns = np.zeros((len(angles), 3, 3))
+    turns[:, axis, axis] = 1.0
+    turns[:, i, i] = turns[:, j, j] = np.cos(angles)
+    turns[:, j, i] = np.sin(angles)
+    turns[:, i, j] = -turns[:, j, i]
+    return turns
+
+
+def _brought_within(angles: FloatArray, lower: Any, upper: Any) -> FloatArray:
+    """Return the angles in [lower, upper] that are nearest to others, going round the circle."""
+    middle = (lower + upper) / 2
+    turned = middle + np.remainder(angles - middle + np.pi, 2 * np.pi) - np.pi
+    within: FloatArray = np.clip(turned, lower, upper)
+    return within

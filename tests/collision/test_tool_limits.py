@@ -1,0 +1,185 @@
+"""Limits of the tool along whole motions, held against dense samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.collision.motion import MotionLimit, Verdict
+from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
+from safe_ompl.errors import InputError
+from safe_ompl.robot.robot import Robot
+
+ROBOTS = ["panda", "ur5", "kinova", "slider", "twin_arm"]
+UP = [0.0, 0.0, 1.0]
+T = np.linspace(0.0, 1.0, 801)
+
+
+def edges(robot, rng, count, length):
+    for _ in range(count):
+        start = rng.uniform(robot.lower, robot.upper)
+        end = np.clip(start + rng.uniform(-length, length, robot.n), robot.lower, robot.upper)
+        yield start, end
+
+
+def along(robot, start, end):
+    return start + T[:, None] * robot.difference(start, end)
+
+
+def plain_angle(robot, q, axis, direction):
+    """Return the angle by Pinocchio alone, from the cosine."""
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, robot.pinocchio_configuration(q))
+    turned = data.oMf[robot.tip_frame].rotation @ np.array(axis) / np.linalg.norm(axis)
+    return np.arccos(np.clip(turned @ np.array(direction) / np.linalg.norm(direction), -1.0, 1.0))
+
+
+def test_the_angle_is_that_between_axis_and_direction(ur5, rng):
+    limit = ToolOrientation(ur5, [0.0, 3.0, 4.0], [1.0, 1.0, 0.0], 1.0)
+    for q in rng.uniform(-2.0, 2.0, (20, ur5.n)):
+        wanted = plain_angle(ur5, q, [0.0, 3.0, 4.0], [1.0, 1.0, 0.0])
+        assert limit.angle(q) == pytest.approx(wanted, abs=1e-7)
+        assert limit.allows(q) == (wanted <= 1.0)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_is_proven_of_the_angle_holds_at_every_sample(robot_named, rng, name):
+    robot = robot_named(name)
+    seen = set()
+    for start, end in edges(robot, rng, 60, 0.8):
+        axis, direction = rng.normal(size=(2, 3))
+        limit = ToolOrientation.as_at(robot, start, direction, rng.uniform(0.1, 1.0))
+        limit = limit if rng.random() < 0.7 else ToolOrientation(robot, axis, direction, 1.5)
+        verdict = limit.check(start, end)
+        angles = [limit.angle(q) for q in along(robot, start, end)]
+        seen.add(verdict.verdict)
+        if verdict.verdict is Verdict.FREE:
+            assert max(angles) <= limit.limit
+        else:
+            assert verdict.verdict is Verdict.BLOCKED, (
+                "no motion at random is as near to its limit as the floor"
+            )
+            at = start + verdict.at * robot.difference(start, end)
+            assert limit.angle(at) > limit.limit
+            assert verdict.pair == ("tool orientation", "its limit")
+    assert seen >= {Verdict.FREE, Verdict.BLOCKED}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_is_proven_of_the_tip_holds_at_every_sample(robot_named, rng, name):
+    robot = robot_named(name)
+    seen = set()
+    for start, end in edges(robot, rng, 60, 0.8):
+        tip = robot.tip_pose(start).translation
+        limit = TipBounds(robot, tip - rng.uniform(0.01, 0.6, 3), tip + rng.uniform(0.01, 0.6, 3))
+        verdict = limit.check(start, end)
+        seen.add(verdict.verdict)
+        tips = np.array([robot.tip_pose(q).translation for q in along(robot, start, end)])
+        inside = ((tips >= limit.lower) & (tips <= limit.upper)).all()
+        if verdict.verdict is Verdict.FREE:
+            assert inside
+        else:
+            assert verdict.verdict is Verdict.BLOCKED
+            at = robot.tip_pose(start + verdict.at * robot.difference(start, end)).translation
+            assert ((at < limit.lower) | (at > limit.upper)).any()
+    assert seen >= {Verdict.FREE, Verdict.BLOCKED}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("axis", [UP, [1.0, 0.0, 0.0], [0.3, -0.5, 0.8]])
+def test_the_rates_bound_how_fast_the_axis_turns(robot_named, rng, name, axis):
+    robot, step = robot_named(name), 1e-6
+    limit = ToolOrientation(robot, axis, UP, 1.0)
+    for q in rng.uniform(robot.lower, robot.upper, (30, robot.n)):
+        before = robot.tip_pose(q).rotation @ limit.axis
+        for i in range(robot.n):
+            after = robot.tip_pose(q + step * np.eye(robot.n)[i]).rotation @ limit.axis
+            assert np.linalg.norm(after - before) <= step * limit.rates[i] + 1e-12
+
+
+def test_a_wrist_that_turns_about_the_axis_costs_nothing(panda):
+    limit = ToolOrientation(panda, UP, UP, 1.0)
+    assert limit.rates[-1] < 1e-6
+    assert ToolOrientation(panda, [1.0, 0.0, 0.0], UP, 1.0).rates.tolist() == [1.0] * 7
+    q = np.array([0.1, 0.2, 0.3, -1.5, 0.4, 1.6, -2.8])
+    limit = ToolOrientation.as_at(panda, q, panda.tip_pose(q).rotation[:, 2], 0.01)
+    assert limit.check(q, [*q[:-1], 2.8]).verdict is Verdict.FREE
+
+
+def test_a_motion_at_the_limit_is_undecided(ur5):
+    q = np.array([0.5, -1.2, 1.2, -1.0, -1.57, 0.0])
+    limit = ToolOrientation(ur5, UP, [0.0, 1.0, 0.0], 1.0)
+    limit = ToolOrientation(ur5, UP, [0.0, 1.0, 0.0], limit.angle(q) + 5e-10)
+    assert limit.allows(q)
+    verdict = limit.check(q, q + 0.5 * np.eye(6)[5])  # turns about the axis: the angle stays what it is
+    assert verdict.verdict is Verdict.UNDECIDED
+    assert 0.0 <= verdict.at <= 1.0
+
+
+def test_it_is_a_limit_of_motions(ur5):
+    limit: MotionLimit = TipBounds(ur5, [-9, -9, -9], [9, 9, 9])
+    assert limit.check(np.zeros(6), np.ones(6)).verdict is Verdict.FREE
+
+
+def test_walls_may_be_missing(ur5):
+    limit = TipBounds(ur5, [-np.inf, -np.inf, 0.0], [np.inf, np.inf, np.inf])
+    q = np.array([0.5, -1.2, 1.2, -1.0, -1.57, 0.0])
+    assert limit.excess(q) == pytest.approx(-ur5.tip_pose(q).translation[2])
+    assert limit.check(q, q + 0.05).verdict is Verdict.FREE
+
+
+@pytest.mark.parametrize(
+    ("axis", "direction", "angle", "words"),
+    [
+        ([0, 0, 0], UP, 0.5, "axis of the tool must be a vector that is not zero, got"),
+        (UP, [0, 0], 0.5, r"direction of the tool must have shape \(3\), got \(2,\)"),
+        (UP, [0, 0, np.nan], 0.5, "direction of the tool must be finite"),
+        (UP, UP, 0.0, r"angle of the tool must be a finite angle \[rad\] in \(0, 3.1415"),
+        (UP, UP, 30.0, "angle of the tool must be"),
+    ],
+)
+def test_what_is_no_orientation_is_refused(ur5, axis, direction, angle, words):
+    with pytest.raises(InputError, match=words):
+        ToolOrientation(ur5, axis, direction, angle)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "words"),
+    [
+        ([0, 0, 1], [1, 1, 1], "the lower corner must be below the upper one"),
+        ([0, 0], [1, 1, 1], "lower corner must have shape"),
+        ([0, 0, 0], [1, 1, np.nan], "upper corner must be 3 numbers"),
+    ],
+)
+def test_what_is_no_box_is_refused(ur5, lower, upper, words):
+    with pytest.raises(InputError, match=words):
+        TipBounds(ur5, lower, upper)
+
+
+def test_mimic_joints_count_with_their_multipliers(data_folder, tmp_path, rng):
+    """A hand that turns back by twice the angle of the elbow."""
+    text = (data_folder / "gripper_arm.urdf").read_text()
+    for old, new in (
+        ('<joint name="wrist" type="fixed">', '<joint name="wrist" type="revolute">'),
+        (
+            '<origin xyz="0.42 0 0"/>',
+            '<origin xyz="0.42 0 0"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>'
+            '<mimic joint="elbow" multiplier="-2" offset="-0.3"/>',
+        ),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "parallel.urdf").write_text(text)
+    robot = Robot.from_urdf(tmp_path / "parallel.urdf")
+    elbow = robot.joint_names.index("elbow")
+    assert ToolOrientation(robot, [1.0, 0.0, 0.0], UP, 1.0).rates[elbow] == pytest.approx(3.0)
+    seen = set()
+    for start, end in edges(robot, rng, 30, 0.6):
+        limit = ToolOrientation.as_at(
+            robot, start, robot.tip_pose(start).rotation[:, 0], rng.uniform(0.2, 1.0)
+        )
+        verdict = limit.check(start, end).verdict
+        seen.add(verdict)
+        assert (verdict is Verdict.FREE) == all(limit.allows(q) for q in along(robot, start, end))
+    assert seen == {Verdict.FREE, Verdict.BLOCKED}

@@ -1,0 +1,163 @@
+"""Regions of the tip, held against dense samples of themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.errors import InputError
+from safe_ompl.robot.inverse_kinematics import METRES_PER_RADIAN, solve_from_seed
+from safe_ompl.robot.region import GoalRegion, RegionPlace
+from safe_ompl.scene.pose import Pose
+
+FRAME = Pose.from_rpy([0.4, -0.1, 0.3], [0.3, -0.5, 1.2])
+REGIONS = {
+    "box": GoalRegion(FRAME, x=(-0.1, 0.2), y=(-0.3, 0.1), z=(0.0, 0.05)),
+    "line": GoalRegion(FRAME, y=(-0.3, 0.3)),
+    "ring": GoalRegion(FRAME, radius=(0.2, 0.25)),
+    "tube": GoalRegion(FRAME, radius=(0.1, 0.1), z=(-0.1, 0.3)),
+    "disc": GoalRegion(FRAME, radius=(0.0, 0.2), z=0.1),
+    "any yaw": GoalRegion(FRAME, x=(-0.1, 0.1), roll=0.2, pitch=-0.1),
+    "tilted": GoalRegion(FRAME, roll=(-0.3, 0.3), pitch=(-0.2, 0.4)),
+    "cone": GoalRegion(FRAME, radius=(0.1, 0.2), roll=(2.8, 3.5), pitch=(-0.3, 0.3), yaw=(-1.0, 2.0)),
+    "wide": GoalRegion(FRAME, roll=(-2.0, 2.5), pitch=(-1.4, 1.0), yaw=(0.5, 2.5)),
+    "pose": GoalRegion(FRAME, roll=0.1, pitch=0.2, yaw=-0.4),
+}
+NAMES = [pytest.param(region, id=name) for name, region in REGIONS.items()]
+
+
+def poses(rng, count):
+    for _ in range(count):
+        turn = pin.Quaternion(rng.normal(size=4)).normalized().matrix()
+        yield pin.SE3(turn, rng.normal(size=3) * 0.4 + FRAME.position)
+
+
+def coordinates(region, position):
+    """Return x, y, z in the frame of the region."""
+    return FRAME.se3.actInv(np.asarray(position))
+
+
+def holds(region, position, rotation, tolerance):
+    here = coordinates(region, position)
+    values = {"x": here[0], "y": here[1], "z": here[2]}
+    if region.radius is not None:
+        values = {"radius": np.hypot(here[0], here[1]), "z": here[2]}
+    inside = True
+    for key, value in values.items():
+        low, high = getattr(region, key) or (0.0, 0.0)
+        inside &= low - tolerance <= value <= high + tolerance
+    if rotation is not None:
+        angles = pin.rpy.matrixToRpy(FRAME.se3.rotation.T @ rotation)
+        for key, value in zip(("roll", "pitch", "yaw"), angles, strict=True):
+            if getattr(region, key) is not None:
+                low, high = getattr(region, key)
+                turned = value + 2 * np.pi * np.arange(-2, 3)
+                inside &= ((turned >= low - tolerance) & (turned <= high + tolerance)).any()
+    return inside
+
+
+def sampled_distance(region, pose, rng, count=4000):
+    """Return the least distance of a pose from samples of a region, position and orientation apart."""
+    drawn = [region.sample(rng) for _ in range(count)]
+    position = min(np.linalg.norm(p - pose.translation) for p, _ in drawn)
+    if drawn[0][1] is None:
+        return position
+    cosines = np.array([np.trace(r.T @ pose.rotation) for _, r in drawn])
+    return np.hypot(position, METRES_PER_RADIAN * np.arccos(np.clip((cosines.max() - 1) / 2, -1, 1)))
+
+
+@pytest.mark.parametrize("region", NAMES)
+def test_what_is_drawn_is_inside(region, rng):
+    for _ in range(200):
+        position, rotation = region.sample(rng)
+        assert holds(region, position, rotation, 1e-9)
+        turned = np.eye(3) if rotation is None else rotation
+        assert region.distance(pin.SE3(turned, position)) < 1e-7
+
+
+@pytest.mark.parametrize("region", NAMES)
+def test_the_nearest_pose_is_inside_and_none_that_is_drawn_is_nearer(region, rng):
+    for pose in poses(rng, 6):
+        position, rotation = region.nearest(pose)
+        assert holds(region, position, rotation, 1e-7)
+        distance, sampled = region.distance(pose), sampled_distance(region, pose, rng)
+        assert distance <= sampled + 1e-9
+        assert sampled <= distance + 0.06, "samples are dense enough to say how far it is"
+
+
+def test_of_many_orientations_none_is_nearer(rng):
+    """Random bounds of all three angles: the search must not end in a corner that is not the best."""
+    for _ in range(40):
+        ends = np.sort(rng.uniform([[-3], [-1.5], [-3]], [[3], [1.5], [3]], (3, 2)), axis=1)
+        region = GoalRegion(roll=ends[0], pitch=ends[1], yaw=ends[2])
+        grids = np.stack(np.meshgrid(*[np.linspace(*bounds, 12) for bounds in ends]), -1).reshape(-1, 3)
+        drawn = np.array([pin.rpy.rpyToMatrix(angles) for angles in grids])
+        for pose in poses(rng, 5):
+            cosine = (np.einsum("nij,ij->n", drawn, pose.rotation).max() - 1) / 2
+            rotation = region.nearest(pose)[1]
+            assert (
+                np.linalg.norm(pin.log3(rotation.T @ pose.rotation))
+                <= np.arccos(np.clip(cosine, -1, 1)) + 1e-6
+            )
+
+
+@pytest.mark.parametrize("region", NAMES)
+def test_the_jacobian_is_the_slope_of_the_distance(region, ur5, rng):
+    place, step = RegionPlace(ur5, region), 1e-6
+    for q in rng.uniform(-2.5, 2.5, (5, ur5.n)):
+        slope = -place.jacobian(q).T @ place.error(q)
+        halves = [[place.distance(q + s * step * e) ** 2 / 2 for s in (1, -1)] for e in np.eye(ur5.n)]
+        assert slope == pytest.approx(np.diff(halves, axis=1)[:, 0] / (-2 * step), abs=1e-4)
+
+
+def test_the_arm_comes_into_the_region(ur5, rng):
+    place = RegionPlace(ur5, REGIONS["cone"])
+    found = [solve_from_seed(place, q, 1e-5) for q in rng.uniform(ur5.lower, ur5.upper, (20, ur5.n))]
+    arrived = [q for q in found if q is not None]
+    assert len(arrived) >= 5
+    for q in arrived:
+        tip = ur5.tip_pose(q)
+        assert holds(place.region, tip.translation, tip.rotation, 1e-3)
+
+
+def test_on_the_axis_of_a_ring_there_is_a_nearest_place():
+    region = GoalRegion(radius=0.5)
+    position, rotation = region.nearest(pin.SE3.Identity())
+    assert np.linalg.norm(position) == pytest.approx(0.5)
+    assert rotation is None
+
+
+@pytest.mark.parametrize("region", NAMES)
+def test_documents_are_read_back(region):
+    assert GoalRegion.from_mapping(region.to_mapping()) == region
+
+
+def test_one_number_is_a_bound_without_choice():
+    assert GoalRegion(x=0.1, yaw=[1, 2]) == GoalRegion(x=(0.1, 0.1), yaw=(1.0, 2.0))
+    assert GoalRegion(pin.SE3.Identity()) == GoalRegion()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"x": (0.2, 0.1)}, r"x: must be the least and the largest value, got \[0.2, 0.1\]"),
+        ({"x": "wide"}, "x: must be a list"),
+        ({"z": (0.0, np.nan)}, "z: must be a finite number"),
+        ({"y": (0, 1, 2)}, "y: must be 2 numbers"),
+        ({"radius": 0.1, "x": 0.0}, "radius: give either radius, or x and y"),
+        ({"radius": (-0.1, 0.1)}, "radius: must be lengths >= 0"),
+        ({"yaw": (-4.0, 4.0)}, "yaw: must span at most 2π"),
+        ({"pitch": (-2.0, 0.0)}, "pitch: must be in"),
+    ],
+)
+def test_what_is_no_region_is_refused(given, words):
+    with pytest.raises(InputError, match=words):
+        GoalRegion(**given)
+
+
+def test_errors_of_documents_name_the_key():
+    with pytest.raises(InputError, match="radii: unknown key; did you mean 'radius'"):
+        GoalRegion.from_mapping({"radii": 1.0})
+    with pytest.raises(InputError, match=r"frame\.position: must be 3 numbers"):
+        GoalRegion.from_mapping({"frame": {"position": [1, 2]}})
