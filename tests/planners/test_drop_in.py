@@ -89,7 +89,7 @@ def test_a_point_that_keeps_clear_of_a_disc(kind: Any) -> None:
     clear = []
     for danger in (False, True):
         found = []
-        for seed in range(5):
+        for seed in range(15):
             setup = point_setup()
             objective = StateCosts(
                 setup.getSpaceInformation(), lambda state: 1 / max(disc_clearance(state), 1e-3)
