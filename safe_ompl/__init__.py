@@ -13,6 +13,8 @@ from safe_ompl.errors import (
     SafeOmplError,
     UnknownNameError,
 )
+from safe_ompl.exchange.files import load, save
+from safe_ompl.exchange.joint_path import JointPath
 from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.report import PathReport
@@ -54,6 +56,7 @@ __all__ = [
     "DangerLimit",
     "DangerObjective",
     "InputError",
+    "JointPath",
     "Mesh",
     "Obstacle",
     "PathReport",
@@ -76,9 +79,11 @@ __all__ = [
     "Verdict",
     "WorkspaceGoal",
     "certificate",
+    "load",
     "make_planner",
     "plan",
     "planner_names",
+    "save",
     "simplify_danger",
     "verify",
 ]

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import NoReturn
 
-from safe_ompl.cli import compare, listing, mbm, plan, srdf, verify
+from safe_ompl.cli import compare, listing, mbm, plan, srdf, verify, view
 from safe_ompl.cli.console import error_console, ompl_messages, shown_log
 from safe_ompl.errors import InputError, SafeOmplError
 
@@ -68,6 +68,7 @@ def command_line() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add_command in (
         plan.add_command,
+        view.add_command,
         verify.add_command,
         compare.add_command,
         mbm.add_command,

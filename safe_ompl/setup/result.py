@@ -1,13 +1,16 @@
-"""What a planning run comes to."""
+"""The result of a planning run."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.counts import Counts
 from safe_ompl.paths.report import PathReport
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.optimise import Improvement
 
 
@@ -37,6 +40,8 @@ class PlanResult:
         Of an optimisation: each path that was better than those before.
     interrupted : bool
         Whether Ctrl-C ended simplification or optimisation: the path is the best so far.
+    robot, scene, danger : Robot, Scene, mapping; or None
+        What was planned for, to look at and to save; results that come from other processes have none.
     """
 
     status: str
@@ -50,6 +55,9 @@ class PlanResult:
     counts: Counts = field(default_factory=Counts)
     improvements: tuple[Improvement, ...] = ()
     interrupted: bool = False
+    robot: Robot | None = field(default=None, repr=False, compare=False)
+    scene: Scene | None = field(default=None, repr=False, compare=False)
+    danger: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
 
     @property
     def solved(self) -> bool:
@@ -58,6 +66,27 @@ class PlanResult:
 
     def __bool__(self) -> bool:
         return self.solved
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what travels to other processes: a robot would be built anew with every result."""
+        return {**vars(self), "robot": None, "scene": None, "danger": None}
+
+    def view(self, *, port: int = 8080, browser: bool = True) -> None:
+        """Show the path in the browser, until Ctrl-C; needs the extra `safe-ompl[viewer]`.
+
+        Raises
+        ------
+        InputError
+            If the result does not know its robot and scene.
+        SafeOmplError
+            If viser is not installed.
+        """
+        from safe_ompl.viewer import (
+            Exhibit,
+            View,
+        )  # a door: it is opened from here, and nothing below knows it
+
+        View(Exhibit.of_results([self]), port=port).run(browser=browser)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""

@@ -194,6 +194,7 @@ class SafeSetup(SafeProblem):
             elapsed,
             self._simplification_time,
             counts,
+            **self._about(),
         )
 
     def prepare(
@@ -260,7 +261,11 @@ class SafeSetup(SafeProblem):
             elapsed - first,
             counts,
             improvements,
+            **self._about(),
         )
+
+    def _about(self) -> dict[str, Any]:
+        return {"robot": self.robot, "scene": self.scene, "danger": self.danger_options}
 
     def _checked_report(self, path: FloatArray | None, name: str) -> PathReport | None:
         if path is None:

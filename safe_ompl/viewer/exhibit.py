@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -17,6 +17,7 @@ from safe_ompl.paths.curve import Curve
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup import problem
+from safe_ompl.setup.result import PlanResult
 from safe_ompl.viewer.proof import Proof
 
 CERTIFIED = "certified path"
@@ -36,8 +37,8 @@ class Exhibit:
         Planner name → way points [rad or m].
     posture : (n,) array, optional
         Where the robot stands if there is no path; default: the middle of its limits.
-    danger : mapping, optional
-        Options of the danger field, as those of `SafeSetup`.
+    danger : mapping or None
+        Options of the danger field, as those of `SafeSetup`; None: without danger.
     proof : Proof, optional
         The intervals that prove a path of the same name.
     title : str, optional
@@ -53,7 +54,7 @@ class Exhibit:
     scene: Scene
     paths: Mapping[str, FloatArray] = field(default_factory=dict)
     posture: FloatArray | None = None
-    danger: Mapping[str, Any] = field(default_factory=dict)
+    danger: Mapping[str, Any] | None = field(default_factory=dict)
     proof: Proof | None = None
     title: str = ""
 
@@ -92,9 +93,36 @@ class Exhibit:
         proof = Proof.of_certificate(content, robot, scene)
         return cls(robot, scene, {CERTIFIED: path}, danger=danger, proof=proof, title=f"{robot.name}, proven")
 
+    @classmethod
+    def of_results(cls, results: Sequence[PlanResult], title: str = "") -> Exhibit:
+        """Return the solved ones of some results, by planner; the same planner again gets its seed.
+
+        Raises
+        ------
+        InputError
+            If there is no result, one does not know its robot and scene, or they are about different ones.
+        """
+        if not results:
+            raise InputError("no result to show; give at least one")
+        paths: dict[str, FloatArray] = {}
+        for result in results:
+            if result.robot is None or result.scene is None:
+                raise InputError(f"the result of {result.planner} does not know its robot and scene")
+            if result.scene != results[0].scene or result.joint_names != results[0].joint_names:
+                raise InputError("results must be about the same robot and scene to be shown together")
+            if result.path is not None:
+                seen = result.planner in paths
+                paths[f"{result.planner}, seed {result.seed}" if seen else result.planner] = result.path
+        first = results[0]
+        assert first.robot is not None
+        assert first.scene is not None
+        return cls(first.robot, first.scene, paths, danger=first.danger, title=title)
+
     @cached_property
     def danger_field(self) -> DangerField | None:
-        """The danger of the robot in its scene; None where nothing is dangerous."""
+        """The danger of the robot in its scene; None where there is none, or nothing is dangerous."""
+        if self.danger is None:
+            return None
         found = problem.danger_field(self.robot, self.scene, self.danger)
         return found if found.points is not None and len(found.points) else None
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import webbrowser
+from contextlib import redirect_stdout
 from importlib import import_module
+from io import StringIO
 from time import sleep
 from typing import Any
 
@@ -55,7 +57,10 @@ class View:
 
     def __init__(self, exhibit: Exhibit, *, port: int = PORT, side_by_side: bool = True) -> None:
         self.exhibit = exhibit
-        self.server = _viser().ViserServer(host="127.0.0.1", port=port, label=exhibit.title, verbose=False)
+        with redirect_stdout(StringIO()):  # viser prints a banner
+            self.server = _viser().ViserServer(
+                host="127.0.0.1", port=port, label=exhibit.title, verbose=False
+            )
         self.server.scene.set_up_direction("+z")
         self.server.scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, dtype=np.uint8))
         model = RobotModel(exhibit.robot)
@@ -130,7 +135,8 @@ class View:
 
     def stop(self) -> None:
         """Stop serving."""
-        self.server.stop()
+        with redirect_stdout(StringIO()):
+            self.server.stop()
 
     def _set_camera(self) -> None:
         paths = [booth.samples for booth in self.booths]
