@@ -47,7 +47,9 @@ def add_command(commands: Any) -> None:
         help="plan, simplify, start anew and refine for so long; the best path counts",
     )
     parser.add_argument(
-        "--json", metavar="FILE", help="write the result as JSON; - is standard output, without the table"
+        "--json",
+        metavar="FILE",
+        help="write the result as JSON, for `safe-ompl view`; - is standard output, without the table"
     )
     parser.add_argument("--plot", metavar="FILE", help="draw the path, its danger and its clearance (.png)")
     parser.add_argument(
