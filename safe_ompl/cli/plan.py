@@ -49,7 +49,7 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--json",
         metavar="FILE",
-        help="write the result as JSON, for `safe-ompl view`; - is standard output, without the table"
+        help="write the result as JSON, for `safe-ompl view`; - is standard output, without the table",
     )
     parser.add_argument("--plot", metavar="FILE", help="draw the path, its danger and its clearance (.png)")
     parser.add_argument(

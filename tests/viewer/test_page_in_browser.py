@@ -42,7 +42,9 @@ def browser():
 def page(browser, tmp_path_factory, data_folder):
     robot = Robot.from_urdf(data_folder / "gripper_arm.urdf")
     middle = 0.5 * (robot.lower + robot.upper)
-    path = np.array([middle - 0.25 * (robot.upper - robot.lower), middle + 0.25 * (robot.upper - robot.lower)])
+    path = np.array(
+        [middle - 0.25 * (robot.upper - robot.lower), middle + 0.25 * (robot.upper - robot.lower)]
+    )
     scene = Scene((Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.6, 0.0, 0.3)), weight=1.0),))
     file = tmp_path_factory.mktemp("page") / "view.html"
     save_page(Exhibit(robot, scene, {"SafePRM": path}), file)
