@@ -38,6 +38,7 @@ from safe_ompl.scene.shapes.cloud import PointCloud
 from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
+from safe_ompl.version import __version__ as __version__
 
 __all__ = [
     "Benchmark",

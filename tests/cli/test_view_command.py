@@ -1,0 +1,44 @@
+"""`safe-ompl view` from scenarios, results and certificates to a page."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from safe_ompl.cli.main import main
+
+pytest.importorskip("viser")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("view")
+    result, proof = folder / "result.json", folder / "proof.json"
+    assert main(["plan", "planar2", "--json", str(result), "--certificate", str(proof)]) == 0
+    return {"RESULT": result, "CERTIFICATE": proof}
+
+
+@pytest.mark.parametrize("what", ["SCENARIO", "RESULT", "CERTIFICATE"])
+def test_a_page_is_written(what, files, tmp_path, capsys):
+    page = tmp_path / "view.html"
+    assert main(["view", str(files.get(what, "planar2")), "--html", str(page)]) == 0
+    assert "__VISER_EMBED_DATA__" in page.read_text(encoding="utf-8")
+    captured = capsys.readouterr()
+    assert captured.out == ""  # viser's banner, for one
+    assert f"view in {page}" in captured.err.replace("\n", "")
+
+
+def test_what_cannot_be_shown_is_refused(files, tmp_path, capsys):
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps({"format": "something"}))
+    for words, said in [
+        (["nowhere"], "nowhere"),
+        ([str(other)], "format: must be 'safe-ompl'"),
+        (["planar2", "planar3"], "one scenario at a time"),
+        (["planar2", str(files["RESULT"])], "not both"),
+        (["planar2", "--html", "x.pdf"], "--html: 'x.pdf' must end in .html"),
+        (["planar2", "--slice", "0.3"], "--slice: is for --html"),
+    ]:
+        assert main(["view", *words]) == 2
+        assert said in capsys.readouterr().err
