@@ -110,10 +110,11 @@ class Show:
 
 
 def _planned(scenario: Scenario, options: argparse.Namespace) -> Exhibit:
-    setup = setup_scenario(scenario)
-    if options.planners == _NONE:
-        start = scenario.start_configuration(setup.robot)
-        return Exhibit(setup.robot, setup.scene, posture=start, danger=scenario.danger, title=scenario.name)
+    robot = scenario.build_robot()
+    start = scenario.start_configuration(robot)
+    if options.planners == _NONE:  # also a start in collision can be looked at
+        return Exhibit(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
+    setup = setup_scenario(scenario, robot)
     results = []
     for planner in options.planners:
         check_planner(scenario, planner, setup)
@@ -127,7 +128,7 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> Exhibit:
         if not result:
             error_console().print(f"safe-ompl: {planner} found no path: {result.status}")
         results.append(result)
-    return Exhibit.of_results(results, title=scenario.name)
+    return Exhibit.of_results(results, title=scenario.name, posture=start)
 
 
 def _loaded(files: Sequence[str]) -> Exhibit:

@@ -50,7 +50,7 @@ class SafeProblem(og.SimpleSetup):  # type: ignore[misc]
         si = self.getSpaceInformation()
         self.robot = robot
         self.scene = scene
-        self.danger_options = danger
+        self.danger_options = None if danger is None else dict(danger)
         self.counts = Counts()
         self.checker = CollisionChecker(robot, scene, self.counts)
         self.field = None if danger is None else danger_field(robot, scene, danger, self.counts)

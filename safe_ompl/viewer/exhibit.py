@@ -94,8 +94,12 @@ class Exhibit:
         return cls(robot, scene, {CERTIFIED: path}, danger=danger, proof=proof, title=f"{robot.name}, proven")
 
     @classmethod
-    def of_results(cls, results: Sequence[PlanResult], title: str = "") -> Exhibit:
+    def of_results(
+        cls, results: Sequence[PlanResult], title: str = "", posture: FloatArray | None = None
+    ) -> Exhibit:
         """Return the solved ones of some results, by planner; the same planner again gets its seed.
+
+        Where none is solved, the robot stands in a `posture: (n,)`.
 
         Raises
         ------
@@ -116,7 +120,7 @@ class Exhibit:
         first = results[0]
         assert first.robot is not None
         assert first.scene is not None
-        return cls(first.robot, first.scene, paths, danger=first.danger, title=title)
+        return cls(first.robot, first.scene, paths, posture, first.danger, title=title)
 
     @cached_property
     def danger_field(self) -> DangerField | None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import pytest
 
+from safe_ompl import Box, Obstacle, Scenario
 from safe_ompl.cli.main import main
+from safe_ompl.scenario.scenario import find_scenario
 
 pytest.importorskip("viser")
 
@@ -42,3 +45,14 @@ def test_what_cannot_be_shown_is_refused(files, tmp_path, capsys):
     ]:
         assert main(["view", *words]) == 2
         assert said in capsys.readouterr().err
+
+
+def test_a_start_in_collision_can_be_looked_at(tmp_path, capsys):
+    scenario = Scenario.load(find_scenario("planar2"))
+    block = Obstacle("block", Box((3.0, 3.0, 3.0)))
+    file, page = tmp_path / "stuck.yaml", tmp_path / "view.html"
+    dataclasses.replace(scenario, scene=scenario.scene.with_obstacles(block)).save(file)
+    assert main(["view", str(file), "--html", str(page)]) == 2
+    assert "is in collision" in capsys.readouterr().err
+    assert main(["view", str(file), "--planners", "none", "--html", str(page)]) == 0
+    assert page.is_file()
