@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.pictures.render.stage import Stage
 from safe_ompl.pictures.style import Colour
 from safe_ompl.viewer.clearance import ClearanceLines, Nearest
-from safe_ompl.viewer.colours import NEUTRAL, START, mixed
+from safe_ompl.viewer.colours import NEUTRAL, START, mixed, rgb
 from safe_ompl.viewer.danger_layers import DangerPoints, FieldSlice
 from safe_ompl.viewer.exhibit import Exhibit
 from safe_ompl.viewer.figures import RobotFigure, RobotModel, add_scenery
@@ -109,8 +110,14 @@ class Booth:
             said.append(f"proven: {self._exhibit.proof.at(share)}")
         return "  \n".join(said)
 
-    def add_floor(self, height: float, size: float) -> None:
-        """Add a floor at a height, for a motion of some size [m]."""
+    def add_floor(self, stage: Stage) -> None:
+        """Add the floor of a stage, and a pedestal where the robot would hang in the air."""
+        for thing in stage.pedestal:
+            surface = thing.surface
+            self._view.add_mesh_simple(
+                f"{self.node}/scene/pedestal", surface.vertices, surface.faces, color=rgb(thing.colour)
+            )
+        height, size = stage.floor, stage.size
         width = 3.0 * size
         self._view.add_grid(
             f"{self.node}/scene/floor",

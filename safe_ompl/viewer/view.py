@@ -147,7 +147,7 @@ class View:
         across = self._landmarks @ right
         self._step = _APART * float(np.ptp(across)) * right
         for booth in self.booths:
-            booth.add_floor(stage.floor, stage.size)
+            booth.add_floor(stage)
 
     def _camera_of(self, booths: int) -> Any:
         """Return the camera that sees so many booths beside each other."""
