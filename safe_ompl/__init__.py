@@ -14,6 +14,8 @@ from safe_ompl.errors import (
     SafeOmplError,
     UnknownNameError,
 )
+from safe_ompl.exchange.files import load, save
+from safe_ompl.exchange.joint_path import JointPath
 from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.report import PathReport
@@ -41,6 +43,7 @@ from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
 from safe_ompl.setup.wiring import planner_data
+from safe_ompl.version import __version__ as __version__
 
 __all__ = [
     "Benchmark",
@@ -60,6 +63,7 @@ __all__ = [
     "DangerObjective",
     "GoalRegion",
     "InputError",
+    "JointPath",
     "Mesh",
     "Obstacle",
     "PathReport",
@@ -86,10 +90,12 @@ __all__ = [
     "WorkspaceGoal",
     "certificate",
     "inverse_kinematics",
+    "load",
     "make_planner",
     "plan",
     "planner_data",
     "planner_names",
+    "save",
     "simplify_danger",
     "verify",
 ]

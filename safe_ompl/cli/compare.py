@@ -113,3 +113,6 @@ class Compare:
             with console.status("drawing"):
                 draw_comparison(self.setup, summaries, self.folder)
         console.print(f"report{'' if advice else ' and pictures'} in {self.folder}")
+        console.print(
+            f"see them move: safe-ompl view {self.campaign.scenario.file or self.campaign.scenario.name}"
+        )

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 from safe_ompl.errors import InputError
+from safe_ompl.exchange.form import strict_json as json_line
+
+__all__ = ["STANDARD_OUTPUT", "check_writable", "json_line", "make_folder", "opened"]
 
 STANDARD_OUTPUT = "-"
 
@@ -49,18 +50,3 @@ def opened(file: str) -> Iterator[TextIO]:
     else:
         with Path(file).open("w", encoding="utf-8") as stream:
             yield stream
-
-
-def json_line(data: Any) -> str:
-    """Return `data` as one line of strict JSON: what is not finite becomes null."""
-    return json.dumps(_without_nan(data), allow_nan=False)
-
-
-def _without_nan(data: Any) -> Any:
-    if isinstance(data, float):
-        return data if math.isfinite(data) else None
-    if isinstance(data, Mapping):
-        return {key: _without_nan(value) for key, value in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [_without_nan(item) for item in data]
-    return data

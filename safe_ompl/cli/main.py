@@ -6,12 +6,14 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
 from typing import NoReturn
 
-from safe_ompl.cli import compare, listing, mbm, plan, srdf, verify
+import argcomplete
+
+from safe_ompl.cli import compare, completion, doctor, listing, mbm, plan, srdf, verify, view
 from safe_ompl.cli.console import error_console, ompl_messages, shown_log
 from safe_ompl.errors import InputError, SafeOmplError
+from safe_ompl.version import __version__
 
 BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
 
@@ -33,7 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     console = error_console()
     try:
-        options = command_line().parse_args(arguments)
+        parser = command_line()
+        argcomplete.autocomplete(parser)
+        options = parser.parse_args(arguments)
         with ompl_messages(options.verbose), shown_log(console, options.verbose) as log:
             job = options.prepare(options)
             log.release()
@@ -64,15 +68,18 @@ def command_line() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="safe-ompl", description="Safety-oriented motion planning for robot arms.", epilog=_EPILOG
     )
-    parser.add_argument("--version", action="version", version=f"%(prog)s {version('safe-ompl')}")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add_command in (
         plan.add_command,
+        view.add_command,
         verify.add_command,
         compare.add_command,
         mbm.add_command,
         srdf.add_command,
         listing.add_commands,
+        doctor.add_command,
+        completion.add_command,
     ):
         add_command(commands)
     for command in commands.choices.values():

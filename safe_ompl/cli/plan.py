@@ -26,6 +26,8 @@ from safe_ompl.cli.pictures import check_picture
 from safe_ompl.cli.tables import plan_table
 from safe_ompl.cli.verify import certificate_of
 from safe_ompl.errors import InputError
+from safe_ompl.exchange.form import marked
+from safe_ompl.exchange.results import result_to_mapping
 from safe_ompl.pictures.results import draw_plan
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
@@ -48,7 +50,9 @@ def add_command(commands: Any) -> None:
         help="plan, simplify, start anew and refine for so long; the best path counts",
     )
     parser.add_argument(
-        "--json", metavar="FILE", help="write the result as JSON; - is standard output, without the table"
+        "--json",
+        metavar="FILE",
+        help="write the result as JSON, for `safe-ompl view`; - is standard output, without the table",
     )
     parser.add_argument("--plot", metavar="FILE", help="draw the path, its danger and its clearance (.png)")
     parser.add_argument(
@@ -118,7 +122,7 @@ class Plan:
             error_console().print("safe-ompl: interrupted: the best path so far stands")
         if options.json:
             with opened(options.json) as stream:
-                print(json_line(record(self.scenario.name, self.setup.robot, result)), file=stream)
+                print(json_line(self._saved(result)), file=stream)
         if options.json != STANDARD_OUTPUT:
             output_console().print(plan_table(self.scenario.name, self.setup.robot.name, result))
         if options.certificate and result.path is None:
@@ -130,6 +134,11 @@ class Plan:
         if options.plot and result.path is not None:
             draw_plan(self.setup, result, options.plot)
         return 0 if result else 1
+
+    def _saved(self, result: PlanResult) -> dict[str, Any]:
+        """Return the result in the form of `safe_ompl.save`, with the name of the scenario."""
+        names = {"scenario": self.scenario.name, "robot": self.setup.robot.name}
+        return {**marked("result", names), **result_to_mapping(result)}
 
 
 def record(scenario: str, robot: Robot, result: PlanResult) -> dict[str, Any]:

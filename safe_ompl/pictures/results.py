@@ -14,7 +14,10 @@ from safe_ompl.paths.report import PROFILE_POINTS
 from safe_ompl.pictures.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
 from safe_ompl.pictures.render import render_comparison, render_path, save_png
 from safe_ompl.pictures.style import planner_styles
+from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
+
+_QUICK_DPI = 100  # of the picture of one plan, which is wanted at once
 
 
 def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
@@ -25,10 +28,11 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
     curves = plot_plan(
         result.report.danger.profile,
         file,
-        clearance=_clearances(setup, result.path),
+        clearance=_clearances(setup, result.path) or None,
         improvements=[(step.time, step.cost) for step in result.improvements] or None,
         planner=result.planner,
         title=f"{result.planner}, seed {result.seed}",
+        dpi=_QUICK_DPI,
     )
     right = np.asarray(curves.canvas.buffer_rgba())[..., :3]
     height = len(right)
@@ -43,11 +47,21 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
     save_png(np.hstack([left, right]), file)
 
 
-def _clearances(setup: SafeSetup, path: FloatArray) -> FloatArray:
-    """Return the clearance [m] at equal steps of a path."""
+def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
+    """Return the clearance [m] at equal steps of a path, from what is dangerous and from things, where there are any.
+
+    They are told apart because a shoulder is often as near to its table all along, nearer than the hand to a person.
+    """
     curve = Curve(setup.robot, path)
     samples = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS))
-    return np.array([setup.checker.clearance(q).distance for q in samples])
+    distances = np.array([setup.checker.distances(q) for q in samples])
+    owners = [setup.scene[obstacle] for _, obstacle in setup.checker.distance_names]
+    people = all(isinstance(obstacle.shape, Person) for obstacle in owners if obstacle.weight > 0)
+    kinds = {
+        "people" if people else "what is dangerous": [obstacle.weight > 0 for obstacle in owners],
+        "things": [obstacle.weight == 0 for obstacle in owners],
+    }
+    return {kind: distances[:, chosen].min(axis=1) for kind, chosen in kinds.items() if any(chosen)}
 
 
 def draw_comparison(setup: SafeSetup, summaries: Sequence[Summary], folder: Path) -> None:

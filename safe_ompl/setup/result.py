@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,6 +10,8 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.counts import Counts
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.validation import Validation
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.optimise import Improvement
 
 
@@ -44,6 +47,8 @@ class PlanResult:
         What is proven of the path, and what the user's own checks say of it.
     setup_time, validation_time : float
         [s] Until planning began; and to validate the path. With planning and simplification they make the whole.
+    robot, scene, danger : Robot, Scene, mapping; or None
+        What was planned for, to look at and to save; results that come from other processes have none.
     """
 
     status: str
@@ -73,6 +78,10 @@ class PlanResult:
         if self.report is not None:
             return self.report.certified
         return self.path is not None and self.validation is not None and self.validation.accepted
+
+    robot: Robot | None = field(default=None, repr=False, compare=False)
+    scene: Scene | None = field(default=None, repr=False, compare=False)
+    danger: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
 
     @property
     def solved(self) -> bool:
@@ -116,6 +125,27 @@ class PlanResult:
         unknown = self.report.links_without_collision
         known = str(self.report.validation)
         return [said, near, known + (f"; no collision geometry: {', '.join(unknown)}" if unknown else "")]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what travels to other processes: a robot would be built anew with every result."""
+        return {**vars(self), "robot": None, "scene": None, "danger": None}
+
+    def view(self, *, port: int = 8080, browser: bool = True) -> None:
+        """Show the path in the browser, until Ctrl-C; needs the extra `safe-ompl[viewer]`.
+
+        Raises
+        ------
+        InputError
+            If the result does not know its robot and scene.
+        SafeOmplError
+            If viser is not installed.
+        """
+        from safe_ompl.viewer import (
+            Exhibit,
+            View,
+        )  # a door: it is opened from here, and nothing below knows it
+
+        View(Exhibit.of_results([self]), port=port).run(browser=browser)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""

@@ -219,6 +219,9 @@ class SafeSetup(SimplifyingSetup):
             validation=None if examined is None else examined.validation,
             setup_time=setup_time,
             validation_time=perf_counter() - begin,
+            robot=self.robot,
+            scene=self.scene,
+            danger=self.danger_options,
         )
 
     def prepare(

@@ -52,6 +52,9 @@ class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
         si = self.getSpaceInformation()
         self.robot = robot
         self.scene = scene
+        self.danger_options = (
+            None if danger is None else dict(danger) if isinstance(danger, Mapping) else danger
+        )
         self.counts = Counts()
         self.checker = CollisionChecker(robot, scene, self.counts)
         self.field = None if danger is None else danger_field(robot, scene, danger, self.counts)

@@ -41,6 +41,7 @@ RECORD = [
     "links_without_collision",
     "counts",
 ]
+SAVED = ["format", "version", "kind", *RECORD, "problem"]
 DANGER = ["mean", "max", "max_bound", "integral", "avoidable", "profile"]
 CLEARANCE = ["min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"]
 COUNTS = [
@@ -159,7 +160,7 @@ def test_plan_writes_json_to_standard_output_and_nothing_else(run: Run) -> None:
     status, out, err = run("plan", "test.yaml", "--json", "-", "--seed", 3)
     record = strict(out)
     assert (status, err) == (0, "")
-    assert list(record) == RECORD
+    assert list(record) == SAVED
     assert (record["scenario"], record["robot"], record["seed"]) == ("test", "arm", 3)
     assert record["planner"] == "SafeRRTConnect"
     assert record["joint_names"] == ["joint1", "joint2"]
@@ -186,7 +187,7 @@ def test_plan_not_solved_is_status_1_and_null(run: Run) -> None:
     status, out, _ = run("plan", "test.yaml", "--time", "1e-9", "--json", "-")
     record = strict(out)
     assert status == 1
-    assert list(record) == RECORD
+    assert list(record) == SAVED
     assert record["solved"] is False
     assert record["certified"] is False
     assert [record[key] for key in ("path", "length", "danger", "clearance")] == [None] * 4

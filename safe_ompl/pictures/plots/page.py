@@ -14,7 +14,7 @@ ALONG = "along the path, from start to goal"
 DANGER = "danger"
 GREY = "0.45"
 ALARM = "#c8452b"
-_DPI = 150
+DPI = 150
 _STYLE: dict[str, Any] = {
     "font.size": 11,
     "axes.titlesize": 12,
@@ -42,6 +42,8 @@ class Page:
         Where it goes; the ending decides the format, missing folders are made.
     width, height : float
         [inch]
+    dpi : int
+        Pixels per inch.
 
     Raises
     ------
@@ -49,7 +51,7 @@ class Page:
         If Matplotlib is not installed.
     """
 
-    def __init__(self, file: str | Path, width: float, height: float) -> None:
+    def __init__(self, file: str | Path, width: float, height: float, dpi: int = DPI) -> None:
         try:
             import matplotlib
             from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -59,7 +61,7 @@ class Page:
         self._file = Path(file)
         self._style = matplotlib.rc_context(_STYLE)
         with matplotlib.rc_context(_STYLE):
-            self.figure = Figure(figsize=(width, height), dpi=_DPI, layout="constrained")
+            self.figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
             FigureCanvasAgg(self.figure)
 
     def __enter__(self) -> Page:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,21 +12,23 @@ from numpy.typing import ArrayLike
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import InputError
 from safe_ompl.pictures.plots.data import curve
-from safe_ompl.pictures.plots.page import ALARM, ALONG, DANGER, GREY, Page, natural
+from safe_ompl.pictures.plots.page import ALARM, ALONG, DANGER, DPI, GREY, Page, natural
 from safe_ompl.pictures.style import Colour, planner_styles
 
-_PAPER = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}  # behind words on lines
+_LINE = 0.08  # of the height of the axes: what a line of words needs
+_CLEARANCES = ("0.25", "0.62")
 
 
 def plot_plan(
     danger: ArrayLike,
     file: str | Path,
     *,
-    clearance: ArrayLike | None = None,
+    clearance: ArrayLike | Mapping[str, ArrayLike] | None = None,
     near: float = 0.05,
     improvements: ArrayLike | None = None,
     planner: str = "",
     title: str | None = None,
+    dpi: int = DPI,
 ) -> Any:
     """Draw the danger along one path, and the clearance below it.
 
@@ -35,8 +38,8 @@ def plot_plan(
     ----------
     danger : (S,) array
         Danger at equal steps of the path.
-    clearance : (S',) array, optional
-        Clearance at equal steps of the path [m].
+    clearance : (S',) array, or mapping of str to (S',) array, optional
+        Clearance at equal steps of the path [m]; or several, by what they are to, the most important one first.
     near : float
         Clearance under which the path is too near [m]; shaded.
     improvements : (K, 2) array, optional
@@ -45,6 +48,8 @@ def plot_plan(
         Who planned it; decides the colour.
     title : str, optional
         Above the axes; the name of the planner by default.
+    dpi : int
+        Pixels per inch.
     file
         As of all pictures, see `safe_ompl.pictures.plots`.
 
@@ -54,10 +59,10 @@ def plot_plan(
         If an array is empty, has the wrong shape, or holds a value that is not finite.
     """
     values = curve(danger, "danger")
-    gaps = None if clearance is None else 1e3 * curve(clearance, "clearance")
+    gaps = None if clearance is None else _checked_clearances(clearance)
     steps = None if improvements is None else _checked_improvements(improvements)
     rows = 1 + (gaps is not None) + (steps is not None)
-    with Page(file, 7.0, 1.2 + 2.5 * rows) as page:
+    with Page(file, 7.0, 1.2 + 2.5 * rows, dpi) as page:
         upper = page.figure.add_subplot(rows, 1, 1)
         _draw_danger(upper, values, planner_styles([planner])[planner].colour)
         upper.set_title(planner if title is None else title)
@@ -69,6 +74,14 @@ def plot_plan(
         if steps is not None:
             _draw_improvements(page.figure.add_subplot(rows, 1, rows), steps)
     return page.figure
+
+
+def _checked_clearances(clearance: ArrayLike | Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
+    """Return clearances [mm] by what they are to."""
+    given = clearance if isinstance(clearance, Mapping) else {"": clearance}
+    if not given:
+        raise InputError("clearance must have one curve at least, got none")
+    return {to: 1e3 * curve(values, "clearance") for to, values in given.items()}
 
 
 def _checked_improvements(improvements: ArrayLike) -> FloatArray:
@@ -95,18 +108,30 @@ def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
         at, forced, values, where=values > forced, interpolate=True, color=ALARM, alpha=0.25, lw=0
     )
     axes.plot(at, values, color=colour, linewidth=2.4)
-    for value, name, place, side in ((values[0], "start", 0.01, "left"), (values[-1], "goal", 0.99, "right")):
+    top = 1.12 * float(values.max()) or 1.0
+    start, goal = float(values[0]), float(values[-1])
+    shift = 0.5 * max(0.0, _LINE - abs(goal - start) / top) * top * (1 if goal >= start else -1)
+    for value, name, place in ((start, "start", start - shift), (goal, "goal", goal + shift)):
         axes.axhline(value, color=GREY, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
-        axes.text(place, value, name, ha=side, va="center", color=GREY, bbox=_PAPER, zorder=4)
+        axes.text(
+            1.01, place, name, ha="left", va="center", color=GREY
+        )  # beside the axes, never over a curve
     axes.set(ylabel=DANGER, xlim=(0.0, 1.0))
-    axes.set_ylim(0.0, 1.12 * float(values.max()) or 1.0)
+    axes.set_ylim(0.0, top)
 
 
-def _draw_clearance(axes: Any, values: FloatArray, near: float) -> None:
-    at, least = natural(len(values)), int(np.argmin(values))
+def _draw_clearance(axes: Any, gaps: Mapping[str, FloatArray], near: float) -> None:
     axes.axhspan(0.0, near, color=ALARM, alpha=0.12, linewidth=0)
-    axes.plot(at, values, color="0.25", linewidth=2.4)
-    axes.plot(at[least], values[least], "o", color=ALARM, markersize=7, clip_on=False)
-    axes.set_title(f"closest: {values[least]:.0f} mm", loc="right", color=ALARM, fontsize=11, weight="normal")
+    for k, (to, values) in enumerate(gaps.items()):
+        at, colour = natural(len(values)), _CLEARANCES[k % len(_CLEARANCES)]
+        axes.plot(at, values, color=colour, linewidth=2.4 if k == 0 else 1.6, label=f"to {to}")
+    closest = min(gaps, key=lambda to: float(gaps[to].min()))
+    values = gaps[closest]
+    least = int(np.argmin(values))
+    axes.plot(natural(len(values))[least], values[least], "o", color=ALARM, markersize=7, clip_on=False)
+    note = f"closest: {values[least]:.0f} mm" + (f" to {closest}" if closest else "")
+    axes.set_title(note, loc="right", color=ALARM, fontsize=11, weight="normal")
+    if len(gaps) > 1:
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=len(gaps), borderaxespad=0.0)
     axes.set(ylabel="clearance [mm]", xlim=(0.0, 1.0))
-    axes.set_ylim(0.0, 1.12 * max(float(values.max()), near))
+    axes.set_ylim(0.0, 1.12 * max(near, *(float(values.max()) for values in gaps.values())))

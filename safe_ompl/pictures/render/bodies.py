@@ -38,6 +38,11 @@ class RobotBody:
         Its visual geometry is drawn; its collision geometry if it has none; else capsules along its skeleton.
     coarse : bool
         Draw the collision geometry, which has fewer triangles.
+
+    Attributes
+    ----------
+    links : list of Surface
+        Surfaces of the links, each in its own frame; none for a robot that has no bodies.
     """
 
     def __init__(self, robot: Robot, *, coarse: bool = False) -> None:
@@ -45,19 +50,19 @@ class RobotBody:
         self._geometry = robot.shared.collision_model if coarse else robot.visual_model
         if not len(self._geometry.geometryObjects):
             self._geometry = robot.shared.collision_model
-        self._links = [
+        self.links = [
             Surface.from_triangles(*tessellate(part.geometry)) for part in self._geometry.geometryObjects
         ]
 
     def posed(self, q: FloatArray, moved_from: FloatArray | None = None) -> Surface:
         """Return the body at `q: (n,)` in the world frame, without what stands as at `moved_from: (n,)`."""
-        if not self._links:
+        if not self.links:
             return self._skeleton(q)
-        places = self._placements(q)
-        before = [None] * len(places) if moved_from is None else self._placements(moved_from)
+        places = self.placements(q)
+        before = [None] * len(places) if moved_from is None else self.placements(moved_from)
         return Surface.merged(
             link.moved(place.rotation, place.translation)
-            for link, place, old in zip(self._links, places, before, strict=True)
+            for link, place, old in zip(self.links, places, before, strict=True)
             if old is None or not place.isApprox(old, 1e-6)
         )
 
@@ -65,7 +70,7 @@ class RobotBody:
         """Return centre (2,), radius and lowest height of the part of the body that never moves [m]."""
         base = [
             link.moved(part.placement.rotation, part.placement.translation).vertices
-            for link, part in zip(self._links, self._geometry.geometryObjects, strict=True)
+            for link, part in zip(self.links, self._geometry.geometryObjects, strict=True)
             if part.parentJoint == 0
         ]
         if not base:
@@ -73,7 +78,8 @@ class RobotBody:
         low, high = np.vstack(base).min(axis=0), np.vstack(base).max(axis=0)
         return (low[:2] + high[:2]) / 2, float((high - low)[:2].max()) / 2, float(low[2])
 
-    def _placements(self, q: FloatArray) -> list[pin.SE3]:
+    def placements(self, q: FloatArray) -> list[pin.SE3]:
+        """Return where each of the links is in the world at `q: (n,)`."""
         model, data = self._robot.shared.model, self._robot.shared.model.createData()
         bodies = self._geometry.createData()
         pin.updateGeometryPlacements(

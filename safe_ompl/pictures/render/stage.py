@@ -51,6 +51,8 @@ class Stage:
         The robot at start and goal of all paths, coarsely.
     hazards, things : list of Painted
         What is dangerous to approach, and everything else but the robot.
+    pedestal : list of Painted
+        Of the things, what stands under a robot whose base stands on nothing.
     floor : float
         Height of the floor [m].
     size : float
@@ -125,7 +127,8 @@ class Stage:
                 self.hazards += group
             else:
                 self.things += group
-        self.things += self._pedestal()
+        self.pedestal = self._pedestal()
+        self.things += self.pedestal
 
     def _is_slab(self, thing: Painted) -> bool:
         """Whether a thing is level, thin, and wider than the robot's motion."""

@@ -1,0 +1,148 @@
+"""`safe-ompl view`: a scenario, results or a certificate in the browser, or as one HTML file."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from safe_ompl import document
+from safe_ompl.benchmark.campaign import check_planner
+from safe_ompl.cli.arguments import add_run_options, count, load_scenario, names
+from safe_ompl.cli.console import error_console
+from safe_ompl.cli.files import check_writable
+from safe_ompl.errors import InputError
+from safe_ompl.exchange.files import load
+from safe_ompl.exchange.form import read_json
+from safe_ompl.paths.certificate.format import FORMAT as CERTIFICATE
+from safe_ompl.paths.certificate.format import check_form
+from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.viewer import Exhibit, View, save_page
+
+_PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
+_NONE = ("none",)
+
+
+def add_command(commands: Any) -> None:
+    """Add `view` to the commands."""
+    parser = commands.add_parser(
+        "view",
+        help="show a scenario, results or a certificate in the browser",
+        description="Show robot, scene, people, paths, danger and proofs in the browser. A scenario is planned first; "
+        "a certificate is shown, not verified.",
+    )
+    parser.add_argument(
+        "what",
+        metavar="SCENARIO|RESULT|CERTIFICATE",
+        nargs="+",
+        help="name or YAML file of a scenario; or files of `plan --json`, side by side; or one of `plan --certificate`",
+    )
+    parser.add_argument(
+        "--planners",
+        type=names,
+        default=_PLANNERS,
+        metavar="A,B,…",
+        help=f"who plans a scenario (default: {','.join(_PLANNERS)}); none: it is shown as it starts",
+    )
+    add_run_options(parser, usual_time="the scenario's")
+    parser.add_argument(
+        "--html", metavar="FILE", help="write one file that opens offline, with a play bar (.html)"
+    )
+    parser.add_argument(
+        "--slice", type=float, metavar="Z", help="with --html: a slice of the danger field at this height [m]"
+    )
+    parser.add_argument(
+        "--port", type=count, default=8080, metavar="N", help="default: %(default)s, or the next free"
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="do not open the browser, only say the address"
+    )
+    parser.set_defaults(prepare=prepare)
+
+
+def prepare(options: argparse.Namespace) -> Callable[[], int]:
+    """Check what the options name, and return the job."""
+    if find_spec("viser") is None:
+        raise InputError("viser missing; get the viewer with: pip install 'safe-ompl[viewer]'")
+    if options.html is not None and Path(options.html).suffix.lower() != ".html":
+        raise InputError(f"{options.html!r} must end in .html", "--html")
+    if options.slice is not None and options.html is None:
+        raise InputError("is for --html; a live view has a slider for it", "--slice")
+    check_writable(options.html, "--html")
+    files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
+    if not files:
+        if len(options.what) > 1:
+            raise InputError(f"one scenario at a time, not {', '.join(options.what)}")
+        scenario = load_scenario(options.what[0])
+        return Show(lambda: _planned(scenario, options), options)
+    if len(files) < len(options.what):
+        raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
+    exhibit = _loaded(files)
+    return Show(lambda: exhibit, options)
+
+
+@dataclass(frozen=True)
+class Show:
+    """The job of `safe-ompl view`."""
+
+    exhibit: Callable[[], Exhibit]
+    options: argparse.Namespace
+
+    def __call__(self) -> int:
+        """Write the page, or serve it until Ctrl-C."""
+        exhibit, options = self.exhibit(), self.options
+        if options.html is not None:
+            save_page(exhibit, options.html, slice_at=options.slice)
+            error_console().print(f"view in {options.html}")
+            return 0
+        view = View(exhibit, port=options.port)
+        error_console().print(f"view at {view.url}; Ctrl-C ends it")
+        try:
+            view.run(browser=not options.no_browser)
+        except KeyboardInterrupt:
+            view.stop()
+        return 0
+
+
+def _planned(scenario: Scenario, options: argparse.Namespace) -> Exhibit:
+    robot = scenario.build_robot()
+    start = scenario.start_configuration(robot)
+    if options.planners == _NONE:  # also a start in collision can be looked at
+        return Exhibit(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
+    setup = setup_scenario(scenario, robot)
+    results = []
+    for planner in options.planners:
+        check_planner(scenario, planner, setup)
+        result = setup.plan(
+            planner,
+            time=options.time or scenario.time,
+            seed=options.seed,
+            parameters=scenario.planners.get(planner, {}),
+            simplify=options.simplify,
+        )
+        if not result:
+            error_console().print(f"safe-ompl: {planner} found no path: {result.status}")
+        results.append(result)
+    return Exhibit.of_results(results, title=scenario.name, posture=start)
+
+
+def _loaded(files: Sequence[str]) -> Exhibit:
+    content = read_json(files[0])
+    if isinstance(content, dict) and content.get("format") == CERTIFICATE:
+        if len(files) > 1:
+            raise InputError(f"one certificate at a time, not {', '.join(files)}")
+        with document.within(files[0], ": "):
+            check_form(content)
+            return Exhibit.of_certificate(content)
+    results = []
+    for file in files:
+        result = load(file)
+        if not isinstance(result, PlanResult):
+            raise InputError(f"must be a result or a certificate, not a {type(result).__name__}", file)
+        results.append(result)
+    return Exhibit.of_results(results, title=Path(files[0]).stem)

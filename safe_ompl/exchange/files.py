@@ -1,0 +1,67 @@
+"""Saving and loading results, paths and scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from safe_ompl import document
+from safe_ompl.errors import InputError
+from safe_ompl.exchange.form import kind_of, marked, read_json, strict_json
+from safe_ompl.exchange.joint_path import JointPath
+from safe_ompl.exchange.results import result_from_mapping, result_to_mapping
+from safe_ompl.paths.certificate.portable import built_scene, carried_scene
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+from safe_ompl.setup.result import PlanResult
+
+Saveable: TypeAlias = PlanResult | JointPath | Scene
+
+
+def save(thing: Saveable, file: str | Path) -> None:
+    """Write a result, a path or a scene as JSON that `load` reads back.
+
+    A result carries its robot and its scene; a scene its meshes and points. Numbers are read back exactly.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or a file of the scene is gone.
+    """
+    Path(file).write_text(strict_json(saved(thing)) + "\n", encoding="utf-8")
+
+
+def saved(thing: Saveable) -> dict[str, Any]:
+    """Return what `save` writes."""
+    if isinstance(thing, PlanResult):
+        return marked("result", result_to_mapping(thing))
+    if isinstance(thing, JointPath):
+        return marked("path", thing.to_mapping())
+    if isinstance(thing, Scene):
+        return marked("scene", {"scene": carried_scene(thing)})
+    raise InputError(f"can be a PlanResult, a JointPath or a Scene, not {type(thing).__name__}", "to save")
+
+
+def load(file: str | Path, *, robot: Robot | None = None) -> Saveable:
+    """Read what `save` wrote, or `safe-ompl plan --json`.
+
+    Parameters
+    ----------
+    file : path-like
+        The file.
+    robot : Robot, optional
+        The robot of a result, where it does not travel in it.
+
+    Raises
+    ------
+    InputError, CertificateError
+        If it has another form or version, or cannot be built; names the file.
+    """
+    content = read_json(file)
+    with document.within(str(file), ": "):
+        kind = kind_of(content)
+        if kind == "result":
+            return result_from_mapping(content, robot)
+        if kind == "path":
+            return JointPath.from_mapping(content)
+        return built_scene(document.mapping("scene", document.require(content, "scene")))

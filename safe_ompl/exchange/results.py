@@ -1,0 +1,84 @@
+"""Planning results as documents, with the robot and the scene that they are about."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from safe_ompl import document
+from safe_ompl.arrays import finite_array
+from safe_ompl.counts import Counts
+from safe_ompl.paths.certificate.portable import built_robot, built_scene, carried_robot, carried_scene
+from safe_ompl.paths.report import ClearanceReport, DangerReport, PathReport
+from safe_ompl.robot.robot import Robot
+from safe_ompl.setup.optimise import Improvement
+from safe_ompl.setup.result import PlanResult
+
+
+def result_to_mapping(result: PlanResult) -> dict[str, Any]:
+    """Return a result as plain data; robot, scene and danger travel with it where it has them."""
+    about = None
+    if result.robot is not None and result.scene is not None:
+        about = {
+            "robot": carried_robot(result.robot),
+            "scene": carried_scene(result.scene),
+            "danger": None if result.danger is None else dict(result.danger),
+        }
+    return {**result.as_dict(), "problem": about}
+
+
+def result_from_mapping(data: Mapping[str, Any], robot: Robot | None = None) -> PlanResult:
+    """Return the result that `result_to_mapping` wrote.
+
+    Parameters
+    ----------
+    data : mapping
+        What it wrote.
+    robot : Robot, optional
+        The robot, where it does not travel (one of `Robot.from_models`), or its meshes lie elsewhere.
+
+    Raises
+    ------
+    InputError, CertificateError
+        If a key is missing or has no meaning, or robot and scene cannot be built.
+    """
+    names = tuple(document.sequence("joint_names", document.require(data, "joint_names")))
+    path = document.require(data, "path")
+    about = data.get("problem")
+    scene = danger = None
+    if about is not None:
+        with document.within("problem"):
+            carried = document.mapping("carried", about)
+            with document.within("robot"):
+                robot = built_robot(document.require(carried, "robot")) if robot is None else robot
+            with document.within("scene"):
+                scene = built_scene(document.require(carried, "scene"))
+            danger = carried.get("danger")
+    return PlanResult(
+        status=document.text("status", document.require(data, "status")),
+        path=None if path is None else finite_array(path, (None, len(names)), "path"),
+        report=None if path is None else _report(data),
+        planner=document.text("planner", document.require(data, "planner")),
+        seed=int(document.require(data, "seed")),
+        joint_names=names,
+        planning_time=document.number("planning_time", document.require(data, "planning_time")),
+        simplification_time=document.number("simplification_time", data.get("simplification_time", 0.0)),
+        counts=Counts(**document.mapping("counts", data.get("counts") or {})),
+        improvements=tuple(Improvement(**item) for item in data.get("improvements", ())),
+        interrupted=bool(data.get("interrupted", False)),
+        robot=robot,
+        scene=scene,
+        danger=danger,
+    )
+
+
+def _report(data: Mapping[str, Any]) -> PathReport:
+    danger, clearance = data["danger"], dict(document.require(data, "clearance"))
+    if danger is not None:
+        danger = DangerReport(**{**danger, "profile": np.array(danger["profile"], dtype=float)})
+    for key in ("min", "mean"):
+        clearance[key] = np.inf if clearance[key] is None else clearance[key]  # where there is no obstacle
+    certified = bool(document.require(data, "certified"))
+    return PathReport(float(data["length"]), danger, ClearanceReport(**clearance), certified)

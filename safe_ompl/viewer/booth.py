@@ -1,0 +1,166 @@
+"""One path in a view: robot, scene and all that is drawn over them, in a place of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.pictures.render.stage import Stage
+from safe_ompl.pictures.style import Colour
+from safe_ompl.viewer.clearance import ClearanceLines, Nearest
+from safe_ompl.viewer.colours import NEUTRAL, START, mixed, rgb
+from safe_ompl.viewer.danger_layers import DangerPoints, FieldSlice
+from safe_ompl.viewer.exhibit import Exhibit
+from safe_ompl.viewer.figures import RobotFigure, RobotModel, add_scenery
+from safe_ompl.viewer.traces import add_proof, add_trace
+
+SAMPLES = 121
+_EVENLY = np.linspace(0.0, 1.0, SAMPLES)
+_GOAL_OPACITY, _START_OPACITY = 0.22, 0.16
+_TINT = 0.62  # share of the planner's colour in its robot
+_AROUND = 0.15  # [m] that a slice reaches beyond the robot's motion and the danger points
+
+
+class Booth:
+    """A path, or a standing robot, with its scene.
+
+    Parameters
+    ----------
+    view : viser.SceneApi
+        Where it is shown.
+    number : int
+        Which booth it is.
+    exhibit : Exhibit
+        What is shown.
+    name : str
+        Name of the path; empty where there is none.
+    model : RobotModel
+        Surfaces of the robot.
+    colour : Colour, optional
+        Of robot and trace.
+
+    Attributes
+    ----------
+    name : str
+    root, scenery : viser handles
+        The place of the booth, and its scene.
+    samples : ndarray, shape (SAMPLES, n)
+        The path at equal steps of its length.
+    points : DangerPoints or None
+    slice : FieldSlice or None
+    lines : ClearanceLines
+    proof : viser handle or None
+    """
+
+    def __init__(
+        self,
+        view: Any,
+        number: int,
+        exhibit: Exhibit,
+        name: str,
+        model: RobotModel,
+        colour: Colour | None,
+    ) -> None:
+        self.name, self._view, self._exhibit = name, view, exhibit
+        self.samples = exhibit.along(name, _EVENLY)
+        self.node = f"/booth_{number}"
+        self.root = view.add_frame(self.node, show_axes=False)
+        self.scenery = add_scenery(view, f"{self.node}/scene", exhibit.scene)
+        paint = NEUTRAL if colour is None else mixed(NEUTRAL, colour, _TINT)
+        self._robot = RobotFigure(view, f"{self.node}/robot", model, paint)
+        self.ghosts = [] if colour is None else self._ghosts(model, colour)
+        self._add_danger()
+        people = [obstacle for obstacle in exhibit.scene if obstacle.weight > 0]
+        things = [obstacle for obstacle in exhibit.scene if obstacle.weight == 0]
+        nearest = [Nearest(exhibit.robot, group) for group in (people, things)]
+        self.lines = ClearanceLines(view, f"{self.node}/clearance", nearest)
+        tips = np.asarray(exhibit.robot.keypoints_batch(self.samples)[:, -1])
+        if colour is not None:
+            add_trace(view, f"{self.node}/trace", tips, colour)
+            view.add_label(f"{self.node}/name", name, position=self._above(), anchor="bottom-center")
+        self.proof = None
+        if exhibit.proof is not None:
+            dense = exhibit.along(name, np.linspace(0.0, 1.0, 10 * SAMPLES))
+            self.proof = add_proof(view, f"{self.node}/proof", exhibit.robot, dense, exhibit.proof)
+
+    def at(self, share: float) -> FloatArray:
+        """Return the configuration (n,) at a fraction of the path's length."""
+        return np.asarray(self._exhibit.along(self.name, np.array([share]))[0])
+
+    def pose(self, q: FloatArray) -> None:
+        """Show the robot at `q: (n,)`, and what depends on it."""
+        self._robot.pose(q)
+        self.lines.pose(q)
+        for layer in (self.points, self.slice):
+            if layer is not None:
+                layer.pose(q)
+
+    def facts(self, q: FloatArray, share: float | None) -> str:
+        """Return what there is to say of `q: (n,)` in words, as Markdown."""
+        said = [f"**{self.name or self._exhibit.robot.name}**"]
+        field = self._exhibit.danger_field
+        if field is not None:
+            said.append(f"danger {field.value(q):.3f}")
+        said += [
+            f"{1e3 * found.distance:.0f} mm: {found.link} – {found.obstacle}" for found in self.lines.found(q)
+        ]
+        if self._exhibit.proof is not None and share is not None:
+            said.append(f"proven: {self._exhibit.proof.at(share)}")
+        return "  \n".join(said)
+
+    def add_floor(self, stage: Stage) -> None:
+        """Add the floor of a stage, and a pedestal where the robot would hang in the air."""
+        for thing in stage.pedestal:
+            surface = thing.surface
+            self._view.add_mesh_simple(
+                f"{self.node}/scene/pedestal", surface.vertices, surface.faces, color=rgb(thing.colour)
+            )
+        height, size = stage.floor, stage.size
+        width = 3.0 * size
+        self._view.add_grid(
+            f"{self.node}/scene/floor",
+            width,
+            width,
+            position=(0.0, 0.0, height - 0.002),
+            cell_color=(225, 227, 230),
+            section_color=(205, 208, 212),
+            cell_size=0.1,
+            section_size=0.5,
+            fade_distance=4.0 * size,
+            fade_from="origin",
+            shadow_opacity=0.25,
+            plane_color=(250, 250, 250),
+            plane_opacity=1.0,
+        )
+
+    def _ghosts(self, model: RobotModel, colour: Colour) -> list[RobotFigure]:
+        start = RobotFigure(self._view, f"{self.node}/start", model, START, _START_OPACITY)
+        goal = RobotFigure(self._view, f"{self.node}/goal", model, colour, _GOAL_OPACITY)
+        start.pose(self.samples[0])
+        goal.pose(self.samples[-1])
+        return [start, goal]
+
+    def _add_danger(self) -> None:
+        field = self._exhibit.danger_field
+        self.points: DangerPoints | None = None
+        self.slice: FieldSlice | None = None
+        if field is None or field.points is None:
+            return
+        most = max(float(field.values(self._exhibit.along(name, _EVENLY)).max()) for name in self._names())
+        self.points = DangerPoints(self._view, f"{self.node}/danger", field, most)
+        keypoints = self._exhibit.robot.keypoints_batch(self.samples).reshape(-1, 3)
+        around = np.vstack([keypoints, field.points])
+        low, high = around.min(axis=0) - _AROUND, around.max(axis=0) + _AROUND
+        self.slice = FieldSlice(self._view, f"{self.node}/field", field, low, high, most)
+        self.slice.show(False)
+
+    def _names(self) -> list[str]:
+        return list(self._exhibit.paths) or [""]
+
+    def _above(self) -> FloatArray:
+        points = self._exhibit.robot.keypoints_batch(self.samples).reshape(-1, 3)
+        middle: FloatArray = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        middle[2] = points[:, 2].max() + 0.25
+        return middle

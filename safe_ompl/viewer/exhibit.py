@@ -1,0 +1,143 @@
+"""What is shown in a view: a robot in its scene, paths by planner, danger, and the proof of a path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.danger.field import DangerField
+from safe_ompl.errors import InputError
+from safe_ompl.paths.certificate.portable import built_robot, built_scene
+from safe_ompl.paths.curve import Curve
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+from safe_ompl.setup import problem
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.viewer.proof import Proof
+
+CERTIFIED = "certified path"
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """A robot in its scene, and what there is to show of its paths.
+
+    Parameters
+    ----------
+    robot : Robot
+        Who moves.
+    scene : Scene
+        What stands around it.
+    paths : mapping of str to (N, n) array, optional
+        Planner name → way points [rad or m].
+    posture : (n,) array, optional
+        Where the robot stands if there is no path; default: the middle of its limits.
+    danger : mapping or None
+        Options of the danger field, as those of `SafeSetup`; None: without danger.
+    proof : Proof, optional
+        The intervals that prove a path of the same name.
+    title : str, optional
+        Title of the page.
+
+    Raises
+    ------
+    InputError
+        If a path or the posture does not fit the robot.
+    """
+
+    robot: Robot
+    scene: Scene
+    paths: Mapping[str, FloatArray] = field(default_factory=dict)
+    posture: FloatArray | None = None
+    danger: Mapping[str, Any] | None = field(default_factory=dict)
+    proof: Proof | None = None
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        paths = {name: finite_array(way, (None, self.robot.n), name) for name, way in self.paths.items()}
+        for name, way in paths.items():
+            if not len(way):
+                raise InputError("must have a configuration at least, got none", f"path of {name}")
+        still = np.clip(np.zeros(self.robot.n), self.robot.lower, self.robot.upper)
+        posture = still if self.posture is None else finite_array(self.posture, (self.robot.n,), "posture")
+        object.__setattr__(self, "paths", paths)
+        object.__setattr__(self, "posture", next(iter(paths.values()))[0] if paths else posture)
+        object.__setattr__(self, "title", self.title or self.robot.name)
+
+    @classmethod
+    def of_certificate(cls, content: Mapping[str, Any], robot: Robot | None = None) -> Exhibit:
+        """Return what a certificate is about, with its proof; it is shown, not verified.
+
+        Parameters
+        ----------
+        content : mapping
+            The certificate.
+        robot : Robot, optional
+            Its robot; default: built from what the certificate carries.
+
+        Raises
+        ------
+        InputError, CertificateError
+            If robot or scene cannot be built, or are not those of the certificate.
+        """
+        robot = built_robot(content["robot"]) if robot is None else robot
+        scene = built_scene(content["scene"])
+        path = np.array(content["path"], dtype=float)
+        claim = content["danger"] or {}
+        danger = {key: value for key, value in claim.items() if key != "bound"}
+        proof = Proof.of_certificate(content, robot, scene)
+        return cls(robot, scene, {CERTIFIED: path}, danger=danger, proof=proof, title=f"{robot.name}, proven")
+
+    @classmethod
+    def of_results(
+        cls, results: Sequence[PlanResult], title: str = "", posture: FloatArray | None = None
+    ) -> Exhibit:
+        """Return the solved ones of some results, by planner; the same planner again gets its seed.
+
+        Where none is solved, the robot stands in a `posture: (n,)`.
+
+        Raises
+        ------
+        InputError
+            If there is no result, one does not know its robot and scene, or they are about different ones.
+        """
+        if not results:
+            raise InputError("no result to show; give at least one")
+        paths: dict[str, FloatArray] = {}
+        for result in results:
+            if result.robot is None or result.scene is None:
+                raise InputError(f"the result of {result.planner} does not know its robot and scene")
+            if result.scene != results[0].scene or result.joint_names != results[0].joint_names:
+                raise InputError("results must be about the same robot and scene to be shown together")
+            if result.path is not None:
+                seen = result.planner in paths
+                paths[f"{result.planner}, seed {result.seed}" if seen else result.planner] = result.path
+        first = results[0]
+        assert first.robot is not None
+        assert first.scene is not None
+        return cls(first.robot, first.scene, paths, posture, first.danger, title=title)
+
+    @cached_property
+    def danger_field(self) -> DangerField | None:
+        """The danger of the robot in its scene; None where there is none, or nothing is dangerous."""
+        if self.danger is None:
+            return None
+        found = problem.danger_field(self.robot, self.scene, self.danger)
+        return found if found.points is not None and len(found.points) else None
+
+    def along(self, name: str, shares: FloatArray) -> FloatArray:
+        """Return the configurations (S, n) at fractions `shares: (S,)` of the length of a path."""
+        if not self.paths:
+            return np.repeat(self._start[None], len(shares), axis=0)
+        curve = Curve(self.robot, self.paths[name])
+        return curve.at(shares * curve.length)
+
+    @property
+    def _start(self) -> FloatArray:
+        assert self.posture is not None
+        return self.posture
