@@ -59,6 +59,7 @@ def cases(number):
         yield a, b, va, vb, p
 
 
+@pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")
 @pytest.mark.parametrize("part", range(3))
 def test_parts_are_what_quadrature_says(part):
     for a, b, va, vb, p in cases(400):
