@@ -172,18 +172,39 @@ class BlendedCurve:
 
     def cells(self, step: float, turn: float = 0.1) -> Cells:
         """Return cells no longer than `step`; on arcs the direction changes by no more than `turn` [rad] in each."""
+        bounds = []
+        for piece in self.pieces:
+            number = max(1, int(np.ceil(piece.length * max(1 / step, piece.curvature / turn))))
+            bounds.append(np.linspace(0.0, piece.length, number + 1))
+        return self._cells(bounds)
+
+    def divided(self, cells: Cells, parts: IntArray) -> Cells:
+        """Return the cells, each in as many equal parts as `parts: (N,)` says."""
+        bounds = []
+        of = self.piece_at(cells.centres)
+        for k, piece in enumerate(self.pieces):
+            here = np.flatnonzero(of == k)
+            starts, ends = cells.edges[here] - self.starts[k], cells.edges[here + 1] - self.starts[k]
+            rows = [
+                np.linspace(a, b, n, endpoint=False)
+                for a, b, n in zip(starts, ends, parts[here].tolist(), strict=True)
+            ]
+            bounds.append(np.concatenate([*rows, [piece.length]]))
+            bounds[-1][0] = 0.0
+        return self._cells(bounds)
+
+    def _cells(self, bounds: list[FloatArray]) -> Cells:
+        """Return the cells between arc lengths that are given for each piece, from its start."""
         edges: list[FloatArray] = [np.zeros(1)]
         slopes: list[tuple[FloatArray, FloatArray]] = []
         bends: list[tuple[FloatArray, FloatArray]] = []
         stops, count = [], 0
-        for k, piece in enumerate(self.pieces):
-            number = max(1, int(np.ceil(piece.length * max(1 / step, piece.curvature / turn))))
-            bounds = np.linspace(0.0, piece.length, number + 1)
+        for k, (piece, at) in enumerate(zip(self.pieces, bounds, strict=True)):
             stops += [count] if k in self.stops else []
-            edges.append(self.starts[k] + bounds[1:])
-            slopes.append(piece.slope_box(bounds[:-1], bounds[1:]))
-            bends.append(piece.bend_box(bounds[:-1], bounds[1:]))
-            count += number
+            edges.append(self.starts[k] + at[1:])
+            slopes.append(piece.slope_box(at[:-1], at[1:]))
+            bends.append(piece.bend_box(at[:-1], at[1:]))
+            count += len(at) - 1
         slope_low, slope_high = (np.concatenate(side) for side in zip(*slopes, strict=True))
         bend_low, bend_high = (np.concatenate(side) for side in zip(*bends, strict=True))
         corners: IntArray = np.array(stops, dtype=np.intp)

@@ -34,7 +34,8 @@ class TimeLaw:
     def through(cls, edges: FloatArray, squares: FloatArray) -> TimeLaw:
         """Return the law with these ṡ² at the grid points; a cell takes 2h/(ṡ_start + ṡ_end)."""
         speeds = np.sqrt(squares)
-        steps = 2 * np.diff(edges) / (speeds[:-1] + speeds[1:])
+        sizes, both = np.diff(edges), speeds[:-1] + speeds[1:]
+        steps = np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0)
         return cls(edges, squares, np.concatenate([[0.0], np.cumsum(steps)]))
 
     @property
@@ -45,7 +46,8 @@ class TimeLaw:
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
         cell: IntArray = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.edges) - 2)
-        pushes = np.diff(self.squares) / (2 * np.diff(self.edges))
+        sizes = np.diff(self.edges)
+        pushes = np.divide(np.diff(self.squares), 2 * sizes, out=np.zeros(len(sizes)), where=sizes > 0)
         speeds = np.sqrt(self.squares)
         since = np.clip(t, 0.0, self.duration) - self.times[cell]
         rate = speeds[cell] + pushes[cell] * since
@@ -67,9 +69,7 @@ def velocity_cap(cells: Cells, limits: JointLimits) -> FloatArray:
     return cap
 
 
-def fastest_law(
-    cells: Cells, limits: JointLimits, cap: FloatArray, brakes: FloatArray | None = None
-) -> FloatArray:
+def fastest_law(cells: Cells, limits: JointLimits, cap: FloatArray) -> FloatArray:
     """Return ṡ² (N+1,) of the fastest law within joint limits and a cap of ṡ.
 
     Parameters
@@ -80,14 +80,11 @@ def fastest_law(
         Of the joints.
     cap : ndarray, shape (N,)
         Largest ṡ in each cell.
-    brakes : ndarray, shape (N,), optional
-        Largest deceleration of s in each cell.
     """
     within = np.minimum(cap, velocity_cap(cells, limits)) ** 2
     most = np.minimum(np.append(within, 0.0), np.concatenate([[0.0], within]))
     most[0] = 0.0
     most[cells.stops] = 0.0
-    brakes = np.full(len(cells), np.inf) if brakes is None else brakes
     found: FloatArray = fastest(
         cells.sizes,
         cells.slope_low,
@@ -95,7 +92,6 @@ def fastest_law(
         cells.bend_low,
         cells.bend_high,
         limits.acceleration,
-        brakes,
         most,
     )
     return found

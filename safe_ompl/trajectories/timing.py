@@ -10,8 +10,12 @@ from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import number
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.people import People
 from safe_ompl.trajectories.blends import blended
+from safe_ompl.trajectories.body_speeds import BodySpeeds
+from safe_ompl.trajectories.caps import people_caps, speed_caps
 from safe_ompl.trajectories.limits import JointLimits
+from safe_ompl.trajectories.separation import PeopleDistances
 from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap, Trajectory
 
@@ -27,6 +31,9 @@ def time_path(
     *,
     motion: CertifiedMotion | None = None,
     tolerance: float = TOLERANCE,
+    people: People | None = None,
+    tool_speed: float | None = None,
+    link_speed: float | None = None,
 ) -> Trajectory:
     """Return the fastest trajectory along a path that keeps its limits at every instant.
 
@@ -43,11 +50,20 @@ def time_path(
     tolerance : float
         How far arcs may be from the path [rad].
 
+    people : People, optional
+        Who may come near: nowhere is the robot faster than what is proven to stop in time before she touches it.
+        Needs `motion`, whose scene says where people are.
+    tool_speed, link_speed : float, optional
+        Largest speed of the tip, and of any point of any link [m/s].
+
     Raises
     ------
+    StandstillError
+        If people allow no speed somewhere; says where, who, which link and what would have to change.
     InputError
-        If the path has fewer than two way points, is not finite, does not move or leaves the joint limits; if limits
-        are zero, missing, or of other joints; if the tolerance is negative.
+        If somebody touches the robot where it starts; if a speed is not positive; if the path has fewer than two way
+        points, is not finite, does not move or leaves the joint limits; if limits are missing or of other joints; if
+        the tolerance is negative.
     """
     points = checked_path(path, robot)
     limits = JointLimits.of(robot) if limits is None else limits
@@ -56,10 +72,25 @@ def time_path(
             f"the limits are for the joints {limits.joint_names}, the robot's are {robot.joint_names}"
         )
     curve = blended(points, robot, number("tolerance", tolerance, at_least=0.0), motion)
-    cells = curve.cells(min(_STEP, curve.length / _CELLS))
-    caps = (SpeedCap("joint velocity", velocity_cap(cells, limits)),)
-    squares = fastest_law(cells, limits, caps[0].speeds)
-    return Trajectory(curve, TimeLaw.through(cells.edges, squares), limits, caps)
+    step = min(_STEP, curve.length / _CELLS)
+    cells, brakes = curve.cells(step), None
+    caps: list[SpeedCap] = []
+    bodies = BodySpeeds(robot)
+    if people is not None:
+        if motion is None:
+            raise InputError("give a motion: its scene says where people are", "motion")
+        distances = PeopleDistances(robot, motion.checker.scene, people)
+        cells, brakes, caps = people_caps(curve, cells, bodies, limits, distances)
+    caps = [SpeedCap("joint velocity", velocity_cap(cells, limits)), *caps]
+    if tool_speed is not None or link_speed is not None:
+        speeds = bodies.bounds(curve, cells)
+        caps += speed_caps(speeds, _speed("tool speed", tool_speed), _speed("link speed", link_speed))
+    squares = fastest_law(cells, limits, np.min([cap.speeds for cap in caps], axis=0))
+    return Trajectory(curve, TimeLaw.through(cells.edges, squares), limits, tuple(caps), brakes)
+
+
+def _speed(name: str, value: float | None) -> float | None:
+    return None if value is None else number(name, value, above=0.0, kind="number of m/s")
 
 
 def checked_path(path: ArrayLike, robot: Robot) -> FloatArray:

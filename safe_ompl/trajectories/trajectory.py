@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
-from safe_ompl.inputs import float_array, positive
+from safe_ompl.inputs import float_array, number, positive
 from safe_ompl.trajectories.curve import BlendedCurve
 from safe_ompl.trajectories.limits import JointLimits
 from safe_ompl.trajectories.time_law import TimeLaw
@@ -65,12 +65,15 @@ class Trajectory:
         What joint velocities and accelerations keep to at every instant.
     caps : tuple of SpeedCap
         What the speed along the path keeps to.
+    brakes : ndarray, shape (N,), or None
+        Deceleration along the path that a stop may take in each cell [rad/s²]; caps by people rest on it.
     """
 
     curve: BlendedCurve
     law: TimeLaw
     limits: JointLimits
     caps: tuple[SpeedCap, ...] = ()
+    brakes: FloatArray | None = None
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -124,6 +127,36 @@ class Trajectory:
         before = step * np.arange(int(np.ceil(self.duration / step * (1 - 1e-12))))
         times: FloatArray = np.append(before, self.duration)
         return times, self.at(times)
+
+    def stop_from(self, time: float) -> Trajectory:
+        """Return the stop on the path that begins at a time [s]: what is proven to end before anyone is reached.
+
+        It decelerates by the least of `brakes` from where it begins to where it is.
+
+        Raises
+        ------
+        InputError
+            If there is no such stop, for the trajectory was made without people; or the time is not one.
+        """
+        if self.brakes is None:
+            raise InputError("the trajectory was made without people: nothing says how it stops")
+        begin = number("time", time, at_least=0.0, at_most=self.duration)
+        cells, at, rates, _ = self.law.at(np.array([begin]))
+        edges, squares, brake = [float(at[0])], [float(rates[0] ** 2)], np.inf
+        for cell in range(int(cells[0]), len(self.brakes)):
+            brake, end = min(brake, float(self.brakes[cell])), float(self.law.edges[cell + 1])
+            after = squares[-1] - 2 * brake * (end - edges[-1])
+            if after <= 0:
+                end, after = edges[-1] + squares[-1] / (2 * brake), 0.0
+            if end > edges[-1]:
+                edges.append(end)
+                squares.append(after)
+            if after == 0:
+                break
+        if len(edges) == 1:  # it stands already
+            edges, squares = [edges[0], edges[0]], [0.0, 0.0]
+        law = TimeLaw.through(np.array(edges), np.array(squares))
+        return Trajectory(self.curve, law, self.limits)
 
     def speed_bounds(self) -> FloatArray:
         """Return for each cell (N,) the least of all caps [rad/s]."""

@@ -25,11 +25,10 @@ def _next_range(
     bend_low: FloatArray,
     bend_high: FloatArray,
     limits: FloatArray,
-    brake: float,
     most: float,
 ) -> tuple[float, float]:
     """Return the interval of y = x_end that keeps |p (y−x)/2h + c {x, y}| ≤ limit; empty if low > high."""
-    low, high = max(0.0, x - 2 * h * brake), most
+    low, high = 0.0, most
     half = 0.5 / h
     for i in range(len(limits)):
         limit = limits[i] * (1 - _TIGHTER)
@@ -59,7 +58,6 @@ def fastest(
     bend_low: FloatArray,
     bend_high: FloatArray,
     limits: FloatArray,
-    brakes: FloatArray,
     most: FloatArray,
 ) -> FloatArray:
     """Return the largest x = ṡ² (N+1,) at the grid points that starts and ends at rest.
@@ -75,15 +73,13 @@ def fastest(
         Boxes of q′ and q″.
     limits : (n,)
         Accelerations.
-    brakes : (N,)
-        The path is not decelerated more than this; +inf: no such limit.
     most : (N+1,)
         Bounds of x; zero at both ends.
     """
     N = len(sizes)
     reach = most.copy()
     for j in range(N - 1, -1, -1):
-        cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, brakes[j], reach[j + 1])
+        cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, reach[j + 1])
         low, high = _next_range(most[j], sizes[j], *cell)
         if low <= high:
             continue
@@ -98,7 +94,7 @@ def fastest(
         reach[j] = good
     x = np.zeros(N + 1)
     for j in range(N):
-        cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, brakes[j], reach[j + 1])
+        cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, reach[j + 1])
         low, high = _next_range(x[j], sizes[j], *cell)
         x[j + 1] = max(high, 0.0)
     return x
