@@ -18,8 +18,8 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.robot.displacement import bounding_hull
-from safe_ompl.robot.kinematics import Place, inverse_kinematics
+from safe_ompl.robot.bodies.reach import bounding_hull
+from safe_ompl.robot.inverse_kinematics import Place, solve_from_seed
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -136,7 +136,7 @@ def _way_out(robot: Robot, checker: CollisionChecker, rng: np.random.Generator) 
     way = [q]
     for k in range(1, 1 + int(rng.uniform(0.18, 0.32) / _STEP)):
         place = Place(robot, tip.translation - k * _STEP * inwards, tip.rotation)
-        found = inverse_kinematics(place, way[-1], 1e-5)
+        found = solve_from_seed(place, way[-1], 1e-5)
         if found is None or np.abs(robot.difference(way[-1], found)).max() > _JUMP:
             return None
         way.append(found)

@@ -1,8 +1,10 @@
 """What each idea adds to safety: python bench/ablation.py [--runs N] [--scenarios a,b] [--time S].
 
-SafeRRTConnect with one of its ideas at a time, with all but one, and with all: the selection by ρ + α·CDF, the slide
-down the gradient, the adaptive threshold on danger, and simplification afterwards. All take turns, with the same seeds.
-Medians over the runs; J is the cost ∫(1 + λ·CDF²) ds that simplification lowers.
+RRT-Connect exactly as printed (PaperRRTConnect) is what all else is compared with. SafeRRTConnect with one of its
+ideas at a time, with all but one, and with all: short steps where a whole one is trapped, the selection by ρ + α·CDF,
+the slide down the gradient, the adaptive threshold on danger, and simplification afterwards. All take turns, with the
+same seeds. Short steps go with each single idea. Medians over the runs; J is the cost ∫(1 + λ·CDF²) ds that
+simplification lowers.
 """
 
 from __future__ import annotations
@@ -18,23 +20,25 @@ from ompl import util as ou
 from safe_ompl.scenario.scenario import Scenario, find_scenario, list_scenarios
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
 
-PLANNER = "SafeRRTConnect"
+PLANNER, BASELINE = "SafeRRTConnect", "PaperRRTConnect"
 SELECTION: dict[str, Any] = {"nearest_fraction": 0.3}
 NO_SELECTION: dict[str, Any] = {"nearest_fraction": 1.0}
 SLIDE, NO_SLIDE = {"slide": 0.8}, {"slide": 0.0}
 THRESHOLD, NO_THRESHOLD = {"threshold_rise": 0.05}, {"threshold_rise": 0.0}
 
-VARIANTS: dict[str, tuple[dict[str, Any], bool]] = {
-    "nothing (RRT-Connect)": ({"alpha": 0.0}, False),
-    "selection": ({**SELECTION, **NO_SLIDE, **NO_THRESHOLD}, False),
-    "slide": ({**NO_SELECTION, **SLIDE, **NO_THRESHOLD}, False),
-    "threshold": ({**NO_SELECTION, **NO_SLIDE, **THRESHOLD}, False),
-    "all but selection": ({**NO_SELECTION, **SLIDE, **THRESHOLD}, False),
-    "all but slide": ({**SELECTION, **NO_SLIDE, **THRESHOLD}, False),
-    "all but threshold": ({**SELECTION, **SLIDE, **NO_THRESHOLD}, False),
-    "all three": ({}, False),
-    "simplification alone": ({"alpha": 0.0}, True),
-    "all and simplification": ({}, True),
+VARIANTS: dict[str, tuple[str, dict[str, Any], bool]] = {
+    "nothing (RRT-Connect as printed)": (BASELINE, {}, False),
+    "short steps": (PLANNER, {"alpha": 0.0}, False),
+    "selection": (PLANNER, {**SELECTION, **NO_SLIDE, **NO_THRESHOLD}, False),
+    "slide": (PLANNER, {**NO_SELECTION, **SLIDE, **NO_THRESHOLD}, False),
+    "threshold": (PLANNER, {**NO_SELECTION, **NO_SLIDE, **THRESHOLD}, False),
+    "all but selection": (PLANNER, {**NO_SELECTION, **SLIDE, **THRESHOLD}, False),
+    "all but slide": (PLANNER, {**SELECTION, **NO_SLIDE, **THRESHOLD}, False),
+    "all but threshold": (PLANNER, {**SELECTION, **SLIDE, **NO_THRESHOLD}, False),
+    "all but short steps": (PLANNER, {"short_steps": False}, False),
+    "all": (PLANNER, {}, False),
+    "simplification alone": (BASELINE, {}, True),
+    "all and simplification": (PLANNER, {}, True),
 }
 
 COLUMNS: dict[str, Callable[[SafeSetup, PlanResult], float]] = {
@@ -62,9 +66,9 @@ def runs(setup: SafeSetup, number: int, limit: float) -> dict[str, list[PlanResu
     """Return the results of every variant; they take turns."""
     results: dict[str, list[PlanResult]] = {name: [] for name in VARIANTS}
     for seed in range(number):
-        for name, (parameters, simplify) in VARIANTS.items():
+        for name, (planner, parameters, simplify) in VARIANTS.items():
             results[name].append(
-                setup.plan(PLANNER, time=limit, seed=seed, parameters=parameters, simplify=simplify)
+                setup.plan(planner, time=limit, seed=seed, parameters=parameters, simplify=simplify)
             )
     return results
 

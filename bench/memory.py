@@ -49,9 +49,9 @@ def solve(setup: SafeSetup, rng: np.random.Generator, counts: dict[str, int]) ->
     """Plan once, one way or another."""
     planner = str(rng.choice(planner_names()))
     breaks = rng.random() < 0.15
-    if breaks:
-        setup.setStateValidityChecker(Breaking(setup, int(rng.integers(1, 30))))
     try:
+        if breaks:
+            setup.setStateValidityChecker(Breaking(setup, int(rng.integers(1, 30))))
         result = setup.plan(planner, time=float(rng.choice(TIMES)), seed=int(rng.integers(1000)))
         counts["solved" if result else "failed"] += 1
     except BrokenError:

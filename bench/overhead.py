@@ -84,15 +84,20 @@ def row(name: str, scene_name: str, scene: Scene, rounds: int) -> tuple[object, 
     setups = [problem(robot, scene, seed) for seed in range(PROBLEMS)]
     for seed, setup in enumerate(setups, 1):
         si, checker = setup.getSpaceInformation(), setup.checker
-        setup.setStateValidityChecker(RecordedValidity(si, checker, calls))
-        si.setMotionValidator(RecordedMotions(si, checker, calls))
+        plug_in(setup, RecordedValidity(si, checker, calls), RecordedMotions(si, checker, calls))
         solve(setup, seed)
-        setup.setStateValidityChecker(CollisionFreeValidity(si, checker))
-        si.setMotionValidator(CertifiedMotionValidator(si, checker))
+        plug_in(setup, CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker))
     queries = [count_queries(setups, action) for action in (lambda: solve_all(setups), lambda: run(calls))]
     times = np.array([(solve_all(setups), run(calls)) for _ in range(rounds)])
     ratio = float(np.median(times[:, 0] / times[:, 1]))
     return name, scene_name, len(calls), *queries, *(1e6 * np.median(times, axis=0) / len(calls)), ratio
+
+
+def plug_in(setup: SafeSetup, validity: CollisionFreeValidity, validator: CertifiedMotionValidator) -> None:
+    """Put plug-ins in the place of a setup's own, not beside them as those of a user are."""
+    setup._validity, setup._validator = validity, validator
+    og.SimpleSetup.setStateValidityChecker(setup, validity)
+    setup.getSpaceInformation().setMotionValidator(validator)
 
 
 def solve_all(setups: list[SafeSetup]) -> float:

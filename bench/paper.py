@@ -1,10 +1,11 @@
 """The case studies of the paper: python bench/paper.py [--runs N] --out DIR [--planners A,B] [--processes P].
 
-Runs every planner and its classical counterpart N times on both scenarios (bubble planners, which are deterministic,
-once), and writes DIR/report.md: Tables I and II beside the paper's, figures after Figs. 1, 3, 4 and 6–13, and each of
-the paper's claims with a verdict. Results are kept in DIR/study_N/runs.jsonl as they come; started again, the
-bench does only what is missing, so after a change of the planners give another folder. DIR/study_N/benchmark.log
-and DIR/benchmark.db are the same runs for OMPL's tools and Planner Arena.
+Runs every planner and its classical counterpart, both as printed and in our own form, N times on both scenarios
+(bubble planners, which are deterministic, once), and writes DIR/report.md: Tables I and II beside the paper's,
+figures after Figs. 1, 3, 4 and 6–13, and each of the paper's claims with a verdict. A third study takes 30 scenes
+drawn at random, none left out. Results are kept in DIR/study_N/runs.jsonl as they come; started again, the bench does
+only what is missing, so after a change of the planners give another folder. DIR/study_N/benchmark.log and
+DIR/benchmark.db are the same runs for OMPL's tools and Planner Arena.
 
 With --simplify the report also says whether safe planning still wins after smoothing: the runs are done again with
 danger-aware simplification (DIR/study_N_simplified) and, as is usual, with OMPL's simplifier (DIR/study_N_shortened,
@@ -22,6 +23,7 @@ from pathlib import Path
 from _paper.effort import Hardness
 from _paper.evidence import Evidence
 from _paper.figures import draw_ideas, draw_study
+from _paper.random_scenes import SCENES, RandomStudy, random_scenarios, scene_campaigns
 from _paper.report import write_report
 from _paper.runs import TIME, campaigns, do_runs, open_store, study_folder, study_scenario
 from _paper.smoothed import Smoothed
@@ -38,6 +40,7 @@ from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.setup.safe_setup import PlanResult
 
 RUNS, SIMPLIFIED_RUNS, SWEEP_RUNS, HARDNESS_RUNS = 1000, 200, 20, 20
+RANDOM_RUNS = 5  # of each planner on each random scene, at most
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -47,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     pairs = _pairs(options.planners)
     options.out.mkdir(parents=True, exist_ok=True)
     if options.sweep:
-        page = sweep(options.out, pairs, options.runs or SWEEP_RUNS, options.processes)
+        ours = [pair for pair in pairs if not pair.as_printed]
+        page = sweep(options.out, ours, options.runs or SWEEP_RUNS, options.processes)
     else:
         simplified = (options.runs or SIMPLIFIED_RUNS) if options.simplify else 0
         page = study(options.out, pairs, options.runs or RUNS, options.processes, simplified)
@@ -73,6 +77,7 @@ def study(folder: Path, pairs: Sequence[Pair], runs: int, processes: int, simpli
     planned = _results(folder, pairs, runs, processes)
     evidence = [Evidence.of(one, pairs, own) for one, own in zip(STUDIES, planned, strict=True)]
     smoothed = _smoothed(folder, pairs, simplified, processes, planned) if simplified else []
+    at_random = _random_study(folder / "study_3", pairs, min(runs, RANDOM_RUNS), processes)
     scenarios = [study_scenario(one) for one in STUDIES]
     _write_logs(folder, evidence)
     with error_console().status("drawing"):
@@ -82,7 +87,7 @@ def study(folder: Path, pairs: Sequence[Pair], runs: int, processes: int, simpli
             plot_smoothing(smoothed, folder / FIGURE)
         ideas = draw_ideas(folder)
     hardness = [Hardness.of(scenario, HARDNESS_RUNS) for scenario in scenarios]
-    write_report(folder / "report.md", evidence, scenarios, hardness, smoothed, ideas)
+    write_report(folder / "report.md", evidence, scenarios, hardness, smoothed, at_random, ideas)
     return folder / "report.md"
 
 
@@ -97,6 +102,16 @@ def _results(
             task = progress.add_task(f"study {one.number}, {smoothing.value}", total=sum(map(len, todo)))
             do_runs(store, todo, processes, lambda task=task: progress.advance(task))
     return [store.results() for store in stores]
+
+
+def _random_study(folder: Path, pairs: Sequence[Pair], runs: int, processes: int) -> RandomStudy:
+    """Do the runs on the random scenes as far as they are not done."""
+    every = list(scene_campaigns(folder, pairs, runs, random_scenarios(SCENES)))
+    with progress_bar(error_console()) as progress:
+        task = progress.add_task("study 3", total=sum(len(one) for _, todo in every for one in todo))
+        for store, todo in every:
+            do_runs(store, todo, processes, lambda: progress.advance(task))
+    return RandomStudy.of([store for store, _ in every], pairs)
 
 
 def _smoothed(

@@ -1,10 +1,10 @@
-"""Which robots work: python bench/robots.py FOLDER … [--out FILE] [--pairs N] [--time SECONDS] [--package-dir DIR …].
+"""Which robots work: python bench/robots.py FOLDER … [--markdown] [--pairs N] [--time SECONDS] [--package-dir DIR …].
 
 Every URDF below the folders is loaded twice (the second time with what the first has left in the cache), each in a
 process of its own, so that one that crashes or hangs is a line of the table and not its end (a dash: no time to ask).
 The joints that move the default tip are planned for; the others are held. Beside the arm stands a box; between random
 free configurations every planner is run, and each path gets a certificate, which is verified. Robots with visual
-shapes only are taken with these. Writes FILE.md and FILE.json.
+shapes only are taken with these. Prints the table; `--out` writes FILE.md and FILE.json, too.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.errors import CertificateError, InputError, SafeOmplError
+from safe_ompl.errors import CertificateError, InputError, PlanningError, SafeOmplError
 from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
-from safe_ompl.robot.cache import VARIABLE
-from safe_ompl.robot.fingers import default_tip
+from safe_ompl.robot.bodies.cache import VARIABLE
+from safe_ompl.robot.description.urdf import UrdfFile
+from safe_ompl.robot.joints.fingers import default_tip
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.urdf import UrdfFile
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
@@ -52,22 +52,29 @@ def main() -> None:
         for record in examine(options.one, options):
             print(json.dumps(record), flush=True)
         return
-    files = sorted({file for folder in options.folders for file in Path(folder).resolve().rglob("*.urdf")})
+    files = sorted({file for place in options.places for file in _urdfs(Path(place).resolve())})
     with tempfile.TemporaryDirectory() as kept, ThreadPoolExecutor(options.jobs) as pool:
         records = []
         for record in pool.map(lambda file: _in_a_process(file, kept, options.patience), files):
             records.append(record)
-            print(_row(record), flush=True)
+            print(_row(record), file=sys.stderr, flush=True)
     if options.out:
         Path(f"{options.out}.json").write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
         Path(f"{options.out}.md").write_text("\n".join(_table(records)) + "\n", encoding="utf-8")
+    if options.markdown:
+        print("\n".join(_table(records)))
+
+
+def _urdfs(place: Path) -> Iterator[Path]:
+    yield from place.rglob("*.urdf") if place.is_dir() else [place]
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("folders", nargs="*", metavar="FOLDER")
+    parser.add_argument("places", nargs="*", metavar="FOLDER", help="or URDF")
+    parser.add_argument("--markdown", action="store_true", help="print the table, as docs/robots.md has it")
     parser.add_argument("--out", metavar="FILE", help="without ending")
     parser.add_argument("--pairs", type=int, default=2, help="of start and goal (default: %(default)s)")
     parser.add_argument("--time", type=float, default=2.0, help="of each planner [s] (default: %(default)s)")
@@ -96,7 +103,12 @@ def _in_a_process(file: Path, kept: str, patience: float) -> Record:
         out, _ = process.communicate()
         ending = {"cut": True} if out.strip() else {"error": f"not loaded within {patience:g} s"}
     records = [json.loads(line) for line in out.splitlines() if line.startswith("{")]
-    return {"robot": file.name, **(records[-1] if records else {}), **ending}
+    return {"robot": _label(file), **(records[-1] if records else {}), **ending}
+
+
+def _label(file: Path) -> str:
+    """Return the file's name, with its folder where that says more."""
+    return file.name if file.stem != "model" else f"{file.parent.name}/{file.name}"
 
 
 # ------------------------------------------------------------------------------------------------- one robot
@@ -105,13 +117,14 @@ def _in_a_process(file: Path, kept: str, patience: float) -> Record:
 def examine(file: Path, options: argparse.Namespace) -> Iterator[Record]:
     """Yield what there is to say about a robot, more each time: once it is loaded, and after each planner."""
     logging.getLogger("safe_ompl").setLevel(logging.ERROR)
-    record: Record = {"robot": file.name}
-    folders = [Path(folder).resolve() for folder in (*options.package_dir, *options.folders)]
+    record: Record = {"robot": _label(file)}
+    folders = [Path(place).resolve() for place in (*options.package_dir, *options.places)]
+    folders = [folder for folder in folders if folder.is_dir()]
     try:
         robot, record["collision"], record["first"] = _load(file, folders)
     except SafeOmplError as error:
         line = " ".join(str(error).split())
-        yield {**record, "error": line.replace(f"{file.resolve()}: ", "").replace(f"{file}: ", "")}
+        yield {**record, "error": line.replace(f"{file.resolve()}: ", "").replace(f"{file.parent}/", "")}
         return
     record["second"] = _load(file, folders)[2]
     record.update(joints=robot.n, tip=robot.tip, unchecked=list(robot.links_without_collision))
@@ -169,7 +182,7 @@ def _free_configurations(robot: Robot, scene: Scene, count: int) -> Iterator[Flo
 def _plan(
     robot: Robot, scene: Scene, planner: str, start: FloatArray, goal: FloatArray, time: float
 ) -> FloatArray | None:
-    setup = SafeSetup(robot, scene)
+    setup = SafeSetup(robot, scene, danger={} if len(robot.segments) else None)  # None: it has no links
     setup.setConfigurations(start, goal)
     result = setup.plan(planner, time=time, seed=0)
     return result.path if result else None
@@ -178,7 +191,7 @@ def _plan(
 def _verifies(path: FloatArray, robot: Robot, scene: Scene) -> bool:
     try:
         verify(certificate(path, robot, scene), robot, scene)
-    except CertificateError:
+    except (CertificateError, PlanningError):
         return False
     return True
 

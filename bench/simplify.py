@@ -1,11 +1,12 @@
-"""Simplified paths on a MotionBenchMaker file: SafeRRTConnect + simplify_danger, OMPL's RRTConnect + its simplifier.
+"""Simplified paths on a MotionBenchMaker file: SafeRRTConnect + simplify_danger, RRT-Connect + OMPL's simplifier.
 
-    python bench/simplify.py FILE [--problems 0:100] [--time 5] [--simplify SECONDS] [--seed 0]
+    python bench/simplify.py FILE [--problems 0:100] [--time 5] [--simplify SECONDS] [--seed 0] [--baseline NAME]
 
-Same checker, same validator, in turn. Ours end by themselves, or after so many seconds; OMPL's simplifier ends by
-itself. Prints medians and ratios over the problems that both solved. No path can be clearer than its ends, so the
-least clearance is compared with that, too; and every path that ours went through is looked at: proven or not, and
-whether the cost J of one is above that of the path that the planner had found.
+The baseline is OMPL's own RRTConnect, or with --baseline PaperRRTConnect RRT-Connect as printed in this package. Same
+checker, same validator, in turn. Ours end by themselves, or after so many seconds; OMPL's simplifier ends by itself.
+Prints medians and ratios over the problems that both solved. No path can be clearer than its ends, so the least
+clearance is compared with that, too; and every path that ours went through is looked at: proven or not, and whether
+the cost J of one is above that of the path that the planner had found.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from safe_ompl import PathReport, SafeSetup
 from safe_ompl.arrays import FloatArray
 from safe_ompl.paths.simplify.simplifier import timed
 
-OURS, THEIRS = "SafeRRTConnect", "RRTConnect"
+OURS, THEIRS = "SafeRRTConnect", ("RRTConnect", "PaperRRTConnect")
 STEEP, NEARLY = 5.0, 0.9  # times their least clearance; share of what the ends have
 
 
@@ -55,10 +56,10 @@ def ours(setup: SafeSetup, seconds: float | None, time: float, seed: int) -> Out
     return Outcome(middle - begin, end - middle, setup.report(path), raw, steps, costs)
 
 
-def theirs(setup: SafeSetup, time: float, seed: int) -> Outcome | None:
-    """Plan with OMPL's RRTConnect and its simplifier."""
+def theirs(setup: SafeSetup, planner: str, time: float, seed: int) -> Outcome | None:
+    """Plan with a baseline and OMPL's simplifier."""
     begin = process_time()
-    raw = _planned(setup, THEIRS, time, seed)
+    raw = _planned(setup, planner, time, seed)
     if raw is None:
         return None
     middle = process_time()
@@ -80,6 +81,7 @@ def main() -> None:
     """Run the bench."""
     parser = problem_parser(__doc__)
     parser.add_argument("--simplify", type=float, metavar="S", help="for ours (default: until it ends)")
+    parser.add_argument("--baseline", choices=THEIRS, default=THEIRS[0])
     options = parser.parse_args()
     pairs: list[tuple[Outcome, Outcome]] = []
     families: list[str] = []
@@ -87,7 +89,7 @@ def main() -> None:
     caps: list[float] = []
     for family, problem, setup in problems(options):
         own = ours(setup, options.simplify, options.time, options.seed)
-        other = theirs(setup, options.time, options.seed)
+        other = theirs(setup, options.baseline, options.time, options.seed)
         if own is None or other is None:
             print(f"unsolved: {family} {problem.index}", own is not None, other is not None, file=sys.stderr)
             continue

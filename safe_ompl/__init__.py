@@ -26,6 +26,7 @@ from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.robot.ik_search import inverse_kinematics
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.obstacle import Obstacle
@@ -36,6 +37,7 @@ from safe_ompl.scene.shapes.cloud import PointCloud
 from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
+from safe_ompl.setup.wiring import planner_data
 
 __all__ = [
     "Benchmark",
@@ -76,8 +78,10 @@ __all__ = [
     "Verdict",
     "WorkspaceGoal",
     "certificate",
+    "inverse_kinematics",
     "make_planner",
     "plan",
+    "planner_data",
     "planner_names",
     "simplify_danger",
     "verify",

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 from ompl import util as ou
 
-from safe_ompl.robot.displacement import bounding_hull
+from safe_ompl.robot.bodies.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import isnan
+from operator import attrgetter
 
 from _paper.evidence import Evidence, quotient
 from _paper.studies import Pair
@@ -12,6 +13,7 @@ from _paper.studies import Pair
 _ALIKE = (
     1.25  # ratio of mean times up to which they show "no substantial difference"; the paper's largest is 1.18
 )
+_CLASSIC, _SAFE = attrgetter("classic"), attrgetter("safe")
 
 
 @dataclass(frozen=True)
@@ -26,11 +28,14 @@ class Finding:
         What was measured, in words.
     holds : bool
         Whether it bears the claim out.
+    as_printed : bool
+        Whether it is of the planners as printed.
     """
 
     subject: str
     number: str
     holds: bool
+    as_printed: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,9 +59,10 @@ class Claim:
     figure: str
     findings: Callable[[Evidence], Iterator[Finding]]
 
-    def verdict(self, evidence: Sequence[Evidence]) -> tuple[str, list[Finding]]:
-        """Return "confirmed", "refuted", "in part" or "not measured", and what that rests on."""
-        found = [finding for study in evidence for finding in self.findings(study)]
+    def verdict(self, evidence: Sequence[Evidence], *, as_printed: bool) -> tuple[str, list[Finding]]:
+        """Return "confirmed", "refuted", "in part" or "not measured", and what that rests on, for one form."""
+        every = (finding for study in evidence for finding in self.findings(study))
+        found = [finding for finding in every if finding.as_printed == as_printed]
         held = sum(finding.holds for finding in found)
         if not found:
             return "not measured", found
@@ -78,9 +84,8 @@ def _compared(
         for pair in evidence.pairs:
             concerned = evidence.study.number in studies and not (random_only and pair.deterministic)
             if concerned and not isnan(ratio := measure(evidence, pair)):  # one run has no spread
-                yield Finding(
-                    f"study {evidence.study.number}, {pair.label}", f"{words} {ratio:.2f}", ratio < limit
-                )
+                subject = f"study {evidence.study.number}, {pair.title}"
+                yield Finding(subject, f"{words} {ratio:.2f}", ratio < limit, pair.as_printed)
 
     return findings
 
@@ -94,19 +99,25 @@ def _spread_ratio(evidence: Evidence, pair: Pair) -> float:
 
 
 def _bubbles_safest(evidence: Evidence) -> Iterator[Finding]:
-    safe = [pair.safe for pair in evidence.pairs]
-    if "BubblePlanner" in safe and len(safe) > 1:
-        ranked = sorted(safe, key=evidence.danger)
-        words = ", ".join(f"{name} {evidence.danger(name):.2f}" for name in ranked)
-        yield Finding(f"study {evidence.study.number}", words, ranked[0] == "BubblePlanner")
+    for as_printed in (True, False):
+        safe = {pair.safe: pair.label for pair in evidence.pairs if pair.as_printed == as_printed}
+        if "Bubbles" in safe.values() and len(safe) > 1:
+            ranked = sorted(safe, key=evidence.danger)
+            words = ", ".join(f"{name} {evidence.danger(name):.2f}" for name in ranked)
+            yield Finding(f"study {evidence.study.number}", words, safe[ranked[0]] == "Bubbles", as_printed)
 
 
-def _faster(quick: str, slow: str) -> Callable[[Evidence], Iterator[Finding]]:
+def _faster(quick: str, slow: str, role: Callable[[Pair], str]) -> Callable[[Evidence], Iterator[Finding]]:
+    """Return findings on the mean times of two families, of which one should be quicker, in each of their forms."""
+
     def findings(evidence: Evidence) -> Iterator[Finding]:
-        if {quick, slow} <= {name for pair in evidence.pairs for name in pair.planners}:
-            times = [float(evidence.times(name).mean()) for name in (quick, slow)]
-            words = f"{quick} {1e3 * times[0]:.1f} ms, {slow} {1e3 * times[1]:.1f} ms"
-            yield Finding(f"study {evidence.study.number}", words, times[0] < times[1])
+        for as_printed in (True, False):
+            names = {pair.label: role(pair) for pair in evidence.pairs if pair.as_printed == as_printed}
+            if {quick, slow} <= set(names):
+                one, other = names[quick], names[slow]
+                times = [float(evidence.times(name).mean()) for name in (one, other)]
+                words = f"{one} {1e3 * times[0]:.1f} ms, {other} {1e3 * times[1]:.1f} ms"
+                yield Finding(f"study {evidence.study.number}", words, times[0] < times[1], as_printed)
 
     return findings
 
@@ -173,15 +184,15 @@ CLAIMS = (
         "§5.1",
         "times.png",
         _each(
-            _faster("ClassicRRTConnect", "ClassicPRM"),
-            _faster("SafeRRTConnect", "SafePRM"),
-            _faster("SafeJTRRT", "SafePRM"),
+            _faster("RRT-Connect", "PRM", _CLASSIC),
+            _faster("RRT-Connect", "PRM", _SAFE),
+            _faster("JT-RRT", "PRM", _SAFE),
         ),
     ),
     Claim(
         "SAFE_RRT-Connect and SAFE_JT-RRT are faster than the safe bubble planner.",
         "§5.1",
         "times.png",
-        _each(_faster("SafeRRTConnect", "BubblePlanner"), _faster("SafeJTRRT", "BubblePlanner")),
+        _each(_faster("RRT-Connect", "Bubbles", _SAFE), _faster("JT-RRT", "Bubbles", _SAFE)),
     ),
 )

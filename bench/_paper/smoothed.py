@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, hypot, inf, isnan, nan, sqrt
 from operator import attrgetter
 from typing import NamedTuple
@@ -109,6 +109,10 @@ class Smoothed:
         }
         both = set(evidence[Smoothing.PLANNED].pairs) & set(evidence[Smoothing.SIMPLIFIED].pairs)
         return cls(study, tuple(pair for pair in pairs if pair in both), evidence)
+
+    def of_form(self, *, as_printed: bool) -> Smoothed:
+        """Return the study with the pairs as printed only, or with ours only."""
+        return replace(self, pairs=tuple(pair for pair in self.pairs if pair.as_printed == as_printed))
 
     def values(self, quantity: Quantity, planner: str, smoothing: Smoothing) -> FloatArray:
         """Return a quantity for every solved run of a planner."""

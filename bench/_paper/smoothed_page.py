@@ -33,7 +33,9 @@ as is usual. Numbers are means over the solved runs; time is that of planning an
 
 def smoothing_section(studies: Sequence[Smoothed]) -> str:
     """Return the section of the report: answer, figure, and a table for each study."""
-    parts = ["## Does safe planning still win after smoothing?", answer(studies)]
+    parts = ["## Does safe planning still win after smoothing?"]
+    for as_printed, words in ((True, "Planners as printed"), (False, "Ours")):
+        parts += [f"### {words}", answer([study.of_form(as_printed=as_printed) for study in studies])]
     parts += [f"![{_CAPTION}]({FIGURE})\n\n*{_CAPTION}.*", _EXPLANATION]
     for study in studies:
         parts += [f"Study {study.study.number}:", smoothing_table(study)]
@@ -54,7 +56,7 @@ def _rows(study: Smoothed, pair: Pair) -> Iterator[tuple[str, ...]]:
         _changes([study.ratio(quantity, pair, kind) for kind in (Smoothing.PLANNED, Smoothing.SIMPLIFIED)], 2)
         for quantity in QUANTITIES
     )
-    yield f"**{pair.label}, safe / classic**", "", *ratios
+    yield f"**{pair.title}, safe / classic**", "", *ratios
 
 
 def _planner_row(study: Smoothed, label: str, planner: str, *kinds: Smoothing) -> tuple[str, ...]:
@@ -81,13 +83,13 @@ def plot_smoothing(studies: Sequence[Smoothed], file: Path) -> Any:
     file : path
         Where the picture goes.
     """
-    labels = list(dict.fromkeys(pair.label for study in studies for pair in study.pairs))
+    labels = list(dict.fromkeys(pair.title for study in studies for pair in study.pairs))
     with Page(file, 1.0 + 2.35 * len(labels), 0.9 + 2.6 * len(studies)) as page:
         grid = page.figure.subplots(len(studies), len(labels), sharex=True, sharey=True, squeeze=False)
         for row, study in zip(grid, studies, strict=True):
             row[0].set_ylabel(f"study {study.study.number}: mean danger")
             for pair in study.pairs:
-                _draw_pair(row[labels.index(pair.label)], study, pair)
+                _draw_pair(row[labels.index(pair.title)], study, pair)
         for axes, label in zip(grid[0], labels, strict=True):
             axes.set_title(label)
         grid[0, 0].set_xticks(range(len(_LABELS)), list(_LABELS.values()))

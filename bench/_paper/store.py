@@ -89,4 +89,6 @@ def read_result(data: Mapping[str, Any]) -> PlanResult:
         data["planning_time"],
         data["simplification_time"],
         Counts(**data["counts"]),
+        setup_time=data.get("setup_time", 0.0),
+        validation_time=data.get("report_time", 0.0),
     )

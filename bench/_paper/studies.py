@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from safe_ompl.planners.registry import planner_names
@@ -20,7 +20,7 @@ class Effort(NamedTuple):
 
 @dataclass(frozen=True)
 class Pair:
-    """A safe planner and its classical counterpart.
+    """A safe planner and its classical counterpart, both as printed or both in the form that is meant for use.
 
     Attributes
     ----------
@@ -30,12 +30,24 @@ class Pair:
         Names of the planners.
     deterministic : bool
         Whether one run says it all, as in the paper.
+    as_printed : bool
+        Whether the two are as the papers print them.
+    against_print : bool
+        Whether the safe planner is ours and the classical one as printed: the baseline that nothing handicaps.
     """
 
     label: str
     safe: str
     classic: str
     deterministic: bool = False
+    as_printed: bool = False
+    against_print: bool = False
+
+    @property
+    def title(self) -> str:
+        """The family, and which form of it."""
+        form = "as printed" if self.as_printed else "ours / printed" if self.against_print else "ours"
+        return f"{self.label} {form}"
 
     @property
     def planners(self) -> tuple[str, str]:
@@ -63,9 +75,13 @@ class Study:
 
 
 PAIRS = (
+    Pair("Bubbles", "PaperSafeBubble", "PaperBubble", deterministic=True, as_printed=True),
     Pair("Bubbles", "BubblePlanner", "ClassicBubble", deterministic=True),
+    Pair("PRM", "PaperSafePRM", "PaperPRM", as_printed=True),
     Pair("PRM", "SafePRM", "ClassicPRM"),
+    Pair("RRT-Connect", "PaperSafeRRTConnect", "PaperRRTConnect", as_printed=True),
     Pair("RRT-Connect", "SafeRRTConnect", "ClassicRRTConnect"),
+    Pair("JT-RRT", "PaperSafeJTRRT", "PaperJTRRT", as_printed=True),
     Pair("JT-RRT", "SafeJTRRT", "ClassicJTRRT"),
 )
 
@@ -92,6 +108,18 @@ STUDIES = (
         },
     ),
 )
+
+
+def with_crossed(pairs: Sequence[Pair]) -> list[Pair]:
+    """Return pairs, and after those of a family the one of our safe planner and the classical one as printed."""
+    found = []
+    for label in dict.fromkeys(pair.label for pair in pairs):
+        family = [pair for pair in pairs if pair.label == label]
+        printed, ours = (next((p for p in family if p.as_printed is form), None) for form in (True, False))
+        found += family
+        if printed and ours:
+            found.append(replace(ours, classic=printed.classic, against_print=True))
+    return found
 
 
 def chosen_pairs(planners: Collection[str] = ()) -> tuple[Pair, ...]:

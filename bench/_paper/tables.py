@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from math import isnan
 
 from _paper.evidence import Evidence
-from _paper.studies import Effort, Pair
+from _paper.studies import Effort, Pair, with_crossed
 
 _HEAD = ("", "solved", "time [ms]", "nodes", "checks", "field evaluations", "mean danger")
 _RATIOS = ("safe / classic", "time", "nodes", "checks", "mean danger", "15–85 %")
@@ -27,15 +27,15 @@ def printed_table(evidence: Evidence) -> str:
     """Return what the paper prints, in the same columns."""
     header = ("", "time [ms]", "nodes", "checks", "field evaluations")
     rows = []
-    for pair in evidence.pairs:
-        for name, effort in zip(pair.planners, evidence.study.printed[pair.label], strict=True):
-            rows.append((name, *_effort_cells(effort)))
+    for label in dict.fromkeys(pair.label for pair in evidence.pairs):
+        for role, effort in zip(("classical", "safe"), evidence.study.printed[label], strict=True):
+            rows.append((f"{label}, {role}", *_effort_cells(effort)))
     return markdown_table(header, rows)
 
 
 def ratio_table(evidence: Evidence) -> str:
-    """Return the ratios safe/classic, the paper's in brackets."""
-    return markdown_table(_RATIOS, [_ratio_row(evidence, pair) for pair in evidence.pairs])
+    """Return the ratios safe/classic, the paper's in brackets; ours also against the classical one as printed."""
+    return markdown_table(_RATIOS, [_ratio_row(evidence, pair) for pair in with_crossed(evidence.pairs)])
 
 
 def _effort_row(evidence: Evidence, name: str) -> tuple[str, ...]:
@@ -55,7 +55,7 @@ def _ratio_row(evidence: Evidence, pair: Pair) -> tuple[str, ...]:
     ours, printed = evidence.effort_ratio(pair), evidence.printed_ratio(pair)
     low, high = evidence.danger_ratio_band(pair)
     return (
-        pair.label,
+        pair.title,
         *(f"{mine:.2f} ({theirs:.2f})" for mine, theirs in zip(ours[:3], printed[:3], strict=True)),
         f"{evidence.danger_ratio(pair):.2f}",
         f"{low:.2f}–{high:.2f}",

@@ -12,8 +12,8 @@ from typing import Any, TypeVar, get_args
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.planners.registry import planner_names
-from safe_ompl.robot.collision_shapes import CollisionSource
-from safe_ompl.robot.examples import find_example
+from safe_ompl.robot.description.collision_shapes import CollisionSource
+from safe_ompl.robot.description.examples import find_example
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 

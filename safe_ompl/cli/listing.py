@@ -12,9 +12,9 @@ from rich.table import Table
 from safe_ompl.cli.console import output_console
 from safe_ompl.cli.tables import plain_table
 from safe_ompl.errors import InputError
-from safe_ompl.robot.examples import EXAMPLES, ExampleRobot, robots_folder
-from safe_ompl.robot.skeleton import frame_index
-from safe_ompl.robot.urdf import UrdfFile
+from safe_ompl.robot.description.examples import EXAMPLES, ExampleRobot, robots_folder
+from safe_ompl.robot.description.urdf import UrdfFile
+from safe_ompl.robot.joints.skeleton import frame_index
 from safe_ompl.scenario.scenario import Scenario, list_scenarios
 
 

@@ -23,7 +23,7 @@ from safe_ompl.cli.plan import record
 from safe_ompl.cli.tables import families_table
 from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.robot.examples import EXAMPLES
+from safe_ompl.robot.description.examples import EXAMPLES
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.mbm import MbmFile

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from safe_ompl.benchmark.campaign import check_planner
@@ -23,6 +25,7 @@ from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, open
 from safe_ompl.cli.pictures import check_picture
 from safe_ompl.cli.tables import plan_table
 from safe_ompl.cli.verify import certificate_of
+from safe_ompl.errors import InputError
 from safe_ompl.pictures.results import draw_plan
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
@@ -58,9 +61,11 @@ def add_command(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
+    begin = perf_counter()
     check_writable(options.json, "--json")
     check_writable(options.certificate, "--certificate")
     check_picture(options.plot, "--plot")
+    _check_distinct(options)
     scenario = with_limits(load_scenario(options.scenario), options)
     spec = given_robot(options, lambda: scenario.robot)
     robot = scenario.build_robot() if spec is scenario.robot else spec.build()
@@ -68,7 +73,22 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     check_planner(scenario, options.planner, setup)
     parameters = {**scenario.planners.get(options.planner, {}), **given_parameters(options)}
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
-    return Plan(scenario, spec, setup, parameters, options)
+    return Plan(scenario, spec, setup, parameters, options, perf_counter() - begin)
+
+
+def _check_distinct(options: argparse.Namespace) -> None:
+    """Raise an error if two results are to be written to one file."""
+    written: dict[Path, str] = {}
+    for option in ("json", "certificate", "plot"):
+        file = getattr(options, option)
+        if file is None or file == STANDARD_OUTPUT:
+            continue
+        place = Path(file).resolve()
+        if place in written:
+            raise InputError(
+                f"{file!r} is written by {written[place]} already: give another file", f"--{option}"
+            )
+        written[place] = f"--{option}"
 
 
 @dataclass(frozen=True)
@@ -80,6 +100,7 @@ class Plan:
     setup: SafeSetup
     parameters: dict[str, Any]
     options: argparse.Namespace
+    setup_time: float = 0.0
 
     def __call__(self) -> int:
         """Plan, and show the result in all the ways that are asked for."""
@@ -92,6 +113,7 @@ class Plan:
             simplify=options.simplify,
             optimise=options.optimise,
         )
+        result = replace(result, setup_time=self.setup_time + result.setup_time)
         if result.interrupted:
             error_console().print("safe-ompl: interrupted: the best path so far stands")
         if options.json:

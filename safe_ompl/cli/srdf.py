@@ -11,9 +11,9 @@ from typing import Any, get_args
 from safe_ompl.cli.arguments import count
 from safe_ompl.cli.console import error_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, opened
-from safe_ompl.robot.collision_shapes import CollisionSource
-from safe_ompl.robot.srdf_writer import disabled_links, srdf_text
-from safe_ompl.robot.urdf import UrdfFile
+from safe_ompl.robot.description.collision_shapes import CollisionSource
+from safe_ompl.robot.description.srdf_writer import disabled_links, srdf_text
+from safe_ompl.robot.description.urdf import UrdfFile
 
 
 def add_command(commands: Any) -> None:

@@ -141,6 +141,8 @@ def _facts(result: PlanResult) -> Iterator[tuple[str, str]]:
         if report.danger is not None:
             yield "danger", _danger_cell(report.danger)
         yield "clearance", _clearance_cell(report.clearance)
+        if report.links_without_collision:
+            yield "not known", f"no collision geometry: {', '.join(report.links_without_collision)}"
     yield (
         "work",
         f"{counts.nodes} nodes; {counts.collision_queries} collision, {counts.margin_queries} margin, "

@@ -55,8 +55,9 @@ class Bubble:
         distances = checker.pair_distances(q) - DISTANCE_ERROR
         if distances.min(initial=np.inf) <= least:
             return None
-        radii = checker.pair_radii_at(q)
-        return cls(q, bubbles.BUBBLE_SHAPES[shape].weights(radii, distances), radii, distances)
+        radii, form = checker.pair_radii_at(q), bubbles.BUBBLE_SHAPES[shape]
+        own = checker.robot.displacement_radii_at(q) if form.enclosing else radii
+        return cls(q, form.weights(own, distances), radii, distances)
 
     def vertices(self, lower: FloatArray, upper: FloatArray, circular: BoolArray) -> FloatArray:
         """Return the ends (2n, n) of the shape's axes, within the limits (n,) of joints that do not wrap."""

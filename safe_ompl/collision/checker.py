@@ -18,7 +18,7 @@ from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR
 from safe_ompl.collision.queries import Queries, indices, prove_manager
 from safe_ompl.collision.queries import fresh_data as fresh_data
 from safe_ompl.counts import Counts
-from safe_ompl.robot.displacement import bounding_hull
+from safe_ompl.robot.bodies.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import ceil
-from operator import le
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +16,7 @@ from safe_ompl.collision.arguments import unchecked
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
 from safe_ompl.errors import InputError
+from safe_ompl.robot.joint_limits import JointLimits
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
 # instead of at the whole edge saves a third of the time of a free edge (bench/motion.py).
@@ -109,11 +109,7 @@ class CertifiedMotion:
         self._separation = separation
         self._limits = tuple(limits)
         self._required = separation.required(checker)
-        robot = checker.robot
-        lower = np.where(robot.continuous, -_LARGEST, robot.lower - _TOLERANCE)
-        upper = np.where(robot.continuous, _LARGEST, robot.upper + _TOLERANCE)
-        # Of both ends, as lists: so few numbers Python compares in half the time of NumPy.
-        self._lower, self._upper = 2 * lower.tolist(), 2 * upper.tolist()
+        self._joint_limits = JointLimits(checker.robot)
 
     @property
     def checker(self) -> CollisionChecker:
@@ -194,7 +190,7 @@ class CertifiedMotion:
     def is_free(self, start: ArrayLike, end: ArrayLike) -> bool:
         """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`."""
         start, end = self._edge(start, end)
-        if not self._is_within_limits(start, end):
+        if not (self._joint_limits.hold(start) and self._joint_limits.hold(end)):
             self._check_finite(start, end)
             return False
         if self._subdivide(start, end, self._required)[0] is not Verdict.FREE:
@@ -253,11 +249,6 @@ class CertifiedMotion:
         n = self._checker.robot.n
         return unchecked(start, n, "start of a motion"), unchecked(end, n, "end of a motion")
 
-    def _is_within_limits(self, start: FloatArray, end: FloatArray) -> bool:
-        """Return whether both ends (n,) are within the limits; NaN and infinity never are."""
-        values = start.tolist() + end.tolist()
-        return all(map(le, self._lower, values)) and all(map(le, values, self._upper))
-
     def _check_finite(self, start: FloatArray, end: FloatArray) -> None:
         if not (np.isfinite(start).all() and np.isfinite(end).all()):
             raise InputError(f"motion between {start.tolist()} and {end.tolist()} is not finite")
@@ -266,7 +257,7 @@ class CertifiedMotion:
         robot, checker = self._checker.robot, self._checker
         self._check_finite(start, end)
         for fraction, q in ((0.0, start), (1.0, end)):
-            for i in np.flatnonzero(~robot.within_limits(q, _TOLERANCE)):
+            for i in np.flatnonzero(~robot.within_limits(q)):
                 return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
         verdict, at = self._subdivide(start, end, required)
         if verdict is Verdict.BLOCKED and at is not None:

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray
+from safe_ompl.robot.bodies.self_collision import sample_configurations
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.self_collision import sample_configurations
 
 _log = logging.getLogger(__name__)
 

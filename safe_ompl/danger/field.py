@@ -312,6 +312,23 @@ class DangerField:
         scene = self._scene(q, points)
         return maths.vector_field(self._field(*scene)[0], self._workspace_gradient(*scene))
 
+    def push(self, q: ArrayLike) -> FloatArray:
+        """Return the joint motion (n,) that the field's vectors ask for at `q: (n,)`, Σ_m Σ_l J_lᵀ w_m CDF(p_m).
+
+        J_l is the Jacobian of the distal end of link l; the sum goes over all danger points (paper, §4.3). It is not
+        finite where a segment passes through a danger point.
+        """
+        Q = self._single(q)
+        keypoints, points = self._scene(Q[0], self.points_at(Q).reshape(-1, 3))
+        vectors = maths.vector_field(
+            self._field(keypoints, points)[0], self._workspace_gradient(keypoints, points)
+        )
+        total = vectors.sum(axis=0) if self._weights is None else self._weights @ vectors
+        pushes = np.zeros(keypoints.shape)
+        np.add.at(pushes[0], self.robot.segments[:, 1], total)
+        motion: FloatArray = self.robot.pull_back(Q, pushes)[0]
+        return motion
+
     # ------------------------------------------------------------------------------------------------ within
 
     def _single(self, q: ArrayLike) -> FloatArray:

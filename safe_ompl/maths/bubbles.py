@@ -27,12 +27,12 @@ _TINY = 1e-200
 
 
 def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
-    """Return the weights (n,) of the paper's bubble: r_i = max_p R_pi, Σ r_i·|Δ_i| < d_c = min_p d_p, eq. (9).
+    """Return the weights (n,) of the paper's bubble: Σ r_i·|Δ_i| < d_c = min_p d_p, eq. (9).
 
     Parameters
     ----------
     radii : ndarray, shape (P, n)
-        Displacement radii at the centre.
+        Displacement radii at the centre, of pairs or of bodies: r_i is the largest.
     distances : ndarray, shape (P,)
         Distances at the centre, positive.
     """
@@ -56,6 +56,14 @@ def inscribed_cube(radii: FloatArray, distances: FloatArray) -> FloatArray:
     """
     weight = float((radii.sum(axis=1) / distances).max(initial=0.0))
     return np.full(radii.shape[1], weight)
+
+
+def common_cube(radii: FloatArray, distances: FloatArray) -> FloatArray:
+    """Return the weights (n,), all equal, of the largest cube in the paper's bubble (9): |Δ_i| < d_c/Σ_j r_j.
+
+    Parameters as for `common_diamond`.
+    """
+    return np.full(radii.shape[1], common_diamond(radii, distances).sum())
 
 
 # ------------------------------------------------------------------------------------------- points of a bubble
@@ -161,6 +169,9 @@ class BubbleShape(NamedTuple):
     ----------
     weights : callable
         From radii (P, n) and distances (P,) to weights (n,).
+    enclosing : bool
+        Whether the radii are those of the cylinders about the joints' axes that enclose the links, as in (9): how far
+        every body can move, whatever it may meet. Otherwise they are those of the pairs, which are no larger.
     may_meet : callable
         From weighted gaps u, v (N, n) to which of N pairs may meet (N,): cheap, and never wrongly False.
     meetings : callable
@@ -168,12 +179,14 @@ class BubbleShape(NamedTuple):
     """
 
     weights: Callable[[FloatArray, FloatArray], FloatArray]
+    enclosing: bool
     may_meet: Callable[[FloatArray, FloatArray], BoolArray]
     meetings: Callable[[FloatArray, FloatArray], Meetings]
 
 
 BUBBLE_SHAPES = {
-    "paper": BubbleShape(common_diamond, diamonds_may_meet, diamond_meetings),
-    "link": BubbleShape(link_diamond, diamonds_may_meet, diamond_meetings),
-    "cube": BubbleShape(inscribed_cube, boxes_may_meet, box_meetings),
+    "paper": BubbleShape(common_diamond, True, diamonds_may_meet, diamond_meetings),
+    "paper_cube": BubbleShape(common_cube, True, boxes_may_meet, box_meetings),
+    "link": BubbleShape(link_diamond, False, diamonds_may_meet, diamond_meetings),
+    "cube": BubbleShape(inscribed_cube, False, boxes_may_meet, box_meetings),
 }

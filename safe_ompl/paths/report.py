@@ -1,19 +1,24 @@
-"""What there is to say about a path: danger, clearance, length, and whether it is proven."""
+"""The report on a path: danger, clearance, length, and whether it is proven."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from time import perf_counter
+from typing import Any, Protocol
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.collision.checker import Clearance, CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict, Verdict
+from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict
 from safe_ompl.danger.certified import CertifiedDanger, DangerBounds
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.validation import CheckOutcome, Validation, validate
+from safe_ompl.paths.validation import first_refused as first_refused
 
 NEAR = 0.05  # [m]; "near" an obstacle in `length_below_50mm`
 PROFILE_POINTS = 101
@@ -62,6 +67,8 @@ class ClearanceReport:
         Between which two the clearance is least.
     at : float
         Where along the path, as a fraction of its length.
+    obstacles : dict of str to float
+        The least distance [m] to each obstacle and person, at the samples of the path.
     """
 
     min: float
@@ -70,13 +77,16 @@ class ClearanceReport:
     link: str | None
     obstacle: str | None
     at: float
+    obstacles: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
 class PathReport:
-    """Report on one path.
+    """Report on one path. What `of` returns computes danger and clearance when they are first looked at.
 
-    Attributes
+    The validation is not put off: `certified` and `refused` are known from the beginning. What is computed later
+    belongs to the path, the robot, the scene and the field as they were: these do not change.
+
+    Parameters
     ----------
     length : float
         Euclidean length in joint space [rad].
@@ -85,16 +95,30 @@ class PathReport:
     clearance : ClearanceReport
         Distances to obstacles.
     certified : bool
-        Whether every edge is proven free.
+        Whether every edge is proven free, and no check of the user's own refuses it.
     refused : tuple of (int, MotionVerdict), optional
         The first edge that is not proven free, and why; None for a certified path.
+    validation : Validation, optional
+        In full: what is proven, and what was sampled; default: what `certified` and `refused` say.
+    links_without_collision : sequence of str
+        Moving links of the robot that have no collision geometry: nothing is known of them.
     """
 
-    length: float
-    danger: DangerReport | None
-    clearance: ClearanceReport
-    certified: bool
-    refused: tuple[int, MotionVerdict] | None = None
+    def __init__(
+        self,
+        length: float,
+        danger: DangerReport | None,
+        clearance: ClearanceReport,
+        certified: bool,
+        refused: tuple[int, MotionVerdict] | None = None,
+        *,
+        validation: Validation | None = None,
+        links_without_collision: Sequence[str] = (),
+    ) -> None:
+        self.length = length
+        self.validation = validation or Validation(certified, refused)
+        self.links_without_collision = tuple(links_without_collision)
+        self._parts: _Parts = _Known(danger, clearance)
 
     @classmethod
     def of(
@@ -104,7 +128,7 @@ class PathReport:
         field: DangerField | None = None,
         motion: CertifiedMotion | None = None,
     ) -> PathReport:
-        """Examine a path.
+        """Validate a path, and return the report on it.
 
         Parameters
         ----------
@@ -126,17 +150,50 @@ class PathReport:
         path = finite_array(path, (None, robot.n), "path")
         if not len(path):
             raise InputError("path must have a configuration at least, got none")
-        curve = Curve(robot, path)
-        s = np.linspace(0.0, curve.length, max(PROFILE_POINTS, 1 + int(np.ceil(curve.length / _STEP))))
-        samples = curve.at(s)
-        refused = first_refused(path, motion or CertifiedMotion(checker))
-        return cls(
-            length=curve.length,
-            danger=None if field is None else _danger(field, path, s, samples),
-            clearance=_clearance(checker, curve, s, samples),
-            certified=refused is None,
-            refused=refused,
-        )
+        report = cls.__new__(cls)
+        report._parts = _Examination(path, checker, field)
+        report.length = report._parts.curve.length
+        report.validation = validate(path, motion or CertifiedMotion(checker))
+        report.links_without_collision = robot.links_without_collision
+        return report
+
+    @property
+    def danger(self) -> DangerReport | None:
+        """Danger along the path; None where no danger field is given."""
+        return self._parts.danger
+
+    @property
+    def clearance(self) -> ClearanceReport:
+        """Distances to obstacles along the path."""
+        return self._parts.clearance
+
+    @property
+    def certified(self) -> bool:
+        """Whether every edge is proven free, and no check of the user's own refuses it."""
+        return self.validation.accepted
+
+    @property
+    def refused(self) -> tuple[int, MotionVerdict] | None:
+        """The first edge that is not proven free, and why; None for a certified path."""
+        return self.validation.refused
+
+    @property
+    def checks(self) -> tuple[CheckOutcome, ...]:
+        """The user's own checks: who accepted the path, and how closely it was sampled."""
+        return self.validation.checks
+
+    @property
+    def time(self) -> float:
+        """How long it took to compute danger and clearance [s], as far as they were looked at."""
+        return self._parts.time
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Take the numbers along to other processes, not what they come from."""
+        known = (self.length, self.danger, self.clearance, self.certified, self.refused)
+        return _restored, (*known, self.validation, self.links_without_collision, self.time)
+
+    def __repr__(self) -> str:
+        return f"PathReport({self.length:.3g} rad, {self.validation})"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain numbers, lists and strings, in the form of the command line's JSON."""
@@ -153,20 +210,82 @@ class PathReport:
             "danger": danger,
             "clearance": dict(vars(self.clearance)),
             "certified": self.certified,
+            "validation": self.validation.as_dict(),
+            "links_without_collision": list(self.links_without_collision),
         }
 
 
-def first_refused(path: FloatArray, motion: CertifiedMotion) -> tuple[int, MotionVerdict] | None:
-    """Return the index of the first edge of `path: (N, n)` that is not proven free, with the verdict; else None.
+def _restored(
+    length: float,
+    danger: DangerReport | None,
+    clearance: ClearanceReport,
+    certified: bool,
+    refused: tuple[int, MotionVerdict] | None,
+    validation: Validation,
+    links: tuple[str, ...],
+    time: float,
+) -> PathReport:
+    report = PathReport(
+        length, danger, clearance, certified, refused, validation=validation, links_without_collision=links
+    )
+    report._parts.time = time
+    return report
 
-    A path of a single configuration is checked as an edge to itself.
-    """
-    ends = path[1:] if len(path) > 1 else path
-    for k, (start, end) in enumerate(zip(path, ends, strict=False)):
-        verdict = motion.check(start, end)
-        if verdict.verdict is not Verdict.FREE:
-            return k, verdict
-    return None
+
+class _Parts(Protocol):
+    """Danger and clearance of a path, and how long they took [s]."""
+
+    time: float
+
+    @property
+    def danger(self) -> DangerReport | None: ...
+
+    @property
+    def clearance(self) -> ClearanceReport: ...
+
+
+@dataclass
+class _Known:
+    """What is known already."""
+
+    danger: DangerReport | None
+    clearance: ClearanceReport
+    time: float = 0.0
+
+
+class _Examination:
+    """What is found out when it is asked for, once."""
+
+    def __init__(self, path: FloatArray, checker: CollisionChecker, field: DangerField | None) -> None:
+        self.curve = Curve(checker.robot, path)
+        self.time = 0.0
+        self._path, self._checker, self._field = path, checker, field
+
+    @cached_property
+    def _places(self) -> FloatArray:
+        """Arc lengths (S,) of the samples [rad]."""
+        length = self.curve.length
+        return np.linspace(0.0, length, max(PROFILE_POINTS, 1 + int(np.ceil(length / _STEP))))
+
+    @cached_property
+    def _samples(self) -> FloatArray:
+        return self.curve.at(self._places)
+
+    @cached_property
+    def danger(self) -> DangerReport | None:
+        if self._field is None:
+            return None
+        begin = perf_counter()
+        found = _danger(self._field, self._path, self._places, self._samples)
+        self.time += perf_counter() - begin
+        return found
+
+    @cached_property
+    def clearance(self) -> ClearanceReport:
+        begin = perf_counter()
+        found = _clearance(self._checker, self.curve, self._places, self._samples)
+        self.time += perf_counter() - begin
+        return found
 
 
 def _danger(field: DangerField, path: FloatArray, s: FloatArray, samples: FloatArray) -> DangerReport:
@@ -193,13 +312,25 @@ def _proven_peak(field: DangerField, path: FloatArray) -> DangerBounds | None:
 def _clearance(
     checker: CollisionChecker, curve: Curve, s: FloatArray, samples: FloatArray
 ) -> ClearanceReport:
-    clearances = [checker.clearance(q) for q in samples]
-    distances = np.array([c.distance for c in clearances])
+    names = checker.distance_names
+    every = np.array([checker.distances(q) for q in samples])
+    if not names:
+        return ClearanceReport(np.inf, np.inf, 0.0, None, None, 0.0)
+    distances = every.min(axis=1)
+    nearest = every.argmin(axis=1)
+    clearances = [Clearance(float(d), *names[k]) for d, k in zip(distances, nearest, strict=True)]
     least, at = _refined_minimum(checker, curve, s, clearances)
-    mean = float(np.trapezoid(distances, s) / s[-1]) if s[-1] and least.obstacle else least.distance
+    mean = float(np.trapezoid(distances, s) / s[-1]) if s[-1] else least.distance
     near = float(np.trapezoid((distances < NEAR).astype(float), s))
+    obstacles: dict[str, float] = {}
+    for (_, obstacle), distance in zip(names, every.min(axis=0).tolist(), strict=True):
+        obstacles[obstacle] = min(distance, obstacles.get(obstacle, np.inf))
+    if least.obstacle is not None:
+        obstacles[least.obstacle] = least.distance
     return ClearanceReport(
-        least.distance, mean, near, least.link, least.obstacle, at / curve.length if curve.length else 0.0
+        *(least.distance, mean, near, least.link, least.obstacle),
+        at / curve.length if curve.length else 0.0,
+        obstacles,
     )
 
 

@@ -42,7 +42,7 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     """Return the looks of planners by name.
 
     Safe planners get a strong colour and a solid line, "Classic…" ones a pale tone of the same hue and
-    dashes, and all others slate greys in their order.
+    dashes, those as printed ("Paper…") the same colours with dots, and all others slate greys in their order.
     """
     styles: dict[str, PlannerStyle] = {}
     others = 0
@@ -52,6 +52,10 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
             styles[name] = PlannerStyle(_from_hex(_FAMILIES[family][0]), (), strong=True)
         elif family and name.startswith("Classic"):
             styles[name] = PlannerStyle(_from_hex(_FAMILIES[family][1]), (3.0, 1.2), strong=False)
+        elif family and name.startswith("Paper"):
+            strong = name.startswith("PaperSafe")
+            tone = _from_hex(_FAMILIES[family][0 if strong else 1])
+            styles[name] = PlannerStyle(tone, (1.0, 1.2) if strong else (3.0, 1.2, 1.0, 1.2), strong)
         else:
             colour, dashes = (table[others % len(_OTHERS)] for table in (_OTHERS, _OTHER_DASHES))
             styles[name] = PlannerStyle(_from_hex(str(colour)), tuple(map(float, dashes)), strong=False)

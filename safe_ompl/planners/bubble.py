@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import count, islice, pairwise
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from safe_ompl.planners.parts.volume_tree import JointMetric, VolumeTree, Volume
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
-_LEAST_CLEARANCE = 1e-3  # [m]; smaller bubbles lead nowhere
 _PATH_SHARE = 0.1  # weight of g where f is normalised: greedy, as in weighted A*
 _LEAST_GAIN = 2e-3  # [m] a turn ends where the tree comes less near to its goal in a step than this, …
 _GAIN_SHARE = 0.2  # … or than this share of its best step
@@ -48,9 +47,13 @@ class BubblePlanner(WeighingPlanner):
         search is `guided` it does not pay; the paper's form needs it.
     nearest_fraction : float
         ε: share of the turns that ignore danger, so that no passage stays closed because it is dangerous.
-    shape : {"link", "paper", "cube"}
-        The paper's diamond (9); the diamond of all links' own distances, which holds it and is 4 times as
-        large on a 6-DOF arm; or the largest cube, with which the search is complete [2].
+    patience : float
+        After so many turns danger counts half, after twice as many a quarter, and so on: where it keeps the planner
+        out of a narrow place, it yields. 0: it never does.
+    shape : {"link", "cube", "paper", "paper_cube"}
+        The diamond of all links' own distances, or the largest cube in the bubble of all links; the paper's diamond
+        (9), or the largest cube in that. The first holds the third and is 4 times as large on a 6-DOF arm; with
+        cubes the search is complete [2].
     slide : float
         Largest sideways slide of the middle of a motion, as a fraction of the range (`guided`, α > 0).
     normalized : bool
@@ -64,10 +67,27 @@ class BubblePlanner(WeighingPlanner):
     max_open : int
         Largest number of points that wait in each Open list; when it is reached the better half stays.
         0 for no limit.
+    least_clearance : float
+        Points as near to contact as this are not closed [m]: their bubbles lead nowhere.
+    iterations : int
+        k_max: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up.
 
     Notes
     -----
     The bubbles take in the robot's own pairs, and the radii at their centres (`math.md` §3).
+
+    The planner as it is printed in [1] is called `PaperSafeBubble`, and with α = 0 `PaperBubble`: bubbles (9), f of
+    (10) with angles in the 1-norm for g and h. Where the print leaves something open it is read so: C is Closed(1);
+    the roots wait in Open and are closed once; d_c counts the robot's own pairs, too, or a bubble would not be free;
+    vertices lie 0.99 of the way to the boundary, and within the joint limits; of several bubbles that intersect the
+    new one, the path takes the one that it overlaps most. What is ours, and what it buys:
+
+    * bubbles of links, clipped by how far an obstacle is from the joint's axis (`shape`): fewer of them;
+    * f in metres and on a logarithmic scale (`normalized`): one set of parameters for all robots and scenes;
+    * a tree goes on while it comes nearer, and heads for other places, too (`guided`): far fewer bubbles;
+    * the path is contracted and slides (`guided`, `slide`): shorter and less dangerous;
+    * a share of the turns ignores danger (`nearest_fraction`), and danger fades (`patience`): no passage stays closed;
+    * bubbles below a clearance are left out (`least_clearance`): none is spent on creeping along a surface.
 
     References
     ----------
@@ -84,11 +104,14 @@ class BubblePlanner(WeighingPlanner):
         alpha: float = 1.0,
         beta: float = 0.0,
         nearest_fraction: float = 1 / 3,
+        patience: float = 500,
         shape: str = "link",
         slide: float = 0.8,
         normalized: bool = True,
         guided: bool = True,
         max_open: int = 0,
+        least_clearance: float = 1e-3,
+        iterations: int = 0,
     ) -> None:
         super().__init__(si, name)
         validity = si.getStateValidityChecker()
@@ -102,11 +125,14 @@ class BubblePlanner(WeighingPlanner):
         self.setAlpha(alpha)
         self.setBeta(beta)
         self.setNearestFraction(nearest_fraction)
+        self.setPatience(patience)
         self.setShape(shape)
         self.setSlide(slide)
         self.setNormalized(normalized)
         self.setGuided(guided)
         self.setMaxOpen(max_open)
+        self.setLeastClearance(least_clearance)
+        self.setIterations(iterations)
         self._forget()
 
     def setBeta(self, beta: float) -> None:
@@ -126,7 +152,7 @@ class BubblePlanner(WeighingPlanner):
         return self._nearest_fraction
 
     def setShape(self, shape: str) -> None:
-        """Set the shape of the bubbles: "link", "paper" or "cube"."""
+        """Set the shape of the bubbles: "link", "cube", "paper" or "paper_cube"."""
         if shape not in BUBBLE_SHAPES:
             raise UnknownNameError("shape", shape, BUBBLE_SHAPES)
         self._shape = shape
@@ -159,16 +185,36 @@ class BubblePlanner(WeighingPlanner):
         """Return the largest number of points in each Open list; 0 for no limit."""
         return self._max_open
 
+    def setLeastClearance(self, clearance: float) -> None:
+        """Set the clearance [m] above which points are closed."""
+        self._least_clearance = number("least_clearance", clearance, at_least=0)
+
+    def getLeastClearance(self) -> float:
+        """Return the clearance [m] above which points are closed."""
+        return self._least_clearance
+
+    def setIterations(self, k: int) -> None:
+        """Set the largest number k_max of turns; 0: until time is up."""
+        self._iterations = whole_number("iterations", k, at_least=0)
+
+    def getIterations(self) -> int:
+        """Return the largest number k_max of turns; 0: until time is up."""
+        return self._iterations
+
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """BUBBLE_PLANNER."""
         tree, other = self._trees.start, self._trees.goal
-        while not ptc() and (len(tree.open) or len(other.open)):
+        for _ in islice(count(), self._iterations or None):
+            if ptc() or not (len(tree.open) or len(other.open)):
+                break
             self._take_goals(ptc)
+            self._patience.fade()
             for current_goal in self._headings(other):
                 path = self._expand(tree, other, current_goal, ptc)
                 if path is not None:
+                    self._patience.reset()
                     return self._band.settled(path, self.getRange(), ptc) if self._guided else path
             tree, other = other, tree  # SWAP
             self._turns += 1
@@ -180,7 +226,7 @@ class BubblePlanner(WeighingPlanner):
         while len(tree.open) and not ptc():
             x = tree.take(int(self._f(tree, goal).argmin()))
             bubble = Bubble.around(
-                x.q, self._checker, self._shape, 0.0 if x.parent == ROOT else _LEAST_CLEARANCE
+                x.q, self._checker, self._shape, 0.0 if x.parent == ROOT else self._least_clearance
             )
             if bubble is None:
                 return None
@@ -190,6 +236,8 @@ class BubblePlanner(WeighingPlanner):
             if path is not None:
                 return path
             points = self._bubble_endpoints(bubble, goal)
+            if not len(points):  # so near to contact that its vertices are its centre
+                return None
             tree.add(points, new, self._danger_term(points))
             self._bound_open(tree, goal)
             before, after = (self._metric.lengths(rows, goal).min() for rows in (x.q, points))
@@ -203,7 +251,7 @@ class BubblePlanner(WeighingPlanner):
         f = self._metric.lengths(rows["q"], goal)
         f += (_PATH_SHARE if self._normalized else 1.0) * rows["path_length"]
         if self.getAlpha() and not self._careless:
-            f += self.getAlpha() * rows["cost"]
+            f += self.getAlpha() * self._danger.heed * rows["cost"]
         if self._beta:
             f -= self._beta * rows["diversity"]
         return f
@@ -302,6 +350,7 @@ class BubblePlanner(WeighingPlanner):
         self._metric = JointMetric(self._bridge, rates, taxicab=not self._normalized)
         self._trees = VolumeTrees(self._bridge, self._metric, diverse=self._beta > 0)
         self._turns = self._places = 0
+        self._patience.reset()
 
 
 class _Progress:

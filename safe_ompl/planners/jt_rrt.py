@@ -9,15 +9,23 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.danger.field import DangerField
 from safe_ompl.inputs import flag, fraction, number
 from safe_ompl.planners.parts.approach import Approach
+from safe_ompl.planners.parts.goal_step import printed_step, shortened
 from safe_ompl.planners.parts.growing import Extension, SafeStep
 from safe_ompl.planners.parts.selection import SafeSelection
 from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
 from safe_ompl.planners.parts.trees import Trees
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.goals import WorkspaceGoal
-from safe_ompl.robot.kinematics import Place, StepLimits, limited_step, pseudoinverse_step, transpose_step
+from safe_ompl.robot.inverse_kinematics import (
+    Place,
+    StepLimits,
+    limited_step,
+    pseudoinverse_step,
+    transpose_step,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -57,6 +65,44 @@ class SafeJTRRT(WeighingPlanner):
         than the node that they grow from (a start may be in danger). Infinite by default.
     transpose : bool
         Take Jᵀ in place of J† and leave the null space alone. With α = 0 this is the classical JT-RRT [2].
+    patience : float
+        After so many turns half of them ignore danger, after twice as many three of four, and so on: where danger
+        keeps the planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never
+        does.
+    raw_alpha : bool
+        Take α as it is, in length per danger, instead of relative; the tip's metres and the joints' radians are
+        weighed alike.
+    raw_gains : bool
+        Take k₁ and k₂ as they are: Δq = k₂ [J†Δx + (I − J†J)Δq₀] with Δq₀ = k₁ Σ Jᵀ CDF over all danger points and
+        the ends of all links, evaluated at every step. The more danger points, the smaller k₁ must be: a thousandth
+        serves the paper's scenes. `step` remains the largest length of a step.
+    gain : float
+        k₂, where the gains are raw.
+    random_starts : float
+        Share of the extensions towards the goal that begin at any node not chosen before, instead of the best.
+    strict_threshold : bool
+        Let CDF_Threshold act on extensions towards the goal only, and refuse nodes that are safer than their parents,
+        too.
+
+    Notes
+    -----
+    The planner as it is printed in [1] is called `PaperSafeJTRRT`, and the classical one `PaperJTRRT`, k₂JᵀΔx. Where
+    the print leaves something open or misleads it is read so: Jᵀ in the step is J†; the loop `while 1` ends without
+    progress; steps are bounded and kept within the joint limits; a node from which a step was tried counts as chosen
+    before, and where all are, an extension is random; the vectors CDF carry the weights of their danger points. What
+    is ours, and what it buys:
+
+    * k₁ and k₂ are relative (`raw_gains`): the same gains for all robots, without oscillation;
+    * Δq₀ goes down the gradient of the greatest danger, with the share of every link (`raw_gains`): the danger of the
+      configuration falls, which a sum over all points does not ensure;
+    * that gradient is kept for a few steps (`raw_gains`): fewer evaluations of the field;
+    * joints at their limits stop, and the others take over (`raw_gains`): the tip gets there all the same;
+    * some extensions begin elsewhere (`random_starts`), and some choices ignore danger (`nearest_fraction`): out of
+      dead ends;
+    * random steps slide and keep to thresholds (`slide`, `threshold_rise`, `strict_threshold`): lower danger;
+    * nodes safer than their parents are always welcome (`strict_threshold`): a start in danger can be left;
+    * danger yields where no path is found (`patience`): no solution is lost for its sake;
+    * α is relative (`raw_alpha`): one default for all robots.
 
     References
     ----------
@@ -82,13 +128,23 @@ class SafeJTRRT(WeighingPlanner):
         null_space_gain: float = 1.0,
         danger_threshold: float = np.inf,
         transpose: bool = False,
+        raw_alpha: bool = False,
+        patience: float = 100,
+        raw_gains: bool = False,
+        gain: float = 0.1,
+        random_starts: float = 0.3,
+        strict_threshold: bool = False,
     ) -> None:
         super().__init__(si, name)
         self._selection = SafeSelection(self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
         self._fixed_threshold = FixedThreshold(self._task)
         self._random_step = SafeStep(
-            self._bridge, self._danger, self._slide, self._threshold, self._fixed_threshold.motion_is_free
+            self._bridge,
+            self._danger,
+            self._slide,
+            self._threshold,
+            self._fixed_threshold.random_motion_is_free,
         )
         self._goal: Any = None
         self._place: Place
@@ -104,6 +160,12 @@ class SafeJTRRT(WeighingPlanner):
         self.setNullSpaceGain(null_space_gain)
         self.setDangerThreshold(danger_threshold)
         self.setTranspose(transpose)
+        self.setRawAlpha(raw_alpha)
+        self.setPatience(patience)
+        self.setRawGains(raw_gains)
+        self.setGain(gain)
+        self.setRandomStarts(random_starts)
+        self.setStrictThreshold(strict_threshold)
 
     def setNearestFraction(self, epsilon: float) -> None:
         """Set the share ε in [0, 1] of selections by distance alone."""
@@ -162,11 +224,52 @@ class SafeJTRRT(WeighingPlanner):
         """Return whether Jᵀ takes the place of J†."""
         return self._transpose
 
+    def setRawAlpha(self, raw: bool) -> None:
+        """Set whether α is taken as it is, in length per danger."""
+        self._danger.is_raw = flag("raw_alpha", raw)
+
+    def getRawAlpha(self) -> bool:
+        """Return whether α is taken as it is."""
+        return self._danger.is_raw
+
+    def setRawGains(self, raw: bool) -> None:
+        """Set whether k₁ and k₂ are taken as they are."""
+        self._raw_gains = flag("raw_gains", raw)
+
+    def getRawGains(self) -> bool:
+        """Return whether k₁ and k₂ are taken as they are."""
+        return self._raw_gains
+
+    def setGain(self, k2: float) -> None:
+        """Set the gain k₂ of a step; it acts where the gains are raw."""
+        self._gain = number("gain", k2, above=0)
+
+    def getGain(self) -> float:
+        """Return the gain k₂ of a step."""
+        return self._gain
+
+    def setRandomStarts(self, share: float) -> None:
+        """Set the share in [0, 1] of extensions towards the goal that begin at any node."""
+        self._random_starts = fraction("random_starts", share)
+
+    def getRandomStarts(self) -> float:
+        """Return the share of extensions towards the goal that begin at any node."""
+        return self._random_starts
+
+    def setStrictThreshold(self, strict: bool) -> None:
+        """Set whether CDF_Threshold acts on extensions towards the goal only, and without exception."""
+        self._fixed_threshold.is_strict = flag("strict_threshold", strict)
+
+    def getStrictThreshold(self) -> bool:
+        """Return whether CDF_Threshold acts on extensions towards the goal only, and without exception."""
+        return self._fixed_threshold.is_strict
+
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_JT-RRT."""
         while self._approach.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
+            self._patience.turn(self._rng)
             if self._rng.random() < self._goal_bias:
                 self._extend_towards_goal(ptc)
             else:
@@ -181,10 +284,11 @@ class SafeJTRRT(WeighingPlanner):
             return
         tree = self._trees.start
         for k in count():
-            if k % _SAME_SLOPE == 0:
+            if k % _SAME_SLOPE == 0 and not self._raw_gains:
                 downhill = self._downhill(old)
             q_old = tree.configurations[old]
-            q_new = self._bridge.inside(q_old + self._step_towards_goal(old, downhill))
+            step = self._printed_step(q_old) if self._raw_gains else self._step_towards_goal(old, downhill)
+            q_new = self._bridge.inside(q_old + step)
             if self._place.distance(q_new) > _STALLED * self._approach.distances[old]:
                 return
             # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
@@ -207,8 +311,21 @@ class SafeJTRRT(WeighingPlanner):
 
     def _best_for_goal(self) -> int | None:
         """Return argmin of WS_DISTANCE + α·CDF over the nodes not chosen before; None if there is none."""
-        weight = self._danger.weight * self._place.lever
-        return self._approach.best(self._trees.start, weight, self._rng)
+        weight = self._danger.weight * (1.0 if self._danger.is_raw else self._place.lever)
+        return self._approach.best(self._trees.start, weight, self._random_starts, self._rng)
+
+    def _printed_step(self, q: FloatArray) -> FloatArray:
+        """Return Δq at `q: (n,)` with the paper's own gains, no longer than the largest step."""
+        field = getattr(self.getProblemDefinition().getOptimizationObjective(), "field", None)
+        step = printed_step(
+            self._place,
+            q,
+            self._null_space_gain,
+            self._gain,
+            field if isinstance(field, DangerField) else None,
+            transpose=self._transpose,
+        )
+        return shortened(step, self._step)
 
     def _step_towards_goal(self, old: int, downhill: FloatArray | None) -> FloatArray:
         """Return Δq = k₂ [J†Δx + (I − J†J)Δq₀] at node `old`; classical: JᵀΔx.
@@ -265,6 +382,7 @@ class SafeJTRRT(WeighingPlanner):
     def _forget(self) -> None:
         self._trees = Trees(self._bridge, self._task.cost, self.counts)
         self._threshold.reset()
+        self._patience.reset()
         self._approach = Approach(self._goal)
 
     def _graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:

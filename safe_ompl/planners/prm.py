@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.inputs import whole_number
+from safe_ompl.inputs import flag, whole_number
 from safe_ompl.planners.parts.elastic_band import ElasticBand
 from safe_ompl.planners.parts.roadmap import Roadmap
 from safe_ompl.planners.parts.roadmap_metric import LinkMetric, RoadmapMetric, SpaceMetric
@@ -54,9 +54,33 @@ class SafePRM(WeighingPlanner):
         straight edges as in the paper. Edges of the path that are longer than twice the range slide down the gradient
         of the danger in their middle, where both halves stay free; so do the halves. It acts where α > 0 and the
         objective offers gradients (`DangerObjective` does).
+    patience : float
+        After so many searches, each with more samples, danger counts half, after twice as many a quarter, and so on.
+        0: it never yields. Here it need not: where milestones are dense danger leads out of narrow places.
+    raw_alpha : bool
+        Take α as it is, in length per danger, instead of relative.
+    taxicab : bool
+        Measure g and h in the 1-norm, as the paper does, instead of by length.
+    lazy : bool
+        Check an edge when its milestone is about to leave Open. False checks it when it enters, as in the paper.
+    growing : bool
+        Draw more samples where the first do not suffice. False gives up, as the paper does, with the status TIMEOUT.
 
     Notes
     -----
+    The planner as it is printed in [1] is called `PaperSafePRM`, and with α = 0 `PaperPRM`: N `samples` once, K
+    `neighbors`, α as it is. Where the print leaves something open it is read so: the roots wait in Open and are
+    closed once; g is measured in the norm of h, which would not underestimate it in another; a milestone
+    that is offered twice takes the better offer; two graphs that met are connected even where an Open list
+    has become empty. What is ours, and what it buys:
+
+    * h and g are lengths (`taxicab`): shorter paths, and one α for arms with more and fewer joints;
+    * edges and milestones are checked later (`lazy`): a fraction of the checks, so that K may be large;
+    * invalid milestones do not count among the K (`lazy`): the roadmap stays connected in clutter;
+    * more samples are drawn (`growing`): what can be solved is solved, whatever N;
+    * edges of the path slide (`slide`): lower danger between milestones;
+    * α is relative (`raw_alpha`): one default for all robots.
+
     Laziness goes further than in the paper: an edge is checked when its milestone is about to leave Open, not when it
     enters. The search is the same, step by step, since Open yields the best milestone *with a free edge*; but edges
     to milestones that are never wanted are never checked. So K costs little, and a large one makes for short paths.
@@ -88,6 +112,11 @@ class SafePRM(WeighingPlanner):
         neighbors: int = 25,
         samples: int = 50,
         slide: float = 0.8,
+        patience: float = 0,
+        raw_alpha: bool = False,
+        taxicab: bool = False,
+        lazy: bool = True,
+        growing: bool = True,
     ) -> None:
         super().__init__(si, name)
         self._band = ElasticBand(self._task, self._danger, self._slide)
@@ -95,6 +124,11 @@ class SafePRM(WeighingPlanner):
         self.setNeighbors(neighbors)
         self.setSamples(samples)
         self.setSlide(slide)
+        self.setPatience(patience)
+        self.setRawAlpha(raw_alpha)
+        self.setTaxicab(taxicab)
+        self.setLazy(lazy)
+        self.setGrowing(growing)
         self._forget()
 
     def setNeighbors(self, k: int) -> None:
@@ -113,6 +147,38 @@ class SafePRM(WeighingPlanner):
         """Return the number of milestones to begin with."""
         return self._samples
 
+    def setRawAlpha(self, raw: bool) -> None:
+        """Set whether α is taken as it is, in length per danger."""
+        self._danger.is_raw = flag("raw_alpha", raw)
+
+    def getRawAlpha(self) -> bool:
+        """Return whether α is taken as it is."""
+        return self._danger.is_raw
+
+    def setTaxicab(self, taxicab: bool) -> None:
+        """Set whether g and h are measured in the 1-norm."""
+        self._taxicab = flag("taxicab", taxicab)
+
+    def getTaxicab(self) -> bool:
+        """Return whether g and h are measured in the 1-norm."""
+        return self._taxicab
+
+    def setLazy(self, lazy: bool) -> None:
+        """Set whether edges are checked when they are about to leave Open."""
+        self._lazy = flag("lazy", lazy)
+
+    def getLazy(self) -> bool:
+        """Return whether edges are checked when they are about to leave Open."""
+        return self._lazy
+
+    def setGrowing(self, growing: bool) -> None:
+        """Set whether more samples are drawn where the first do not suffice."""
+        self._growing = flag("growing", growing)
+
+    def getGrowing(self) -> bool:
+        """Return whether more samples are drawn where the first do not suffice."""
+        return self._growing
+
     def clearQuery(self) -> None:
         """Forget start and goal, but keep the roadmap and all that is known of it."""
         self.getPlannerInputStates().restart()
@@ -125,11 +191,15 @@ class SafePRM(WeighingPlanner):
         self._random_set(self._samples + roots - len(self._roadmap))
         while not ptc():
             self._take_goals(ptc)
+            self._patience.fade()
             graph = Graph(len(self._roadmap), self._roadmap.starts, from_start=True)
             other = Graph(len(self._roadmap), self._roadmap.goals, from_start=False)
             path = self._safe_prm_planner(graph, other, ptc)
             if path is not None and self._can_be_driven(path):
+                self._patience.reset()
                 return self._driven(path, ptc)
+            if path is None and not self._growing:
+                break
             if path is None and not ptc():
                 self._enlarge(min(graph, other, key=lambda g: len(g.milestones)))
         return None
@@ -143,6 +213,8 @@ class SafePRM(WeighingPlanner):
                 return self._path(graph, other, new)
             neighbors = self._neighbors(graph, new, ptc)
             graph.add_open(neighbors, new, self._lengths_from(new)[neighbors])
+            if not (self._lazy or len(graph.g)):
+                return None  # EMPTY(Open(1)); what waits unchecked in lazy lists may still be reached
             graph, other = other, graph
             current_goal = new
         return None
@@ -157,7 +229,7 @@ class SafePRM(WeighingPlanner):
             f[offer] = np.inf
             tried.append(offer)
             parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
-            if parent == ROOT or self._edge_is_free(graph, parent, milestone):
+            if parent == ROOT or not self._lazy or self._edge_is_free(graph, parent, milestone):
                 best = graph.add_closed(offer)
                 self._count(best)
         graph.remove_open(tried)
@@ -171,7 +243,11 @@ class SafePRM(WeighingPlanner):
         return f
 
     def _neighbors(self, graph: Graph, new: int, ptc: Any) -> IntArray:
-        """NEIGHBORS: of Samples ∖ Closed(1) the K valid milestones nearest to `new`."""
+        """NEIGHBORS: of Samples ∖ Closed(1) the K valid milestones nearest to `new`; those that are connected to it."""
+        if not self._lazy:
+            candidates = self._roadmap.nearest(new, graph.closed)[: self._neighbor_count]
+            connected = [not ptc() and self._is_connected(graph, new, int(other)) for other in candidates]
+            return np.array(candidates[np.array(connected, dtype=bool)], dtype=np.intp)
         neighbors: list[int] = []
         for milestone in self._roadmap.nearest(new, graph.closed).tolist():
             if len(neighbors) == self._neighbor_count or ptc():
@@ -231,6 +307,10 @@ class SafePRM(WeighingPlanner):
             found[milestone] = True
         return bool(roadmap.valid[milestone])
 
+    def _is_connected(self, graph: Graph, parent: int, milestone: int) -> bool:
+        """Whether the local planner connects a milestone to its parent, in the direction of driving."""
+        return self._check(*((parent, milestone) if graph.from_start else (milestone, parent)))
+
     def _edge_is_free(self, graph: Graph, parent: int, milestone: int) -> bool:
         """Whether an edge of a graph is free, asked once, in the direction in which the path would drive it."""
         start, end = (parent, milestone) if graph.from_start else (milestone, parent)
@@ -271,8 +351,8 @@ class SafePRM(WeighingPlanner):
     # ------------------------------------------------------------------------------------------- the roadmap
 
     def _lengths_from(self, milestone: int) -> FloatArray:
-        """Return the lengths (N,) of the straight motions between all milestones and one of them."""
-        return self._roadmap.lengths(self._roadmap.configurations[milestone])
+        """Return the lengths (N,) of the straight motions between all milestones and one of them, as f measures."""
+        return self._roadmap.lengths(self._roadmap.configurations[milestone], taxicab=self._taxicab)
 
     def _count(self, milestone: int) -> None:
         self.counts.nodes += not self._roadmap.connected[milestone]
@@ -290,6 +370,7 @@ class SafePRM(WeighingPlanner):
 
     def _forget(self) -> None:
         self._roadmap = Roadmap(self._bridge, self._task.cost, self._metric())
+        self._patience.reset()
 
     def _begin_anew(self) -> None:
         """Forget all milestones but starts and goals."""

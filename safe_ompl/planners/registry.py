@@ -10,6 +10,7 @@ from ompl import geometric as og
 
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.baselines.hrrt import HRRT
 from safe_ompl.planners.baselines.trrt import TRRT, BiTRRT, GradienTRRT
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
@@ -28,21 +29,56 @@ _OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "ClassicBubble": (BubblePlanner, {"alpha": 0.0}),
 }
 
-# RRT-Connect as the papers print it: α and the range are free.
+# The planners as the papers print them; α, the numbers that the papers leave open, and the range are free.
 _RRT_CONNECT_AS_PRINTED = {
     "nearest_fraction": 0.0,
     "slide": 0.0,
     "threshold_rise": 0.0,
+    "patience": 0.0,
     "short_steps": False,
     "raw_alpha": True,
+}
+_PRM_AS_PRINTED = {
+    "slide": 0.0,
+    "patience": 0.0,
+    "raw_alpha": True,
+    "taxicab": True,
+    "lazy": False,
+    "growing": False,
+}
+_JT_RRT_AS_PRINTED = {
+    "nearest_fraction": 0.0,
+    "slide": 0.0,
+    "threshold_rise": 0.0,
+    "patience": 0.0,
+    "raw_alpha": True,
+    "raw_gains": True,
+    "random_starts": 0.0,
+    "strict_threshold": True,
+}
+_BUBBLES_AS_PRINTED = {
+    "nearest_fraction": 0.0,
+    "patience": 0.0,
+    "slide": 0.0,
+    "normalized": False,
+    "guided": False,
+    "max_open": 0,
+    "least_clearance": 0.0,
+    "shape": ("paper", "paper_cube"),  # (9), or where it is asked for the cube within it
 }
 _AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
     "PaperSafeRRTConnect": (SafeRRTConnect, _RRT_CONNECT_AS_PRINTED),
     "PaperRRTConnect": (SafeRRTConnect, {**_RRT_CONNECT_AS_PRINTED, "alpha": 0.0}),
+    "PaperSafePRM": (SafePRM, _PRM_AS_PRINTED),
+    "PaperPRM": (SafePRM, {**_PRM_AS_PRINTED, "alpha": 0.0}),
+    "PaperSafeJTRRT": (SafeJTRRT, {**_JT_RRT_AS_PRINTED, "transpose": False}),
+    "PaperJTRRT": (SafeJTRRT, {**_JT_RRT_AS_PRINTED, "alpha": 0.0, "transpose": True}),
+    "PaperSafeBubble": (BubblePlanner, _BUBBLES_AS_PRINTED),
+    "PaperBubble": (BubblePlanner, {**_BUBBLES_AS_PRINTED, "alpha": 0.0}),
 }
 
 # Danger-aware planners of others that OMPL's wheel lacks, to compare with.
-_BASELINES = {"TRRT": TRRT, "BiTRRT": BiTRRT, "GradienTRRT": GradienTRRT}
+_BASELINES = {"TRRT": TRRT, "BiTRRT": BiTRRT, "GradienTRRT": GradienTRRT, "HRRT": HRRT}
 
 # Bound in OMPL's Python wheel, and safe to run with callbacks in Python.
 _OMPL = (
@@ -78,7 +114,8 @@ def is_ours(name: str) -> bool:
 
 def needs_place(name: str) -> bool:
     """Return whether the planner called `name` plans to a `WorkspaceGoal` only."""
-    return name in _OURS and issubclass(_OURS[name][0].plans_to, WorkspaceGoal)
+    known = {**_OURS, **_AS_PRINTED}
+    return name in known and issubclass(known[name][0].plans_to, WorkspaceGoal)
 
 
 def accepts(planner: Any, goal: Any) -> bool:
@@ -119,7 +156,7 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
         raise UnknownNameError("planner", name, planner_names())
     given = dict(parameters or {})
     _refuse_others(name, given, fixed)
-    for key, value in {**given, **fixed}.items():
+    for key, value in {**{key: _choices(value)[0] for key, value in fixed.items()}, **given}.items():
         _setter(planner, key)(value)
     return planner
 
@@ -131,8 +168,14 @@ def _refuse_others(name: str, given: Mapping[str, Any], fixed: Mapping[str, Any]
             f"parameter 'seed' of {name}: the seed is the run's; give it as such (seed=…, --seed), or call setSeed"
         )
     for key, value in fixed.items():
-        if given.get(key, value) != value:
-            raise InputError(f"parameter {key!r} of {name} is fixed to {value!r}, got {given[key]!r}")
+        if key in given and given[key] not in _choices(value):
+            words = " or ".join(map(repr, _choices(value)))
+            raise InputError(f"parameter {key!r} of {name} is fixed to {words}, got {given[key]!r}")
+
+
+def _choices(value: Any) -> tuple[Any, ...]:
+    """Return the values that a fixed parameter may have, the usual one first."""
+    return value if isinstance(value, tuple) else (value,)
 
 
 def _setter(planner: Any, key: str) -> Callable[[Any], None]:

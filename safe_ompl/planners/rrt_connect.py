@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.inputs import flag, fraction, number
+from safe_ompl.inputs import flag, fraction, number, whole_number
 from safe_ompl.planners.parts.growing import Extension, SafeStep
 from safe_ompl.planners.parts.selection import SafeSelection
 from safe_ompl.planners.parts.threshold import AdaptiveThreshold
@@ -50,17 +51,25 @@ class SafeRRTConnect(WeighingPlanner):
     short_steps : bool
         Where the step towards a random configuration is trapped, try a shorter one, of 5 to 100 % of the range: it
         leads out of narrow places.
+    patience : float
+        After so many turns half of them ignore danger, after twice as many three of four, and so on: where danger
+        keeps the planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never
+        does.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.
+    iterations : int
+        K: how often the trees take turns before the planner gives up, with the status TIMEOUT; 0: until time is up.
 
     Notes
     -----
     The planner as it is printed in [1] is called `PaperSafeRRTConnect`, and RRT-Connect as printed in [2]
-    `PaperRRTConnect`. What is ours, and what it buys:
+    `PaperRRTConnect`; the argument x_g is read as q_g, and CONNECT is skipped where EXTEND was trapped (there is no
+    q_new). What is ours, and what it buys:
 
     * a share of the choices ignores danger (`nearest_fraction`): no passage stays closed;
     * steps slide and keep to a threshold (`slide`, `threshold_rise`): lower danger;
     * a shorter step is tried (`short_steps`): fewer nodes in narrow places, more checks elsewhere;
+    * danger yields where no path is found (`patience`): no solution is lost for its sake;
     * α is relative (`raw_alpha`): one default for all robots.
 
     References
@@ -81,6 +90,8 @@ class SafeRRTConnect(WeighingPlanner):
         threshold_rise: float = 0.05,
         short_steps: bool = True,
         raw_alpha: bool = False,
+        patience: float = 50,
+        iterations: int = 0,
     ) -> None:
         super().__init__(si, name)
         self._selection = SafeSelection(self._danger)
@@ -96,6 +107,8 @@ class SafeRRTConnect(WeighingPlanner):
         self.setThresholdRise(threshold_rise)
         self.setShortSteps(short_steps)
         self.setRawAlpha(raw_alpha)
+        self.setPatience(patience)
+        self.setIterations(iterations)
 
     def setNearestFraction(self, epsilon: float) -> None:
         """Set the share ε in [0, 1] of selections by distance alone."""
@@ -129,13 +142,24 @@ class SafeRRTConnect(WeighingPlanner):
         """Return whether α is taken as it is."""
         return self._danger.is_raw
 
+    def setIterations(self, k: int) -> None:
+        """Set the largest number K of iterations; 0: until time is up."""
+        self._iterations = whole_number("iterations", k, at_least=0)
+
+    def getIterations(self) -> int:
+        """Return the largest number K of iterations; 0: until time is up."""
+        return self._iterations
+
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_RRT-CONNECT."""
         tree, other = self._trees.start, self._trees.goal
-        while not ptc():
+        for _ in islice(count(), self._iterations or None):
+            if ptc():
+                break
             self._take_goals(ptc)
+            self._patience.turn(self._rng)
             q_rand = self._task.random_configuration(self._rng)
             old = self._select(tree, q_rand)
             outcome, new = self._extend(tree, old, q_rand)
@@ -183,3 +207,4 @@ class SafeRRTConnect(WeighingPlanner):
     def _forget(self) -> None:
         self._trees = Trees(self._bridge, self._task.cost, self.counts)
         self._threshold.reset()
+        self._patience.reset()

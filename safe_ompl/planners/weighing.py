@@ -7,6 +7,7 @@ from typing import Any
 from safe_ompl.inputs import fraction, number
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.parts.danger import WeightedDanger
+from safe_ompl.planners.parts.patience import Patience
 from safe_ompl.planners.parts.slide import Slide
 
 
@@ -23,6 +24,7 @@ class WeighingPlanner(SafePlanner):
         super().__init__(si, name)
         self._danger = WeightedDanger(self._task)
         self._slide = Slide(self._bridge, self._danger)
+        self._patience = Patience(self._danger)
 
     def setup(self) -> None:
         """Prepare for `solve`: read the problem's objective, and measure its scale if danger has weight."""
@@ -40,6 +42,14 @@ class WeighingPlanner(SafePlanner):
     def setSlide(self, slide: float) -> None:
         """Set the largest sideways slide of a way point, in [0, 1], as a fraction of the range."""
         self._slide.share = fraction("slide", slide)
+
+    def setPatience(self, turns: float) -> None:
+        """Set after how many turns danger has half its say, so that it never costs a solution; 0: it never yields."""
+        self._patience.half_life = number("patience", turns, at_least=0)
+
+    def getPatience(self) -> float:
+        """Return after how many turns danger has half its say."""
+        return self._patience.half_life
 
     def getSlide(self) -> float:
         """Return the largest sideways slide of a way point, as a fraction of the range."""

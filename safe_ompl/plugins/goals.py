@@ -12,7 +12,8 @@ from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.plugins.states import ScratchState, StateBridge
-from safe_ompl.robot.kinematics import Place, inverse_kinematics
+from safe_ompl.robot.inverse_kinematics import solve_from_seed
+from safe_ompl.robot.place_input import place_of
 from safe_ompl.robot.robot import Robot
 
 TOLERANCE = 0.01  # [m]
@@ -38,13 +39,13 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         Its space must have the robot's joints as coordinates (see `joint_space`).
     robot : Robot
         The robot.
-    position : array_like, shape (3,)
-        Where its tip is to be, in the world frame [m].
-    rotation : array_like, shape (3, 3), optional
-        Orientation of the tip; without it any will do.
+    position : array_like, shape (3,), or pin.SE3
+        Where its tip is to be, in the world frame [m]; or its whole pose.
+    rotation : array_like, shape (3, 3) or (4,), or pin.Quaternion, optional
+        Orientation of the tip, a matrix or a quaternion x, y, z, w; without it any will do.
     tolerance : float
         How near to the place is near enough [m]. With a rotation a radian counts as
-        `safe_ompl.robot.kinematics.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
+        `safe_ompl.robot.inverse_kinematics.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
     field : DangerField, optional
         Ranks the solutions.
     seed : int, optional
@@ -72,7 +73,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self,
         si: Any,
         robot: Robot,
-        position: ArrayLike,
+        position: ArrayLike | Any,
         rotation: ArrayLike | None = None,
         *,
         tolerance: float = TOLERANCE,
@@ -80,7 +81,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         seed: int | None = None,
     ) -> None:
         super().__init__(si)
-        self.place = Place(robot, position, rotation)
+        self.place = place_of(robot, position, rotation)
         self.tolerance = positive(tolerance, "tolerance", "length [m]")
         self.setThreshold(self.tolerance)
         self._field = field
@@ -165,7 +166,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         new: list[FloatArray] = []
         for _ in range(seeds):
             seed = self._rng.uniform(robot.lower, robot.upper)
-            q = inverse_kinematics(self.place, seed, _PRECISION * self.tolerance)
+            q = solve_from_seed(self.place, seed, _PRECISION * self.tolerance)
             if q is not None and self._is_new(q, new) and self._is_valid(q):
                 new.append(q)
         if self._field is None or not new:

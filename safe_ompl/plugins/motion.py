@@ -10,9 +10,10 @@ from ompl import base as ob
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import FLOOR, CertifiedMotion
-from safe_ompl.collision.separation import Separation
+from safe_ompl.collision.separation import TOUCHING_ONLY, Separation
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
+from safe_ompl.plugins.user_checks import BorrowedCheck, UserCheck
 
 
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
@@ -35,6 +36,21 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         self._motion = CertifiedMotion(checker, floor)
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
         self._bridge = StateBridge(self._space)
+        self._danger: DangerLimit | None = None
+        self._checks: tuple[UserCheck, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"CertifiedMotionValidator({self.motion!r})"
+
+    def adds_nothing(self, other: Any) -> bool:
+        """Return whether another validator is this one, or proves nothing that this one does not prove."""
+        if other is self:
+            return True
+        if type(other) is not CertifiedMotionValidator:
+            return False
+        ours, theirs = self.motion, other.motion
+        same = theirs.checker is ours.checker and theirs.separation in (ours.separation, TOUCHING_ONLY)
+        return same and not theirs.limits
 
     @property
     def motion(self) -> CertifiedMotion:
@@ -43,7 +59,20 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
 
     def setDangerLimit(self, limit: DangerLimit | None) -> None:
         """Accept only motions whose danger is proven to keep to a limit; None: whatever it is."""
-        self._motion = self._motion.with_limits(() if limit is None else (limit,))
+        self._danger = limit
+        self._take_limits()
+
+    def setUserChecks(self, checks: Sequence[UserCheck]) -> None:
+        """Accept only motions that checks of the user's own accept, too; they are asked about what is proven free.
+
+        They are not kept alive: `CollisionFreeValidity.setUserChecks` does that.
+        """
+        self._checks = tuple(BorrowedCheck(check) for check in checks)
+        self._take_limits()
+
+    def _take_limits(self) -> None:
+        danger = () if self._danger is None else (self._danger,)
+        self._motion = self._motion.with_limits((*self._checks, *danger))
 
     def setMinClearance(
         self,

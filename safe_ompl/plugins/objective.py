@@ -60,6 +60,9 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self._bridge = StateBridge(si.getStateSpace())
         self.scales: dict[Any, float] = {}
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.field!r}, tolerance={self.tolerance:g})"
+
     def getDescription(self) -> str:
         """Return a line about the objective."""
         return "integral of the danger field (Lacevic & Rocco 2013)"
@@ -201,7 +204,7 @@ class StateCost:
         """Return the median of ‖∇c‖ over valid configurations, what α is measured in; 0 where that is of no use.
 
         A `DangerObjective` keeps it, as long as the same `CollisionFreeValidity` says with the same settings what is
-        valid. Of what another checker decides by nothing is known: there it is measured anew at each call.
+        valid. Of what a checker of the user's own decides by nothing is known: there it is measured anew at each call.
 
         Parameters
         ----------
@@ -211,9 +214,9 @@ class StateCost:
         if self.is_zero:
             return 0.0
         validity = si.getStateValidityChecker()
-        if not isinstance(validity, CollisionFreeValidity):
+        settings = validity.settings if isinstance(validity, CollisionFreeValidity) else None
+        if settings is None:
             return self._measured_slope(si)
-        settings = validity.settings
         if settings not in self._scales:
             self._scales[settings] = self._measured_slope(si)
         return self._scales[settings]

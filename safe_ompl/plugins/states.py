@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import logging
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +13,8 @@ from ompl import base as ob
 from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.errors import InputError
 from safe_ompl.robot.robot import Robot
+
+_log = logging.getLogger(__name__)
 
 _new_capsule = ctypes.pythonapi.PyCapsule_New
 _new_capsule.restype = ctypes.py_object
@@ -93,21 +97,50 @@ class StateBridge:
             raise InputError(f"state space {space.getName()!r} is not made of real vectors and SO(2) alone")
         self._buffer: FloatArray = np.zeros(self.n)
         self._capsule = _new_capsule(self._buffer.ctypes.data, b"nb_handle", None)
+        self._plain: PlainCoordinates | None = None
+        if not self._buffer_works():
+            _log.warning("OMPL's states cannot be read through a buffer here: the slow way is taken")
+            self._plain = PlainCoordinates(space)
+
+    def __repr__(self) -> str:
+        return f"StateBridge({self.space.getName()!r}, n={self.n})"
 
     def read(self, state: Any) -> FloatArray:
         """Return the configuration (n,) of a state as a new array."""
-        self.space.serialize(self._capsule, state)
-        return self._buffer.copy()
+        return self.view(state).copy()
 
     def view(self, state: Any) -> FloatArray:
         """Return the configuration (n,) of a state in a buffer that the next call overwrites."""
-        self.space.serialize(self._capsule, state)
+        if self._plain is None:
+            self.space.serialize(self._capsule, state)
+        else:
+            self._buffer[:] = self._plain.read(state)
         return self._buffer
 
     def write(self, q: FloatArray, state: Any) -> None:
         """Copy the configuration `q: (n,)` into a state."""
         self._buffer[:] = self.wrapped(q) if self._wraps else q
-        self.space.deserialize(state, self._capsule)
+        if self._plain is None:
+            self.space.deserialize(state, self._capsule)
+        else:
+            self._plain.write(self._buffer.tolist(), state)
+
+    def _buffer_works(self) -> bool:
+        """Return whether what is written through the buffer is what OMPL's own coordinates say, and back.
+
+        The bindings promise nothing of the kind: another version of them may take the capsule for something else.
+        """
+        plain, state = PlainCoordinates(self.space), self.space.allocState()
+        values = np.random.default_rng(0).uniform(-1.0, 1.0, (2, self.n))
+        try:
+            self._buffer[:] = values[0]
+            self.space.deserialize(state, self._capsule)
+            written = np.array(plain.read(state))
+            plain.write(values[1].tolist(), state)
+            self.space.serialize(self._capsule, state)
+        except (TypeError, RuntimeError):
+            return False
+        return np.array_equal(written, values[0]) and np.array_equal(self._buffer, values[1])
 
     def wrapped(self, q: FloatArray) -> FloatArray:
         """Return `q: (…, n)` with the coordinates that wrap brought into [−π, π)."""
@@ -138,6 +171,53 @@ class StateBridge:
         squares = np.add.reduceat(self.difference(start, end) ** 2, self._firsts, axis=-1)
         distances: FloatArray = np.sqrt(squares) @ self._weights
         return distances
+
+
+class PlainCoordinates:
+    """Coordinates of states by OMPL's own indexing, part by part: slow, and sure."""
+
+    def __init__(self, space: Any) -> None:
+        self._space = space
+
+    def __repr__(self) -> str:
+        return f"PlainCoordinates({self._space.getName()!r})"
+
+    def read(self, state: Any) -> list[float]:
+        """Return the coordinates of a state, n numbers."""
+        return [value for leaf, part in _leaves(self._space, state) for value in _values(leaf, part)]
+
+    def write(self, values: list[float], state: Any) -> None:
+        """Write n numbers into a state."""
+        first = 0
+        for leaf, part in _leaves(self._space, state):
+            if isinstance(leaf, ob.SO2StateSpace):
+                part.value = values[first]
+                first += 1
+            elif isinstance(leaf, ob.SE2StateSpace):
+                part.setXY(*values[first : first + 2])
+                part.setYaw(values[first + 2])
+                first += 3
+            else:
+                last = first + leaf.getDimension()
+                part[0 : last - first] = values[first:last]
+                first = last
+
+
+def _leaves(space: Any, state: Any) -> Iterator[tuple[Any, Any]]:
+    """Return the parts of a space that have coordinates, each with its part of a state."""
+    if isinstance(space, ob.CompoundStateSpace) and not isinstance(space, ob.SE2StateSpace):
+        for k in range(space.getSubspaceCount()):
+            yield from _leaves(space.getSubspace(k), state[k])
+    else:
+        yield space, state
+
+
+def _values(space: Any, state: Any) -> list[float]:
+    if isinstance(space, ob.SO2StateSpace):
+        return [float(state.value)]
+    if isinstance(space, ob.SE2StateSpace):  # its states have names instead of parts
+        return [float(state.getX()), float(state.getY()), float(state.getYaw())]
+    return [float(value) for value in state[0 : space.getDimension()]]
 
 
 class ScratchState:

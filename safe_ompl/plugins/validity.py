@@ -11,13 +11,16 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.separation import TOUCHING_ONLY, Separation
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.plugins.states import StateBridge
+from safe_ompl.plugins.user_checks import SampledValidity, UserCheck
+from safe_ompl.robot.joint_limits import JointLimits
 
 
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
 
     States nearer to an obstacle than `setMinClearance` allows are refused, too, and so are states more dangerous than
-    `setDangerLimit` allows.
+    `setDangerLimit` allows, and those that a checker of the user's own refuses (`setUserChecks`). The limits are the
+    robot's, however wide the space.
 
     Parameters
     ----------
@@ -31,6 +34,9 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         super().__init__(si)
         self.checker = checker
         self._limit: DangerLimit | None = None
+        self._user: SampledValidity | None = None
+        self._checks: tuple[UserCheck, ...] = ()
+        self._joint_limits = JointLimits(checker.robot)
         self.setSeparation(TOUCHING_ONLY)
         self._space = si.getStateSpace()
         self._bridge = StateBridge(self._space)
@@ -38,6 +44,9 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     def setDangerLimit(self, limit: DangerLimit | None) -> None:
         """Accept only states whose danger keeps to a limit; None: whatever it is."""
         self._limit = limit
+
+    def __repr__(self) -> str:
+        return f"CollisionFreeValidity({self.checker!r})"
 
     def setMinClearance(
         self,
@@ -58,21 +67,36 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         return self._separation
 
     @property
-    def settings(self) -> tuple[CollisionChecker, Separation, float | None]:
-        """What decides which states are valid: checker, distances to keep, limit of danger; hashable."""
+    def settings(self) -> tuple[CollisionChecker, Separation, float | None] | None:
+        """What decides which states are valid: checker, distances, limit of danger; None where the user's own does."""
+        if self._user is not None:
+            return None
         limit = None if self._limit is None else self._limit.limit
         return self.checker, self._separation, limit
+
+    def adds_nothing(self, other: Any) -> bool:
+        """Return whether another checker is this one, or asks for nothing that this one does not ask for."""
+        if other is self:
+            return True
+        plain = type(other) is CollisionFreeValidity and other.checker is self.checker
+        return plain and other._limit is None and other._user is None and other._separation == TOUCHING_ONLY
+
+    def setUserChecks(self, checks: Sequence[UserCheck]) -> None:
+        """Accept only states that a checker of the user's own among these accepts, too; and keep all of them alive."""
+        self._checks = tuple(checks)
+        self._user = next((check for check in checks if isinstance(check, SampledValidity)), None)
 
     def isValid(self, state: Any) -> bool:
         """Return whether `state` is within limits, finite, and free of collision."""
         if not self._space.satisfiesBounds(state):
             return False
         q = self._bridge.view(state)
-        square = q.dot(q)
-        # OMPL's bounds let NaN pass: every comparison with it is false.
-        if square != square or self.checker.touches(q) or self._required.violated(q):
+        # OMPL's bounds let NaN pass, and a space may be wider than the robot's limits.
+        if not self._joint_limits.hold(q) or self.checker.touches(q) or self._required.violated(q):
             return False
-        return self._limit is None or self._limit.allows(q)
+        if self._limit is not None and not self._limit.allows(q):
+            return False
+        return self._user is None or self._user.accepts(state)
 
     def clearance(self, state: Any) -> float:
         """Return the distance [m] between the robot and the nearest obstacle."""

@@ -1,1 +1,1 @@
-"""Robots on Pinocchio: joints and limits, kinematics, skeleton, collision bodies, and how far they can move."""
+"""Robots on Pinocchio: construction from their files, kinematics, and how far their bodies can move."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
 from safe_ompl.maths.halton import halton_point
-from safe_ompl.robot.displacement import Hull, bounding_hull
+from safe_ompl.robot.bodies.reach import Hull, bounding_hull
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
@@ -28,7 +28,7 @@ class DisplacementBounds(ForwardKinematics):
     def displacement_radii(self) -> FloatArray:
         """Proven radii R̄ (G, n): no point of body g moves more than Σ_i R̄_gi·|Δ_i|, at any configuration.
 
-        Rows follow `collision_model.geometryObjects`. See `safe_ompl.robot.displacement`.
+        Rows follow `collision_model.geometryObjects`. See `safe_ompl.robot.bodies.reach`.
         """
         return _frozen(self.coupling.radii(self.joint_radii))
 

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.coupling import Coupling
-from safe_ompl.robot.joint_frames import JointFrames
-from safe_ompl.robot.parts import RobotParts
-from safe_ompl.robot.skeleton import Skeleton, frame_index
+from safe_ompl.robot.construction.parts import RobotParts
+from safe_ompl.robot.joints.coupling import Coupling
+from safe_ompl.robot.joints.joint_frames import JointFrames
+from safe_ompl.robot.joints.skeleton import Skeleton, frame_index
 
 _FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: asking for it costs least
 

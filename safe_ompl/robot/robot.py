@@ -13,27 +13,27 @@ from numpy.typing import ArrayLike
 
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.attachment import Attachment, as_pose
-from safe_ompl.robot.blueprint import (
+from safe_ompl.robot.bodies.reach import JointChain
+from safe_ompl.robot.construction.attachment import Attachment, as_pose
+from safe_ompl.robot.construction.blueprint import (
     Attached,
     Blueprint,
     Combined,
-    Limits,
-    Placed,
+    JointLimits,
+    OnBase,
     PoseLike,
     Ranges,
     check_prefixes,
     standing,
 )
-from safe_ompl.robot.collision_shapes import CollisionSource
-from safe_ompl.robot.coupling import Mimic
-from safe_ompl.robot.displacement import JointChain
+from safe_ompl.robot.construction.parts import RobotParts, independent
+from safe_ompl.robot.construction.sources import ModelsBlueprint, UrdfBlueprint, check_models
+from safe_ompl.robot.description.collision_shapes import CollisionSource
+from safe_ompl.robot.description.examples import find_example, robots_folder
+from safe_ompl.robot.description.urdf import existing_file
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
-from safe_ompl.robot.examples import find_example, robots_folder
 from safe_ompl.robot.handout import Handout
-from safe_ompl.robot.parts import RobotParts, independent
-from safe_ompl.robot.sources import ModelsBlueprint, UrdfBlueprint, check_models
-from safe_ompl.robot.urdf import existing_file
+from safe_ompl.robot.joints.coupling import Mimic
 from safe_ompl.scene.shapes.basic import Shape
 
 
@@ -63,6 +63,8 @@ class Robot(DisplacementBounds):
         How the joints of Pinocchio's model follow the planned ones.
     shared : RobotParts
         Pinocchio's models themselves, not copied: for code that never changes them.
+    held_joints : dict of str to float
+        Joints that are held, with their values [rad or m].
     links_without_collision : tuple of str
         Moving links that have visual but no collision shapes: nothing is proven of them.
 
@@ -78,6 +80,7 @@ class Robot(DisplacementBounds):
         self.blueprint = blueprint
         super().__init__(blueprint.assemble() if parts is None else parts)
         self.name: str = self.shared.name
+        self.held_joints = dict(self.shared.held)
         self.links_without_collision = self.shared.links_without_collision
 
     # ------------------------------------------------------------------------------------------ construction
@@ -93,7 +96,7 @@ class Robot(DisplacementBounds):
         *,
         hulls: bool = True,
         name: str | None = None,
-        limits: Limits | None = None,
+        limits: JointLimits | None = None,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
         collision: CollisionSource = "required",
@@ -178,7 +181,7 @@ class Robot(DisplacementBounds):
         Parameters
         ----------
         name : str
-            A key of `safe_ompl.robot.examples.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
+            A key of `safe_ompl.robot.description.examples.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
         tip, locked, hulls, base, mobile_base, collision, group, locked_state
             As in `from_urdf`; by default those of the table of examples.
 
@@ -215,7 +218,7 @@ class Robot(DisplacementBounds):
         locked: Mapping[str, float] | None = None,
         hulls: bool = True,
         name: str | None = None,
-        limits: Limits | None = None,
+        limits: JointLimits | None = None,
         mimics: Mapping[str, Mimic] | None = None,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
@@ -290,13 +293,13 @@ class Robot(DisplacementBounds):
 
     # -------------------------------------------------------------------------------------------- variations
 
-    def with_limits(self, limits: Limits) -> Robot:
+    def with_limits(self, limits: JointLimits) -> Robot:
         """Return the same robot with other limits [rad or m] for the joints named."""
         return Robot(self.blueprint.with_limits(limits))
 
     def with_base(self, pose: PoseLike) -> Robot:
         """Return the same robot with its base, as it is now, moved by `pose` in the world."""
-        blueprint = Placed(self.blueprint, as_pose(pose, "base"))
+        blueprint = OnBase(self.blueprint, as_pose(pose, "base"))
         return Robot(blueprint, blueprint.applied(self.shared))
 
     def with_attached(
@@ -365,7 +368,9 @@ class Robot(DisplacementBounds):
 
     def __repr__(self) -> str:
         held = f", attached={[item.name for item in self.attached]}" if self.attached else ""
-        return f"Robot({self.name!r}, joints={list(self.joint_names)}, tip={self.tip!r}{held})"
+        bare = self.links_without_collision
+        unchecked = f", links_without_collision={list(bare)}" if bare else ""
+        return f"Robot({self.name!r}, joints={list(self.joint_names)}, tip={self.tip!r}{unchecked}{held})"
 
     # -------------------------------------------------------------------------------------- Pinocchio's models
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.attachment import Attachment, as_pose, attachments
-from safe_ompl.robot.blueprint import mobile_ranges
-from safe_ompl.robot.collision_shapes import CollisionSource, check_source
+from safe_ompl.robot.construction.attachment import Attachment, as_pose, attachments
+from safe_ompl.robot.construction.blueprint import mobile_ranges
+from safe_ompl.robot.description.collision_shapes import CollisionSource, check_source
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.pose import Pose
 

@@ -1,4 +1,4 @@
-"""What a planning run comes to."""
+"""The result of a planning run."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 from safe_ompl.arrays import FloatArray
 from safe_ompl.counts import Counts
 from safe_ompl.paths.report import PathReport
+from safe_ompl.paths.validation import Validation
 from safe_ompl.setup.optimise import Improvement
 
 
@@ -22,7 +23,7 @@ class PlanResult:
     path : ndarray, shape (N, n), or None
         Way points from start to goal [rad or m], validated.
     report : PathReport or None
-        What there is to say about the path.
+        Danger, clearance and length of the path, computed when they are looked at; None where `report=False`.
     planner : str
         Name of the planner.
     seed : int
@@ -37,6 +38,12 @@ class PlanResult:
         Of an optimisation: each path that was better than those before.
     interrupted : bool
         Whether Ctrl-C ended simplification or optimisation: the path is the best so far.
+    approximate_path : ndarray, shape (N, n), or None
+        Where the planner came nearest to the goal without reaching it: validated, but no solution.
+    validation : Validation or None
+        What is proven of the path, and what the user's own checks say of it.
+    setup_time, validation_time : float
+        [s] Until planning began; and to validate the path. With planning and simplification they make the whole.
     """
 
     status: str
@@ -50,6 +57,22 @@ class PlanResult:
     counts: Counts = field(default_factory=Counts)
     improvements: tuple[Improvement, ...] = ()
     interrupted: bool = False
+    approximate_path: FloatArray | None = None
+    validation: Validation | None = None
+    setup_time: float = 0.0
+    validation_time: float = 0.0
+
+    @property
+    def report_time(self) -> float:
+        """What validation took, and danger and clearance as far as they were looked at [s]."""
+        return self.validation_time + (self.report.time if self.report is not None else 0.0)
+
+    @property
+    def certified(self) -> bool:
+        """Whether there is a path, every edge is proven free, and no check of the user's own refuses it."""
+        if self.report is not None:
+            return self.report.certified
+        return self.path is not None and self.validation is not None and self.validation.accepted
 
     @property
     def solved(self) -> bool:
@@ -59,21 +82,66 @@ class PlanResult:
     def __bool__(self) -> bool:
         return self.solved
 
+    def __repr__(self) -> str:
+        points = "no path" if self.path is None else f"{len(self.path)} way points"
+        return f"PlanResult({self.status!r}, {points}, {self.planner!r}, seed={self.seed})"
+
+    def __str__(self) -> str:
+        """Say in five lines what came of it: outcome, times, length and danger, clearance, proof."""
+        seconds = f"planned in {self.planning_time:.3f} s"
+        if self.simplification_time:
+            seconds += f", simplified in {self.simplification_time:.3f} s"
+        lines = [f"{self.status}: {self.planner}, seed {self.seed}", seconds, *self._said_of_path()]
+        return "\n".join(lines)
+
+    def _said_of_path(self) -> list[str]:
+        if self.path is None:
+            short = self.approximate_path
+            near = (
+                ""
+                if short is None
+                else f"; an approximate path of {len(short)} way points ends short of the goal"
+            )
+            return [f"no path{near}", "clearance: none", "proof: none"]
+        said = f"{len(self.path)} way points"
+        if self.report is None:
+            return [said, "clearance: not reported", str(self.validation)]
+        danger, clearance = self.report.danger, self.report.clearance
+        said += f", {self.report.length:.2f} rad"
+        if danger is not None:
+            said += f", danger mean {danger.mean:.3f}, max {danger.max:.3f}"
+        near = "clearance: no obstacle"
+        if clearance.obstacle is not None:
+            near = f"clearance {1e3 * clearance.min:.1f} mm, {clearance.link} from {clearance.obstacle}"
+        unknown = self.report.links_without_collision
+        known = str(self.report.validation)
+        return [said, near, known + (f"; no collision geometry: {', '.join(unknown)}" if unknown else "")]
+
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""
-        report = {"length": None, "danger": None, "clearance": None, "certified": False}
+        report: dict[str, Any] = {
+            **{"length": None, "danger": None, "clearance": None, "certified": self.certified},
+            "validation": None if self.validation is None else self.validation.as_dict(),
+            "links_without_collision": None,
+        }
+        if self.report is not None:
+            report = self.report.as_dict()
         told = {
             "planner": self.planner,
             "seed": self.seed,
             "status": self.status,
             "solved": self.solved,
+            "setup_time": self.setup_time,
             "planning_time": self.planning_time,
             "simplification_time": self.simplification_time,
+            "report_time": self.report_time,
             "joint_names": list(self.joint_names),
             "path": None if self.path is None else self.path.tolist(),
-            **(self.report.as_dict() if self.report else report),
+            **report,
             "counts": self.counts.as_dict(),
         }
+        if self.approximate_path is not None:
+            told["approximate_path"] = self.approximate_path.tolist()
         if self.improvements:
             told["improvements"] = [improvement.as_dict() for improvement in self.improvements]
         if self.interrupted:

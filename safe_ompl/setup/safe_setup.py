@@ -1,4 +1,4 @@
-"""SafeSetup: OMPL's SimpleSetup wired from a robot and a scene; and `plan`, from a scenario to a result."""
+"""SafeSetup: OMPL's SimpleSetup for a robot in a scene; and `plan`, from a scenario to a result."""
 
 from __future__ import annotations
 
@@ -10,34 +10,31 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
 
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.motion import FLOOR
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.run import Stop
-from safe_ompl.paths.simplify.simplifier import Simplifier, timed
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.setup.endpoints import check_endpoints
+from safe_ompl.setup.given_planner import check_planner, nodes_of, seed_ompl
 from safe_ompl.setup.interrupts import Interrupts
 from safe_ompl.setup.optimise import optimise as optimise_paths
-from safe_ompl.setup.problem import SafeProblem
 from safe_ompl.setup.result import PlanResult as PlanResult
+from safe_ompl.setup.simplification import SimplifyingSetup
+from safe_ompl.setup.time_limits import positive_time, simplification_time, termination
 
 _log = logging.getLogger(__name__)
 
 _SHORTEST = 1e-3  # [s] a planner gets at least this
 
 
-class SafeSetup(SafeProblem):
+class SafeSetup(SimplifyingSetup):
     """An `og.SimpleSetup` with the robot's joint space, certified motions and the danger objective.
 
     Everything that OMPL's SimpleSetup does works as usual; `plan` is a short cut that also reports.
@@ -64,25 +61,13 @@ class SafeSetup(SafeProblem):
         The danger.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        *,
-        danger: Mapping[str, Any] | None = {},
-        floor: float = FLOOR,
-    ) -> None:
-        super().__init__(robot, scene, danger=danger, floor=floor)
-        self._simplifier: Simplifier | None = None
-        self._simplification_time = 0.0
-
     def __repr__(self) -> str:
         return f"SafeSetup({self.robot!r}, {self.scene!r})"
 
     # -------------------------------------------------------------------------------------------- planning
 
     def solve(self, time: Any = 1.0) -> Any:
-        """Plan with the planner that is set, as OMPL's `solve`; may be interrupted.
+        """Plan with the planner that is set, `SafeRRTConnect` if none is, as OMPL's `solve`; may be interrupted.
 
         The goal is what was set last; `SafeJTRRT` plans to the `setWorkspaceGoal` even if configurations came later.
         Ctrl-C and exceptions of the user's callbacks end it at once and arrive unchanged. Then there is no solution,
@@ -91,7 +76,7 @@ class SafeSetup(SafeProblem):
         Parameters
         ----------
         time : float or ob.PlannerTerminationCondition
-            Time limit [s], or when to stop.
+            Time limit [s], infinity for none, or when to stop.
 
         Returns
         -------
@@ -103,8 +88,10 @@ class SafeSetup(SafeProblem):
         InputError
             If the time is neither, or no start or no goal is set.
         """
-        stop = _termination(time)
+        stop = termination(time)
+        self._adopt_plugins()
         self._check_problem()
+        self._choose_planner()
         self._choose_place()
         try:
             return super().solve(stop)
@@ -123,48 +110,56 @@ class SafeSetup(SafeProblem):
         parameters: Mapping[str, Any] | None = None,
         simplify: bool | float = False,
         optimise: float | None = None,
+        report: bool = True,
     ) -> PlanResult:
-        """Plan from the start to a goal, validate, and report.
+        """Plan from the start to a goal, and validate the path.
 
         Parameters
         ----------
         planner : str or ob.Planner
             A name of `planner_names()`, or a planner on this setup's space information.
         time : float
-            Time limit [s].
+            Time limit [s] of planning and simplification together.
         seed : int
             Seed of the planner's random numbers.
         parameters : mapping, optional
             Parameters for a planner given by name.
         simplify : bool or float
-            Simplify the solution, as `simplifySolution` does: for some seconds, or until nothing more is to gain.
+            Simplify the solution, as `simplifySolution` does: for some seconds, or until nothing more is to gain, and
+            no longer than the time limit allows.
         optimise : float, optional
             Go on for so many seconds in all, instead of `time`: simplify, start anew, and return the best path.
+        report : bool
+            Whether the result has a report; its danger and clearance are computed when they are looked at. The path is
+            validated in any case.
 
         Raises
         ------
         InputError
-            Time not positive, unknown planner or parameter; to optimise without danger.
+            Time not positive, unknown planner or parameter, a planner of another setup; to optimise without danger.
         PlanningError
-            If a planner returns a path that the validator refuses.
+            If a planner returns a path that the validator refuses, or that is not from a start to the goal.
         KeyboardInterrupt
             On Ctrl-C before there is a path. Later it ends simplification and optimisation, and the best path so far
             is returned; `PlanResult.interrupted` says so.
         """
-        time = _positive_time("time limit", time if optimise is None else optimise)
-        duration = _simplification(simplify)
+        begin = perf_counter()
+        time = positive_time("time limit", time if optimise is None else optimise)
+        duration = simplification_time(simplify)
         planner, name = self.prepare(planner, seed, parameters)
         if duration is None and optimise is None:
-            return self._planned(planner, name, seed, time, None)
+            result = self._planned(planner, name, seed, time, None)
+            return self._validated(result, name, report, begin)
         self._validator.setDangerLimit(self._limit_of(planner))
         try:
-            if self.field is not None:
+            if self.field is not None or optimise is not None:
                 self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
             with Interrupts() as interrupts:
                 if optimise is not None:
                     result = self._optimised(planner, name, seed, time, lambda: interrupts.happened)
                 else:
                     result = self._planned(planner, name, seed, time, duration)
+            result = self._validated(result, name, report, begin)
         finally:
             self._validator.setDangerLimit(self._danger_limit)
         if interrupts.happened and not result:
@@ -172,28 +167,58 @@ class SafeSetup(SafeProblem):
         return replace(result, interrupted=interrupts.happened)
 
     def _planned(self, planner: Any, name: str, seed: int, time: float, duration: float | None) -> PlanResult:
-        """Plan once, and simplify for a duration [s] if one is given, 0 for as long as it takes."""
+        """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""
         begin, before = perf_counter(), self.counts.copy()
-        status = self.solve(float(time))
-        elapsed = perf_counter() - begin
-        nodes = _nodes(planner)
-        path = self.solution() if self.haveExactSolutionPath() else None
-        self._simplification_time = 0.0
-        if path is not None and duration is not None:
-            self.simplifySolution(duration)
-            path = self.solution()
+        status = self.solve(time)
+        exact = self.haveExactSolutionPath()
+        found = self.solution() if self.haveSolutionPath() else None
+        planned = simplified = perf_counter()
+        if found is not None and exact and duration is not None:
+            left = time - (planned - begin)
+            if left > 0:
+                self.simplifySolution(min(duration, left) if duration else left)
+                found = self.solution()
+            else:
+                _log.info("planning took all of the time limit: the path is not simplified")
+            simplified = perf_counter()
         counts = self.counts - before
-        counts.nodes = nodes
+        counts.nodes = nodes_of(planner)
         return PlanResult(
-            status.asString(),
-            path,
-            self._checked_report(path, name),
-            name,
-            int(seed),
-            self.robot.joint_names,
-            elapsed,
-            self._simplification_time,
-            counts,
+            *(status.asString(), found if exact else None, None),
+            *(name, int(seed), self.robot.joint_names),
+            *(planned - begin, simplified - planned, counts),
+            approximate_path=None if exact else found,
+        )
+
+    def _validated(self, result: PlanResult, name: str, report: bool, begin: float) -> PlanResult:
+        """Return a result with the validation of its path; `begin` is when all began.
+
+        Raises
+        ------
+        PlanningError
+            If the path is not proven, or is none from a start to the goal.
+        """
+        setup_time = perf_counter() - begin - result.planning_time - result.simplification_time
+        begin = perf_counter()
+        path, short = result.path, result.approximate_path
+        if short is not None and not self.is_free(short):
+            _log.warning("%s: the approximate solution is not proven free, and dropped", name)
+            short = None
+        examined: PathReport | None = None
+        if path is not None:
+            examined = self.report(path)
+            if not examined.certified:
+                raise PlanningError(
+                    f"{name} returned a path that is not proven free: {examined.validation.why}"
+                )
+            check_endpoints(path, self.getProblemDefinition(), self._bridge, name)
+        return replace(
+            result,
+            report=examined if report else None,
+            approximate_path=short,
+            validation=None if examined is None else examined.validation,
+            setup_time=setup_time,
+            validation_time=perf_counter() - begin,
         )
 
     def prepare(
@@ -202,9 +227,11 @@ class SafeSetup(SafeProblem):
         """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**32:
             raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
+        check_planner(planner, self.getSpaceInformation())
+        self._adopt_plugins()
         if not self.getSpaceInformation().isSetup():
             self.getSpaceInformation().setup()  # draws random numbers, so it goes before the seed
-        _seed_ompl(int(seed))
+        seed_ompl(int(seed))
         name = planner if isinstance(planner, str) else planner.getName()  # BITstar renames itself kBITstar
         if isinstance(planner, str):
             planner = make_planner(planner, self.getSpaceInformation(), parameters)
@@ -235,114 +262,26 @@ class SafeSetup(SafeProblem):
                 if isinstance(planner, SafePlanner):
                     planner.setSeed((int(seed) + start) % 2**32)
             found = self.solve(max(seconds, _SHORTEST))
-            nodes += _nodes(planner)
+            nodes += nodes_of(planner)
             if not self.haveExactSolutionPath():
                 return None
             status = found.asString()
             return self.solution()
 
         found = optimise_paths(search, simplifier, time - (perf_counter() - begin), stop)
+        path, improvements = found.settled(simplifier)
+        if self.user_checks and path is not None:
+            path = next((best for best in (path, *reversed(found.paths)) if self.is_free(best)), None)
+        if path is not None:
+            self._set_solution(path)
         elapsed = perf_counter() - begin
         counts = self.counts - before
         counts.nodes = nodes
-        path, improvements = found.settled(simplifier)
-        if path is not None:
-            self._set_solution(path)
         first = elapsed if found.first_path is None else found.first_path
         return PlanResult(
-            status,
-            path,
-            self._checked_report(path, name),
-            name,
-            int(seed),
-            self.robot.joint_names,
-            first,
-            elapsed - first,
-            counts,
-            improvements,
+            *(status, path, None, name, int(seed), self.robot.joint_names),
+            *(first, elapsed - first, counts, improvements),
         )
-
-    def _checked_report(self, path: FloatArray | None, name: str) -> PathReport | None:
-        if path is None:
-            return None
-        report = self.report(path)
-        if not report.certified:
-            raise PlanningError(f"{name} returned a path that is not proven free: {report.refused}")
-        return report
-
-    # -------------------------------------------------------------------------------------- simplification
-
-    @property
-    def simplifier(self) -> Simplifier:
-        """What makes paths cheaper; `setSimplification` sets its options.
-
-        Raises
-        ------
-        InputError
-            If this setup plans without danger.
-        """
-        if self._simplifier is None:
-            self.setSimplification()
-        assert self._simplifier is not None
-        if self._simplifier.motion is not self._validator.motion:
-            self._simplifier = self._simplifier.proving_by(self._validator.motion)
-        return self._simplifier
-
-    def setSimplification(self, **options: Any) -> None:
-        """Set the options of the danger-aware simplification: weight, exponent, clearance, … of `Simplifier`.
-
-        Raises
-        ------
-        InputError
-            If an option is out of range, or this setup plans without danger.
-        """
-        if self.field is None:
-            raise InputError(
-                "danger-aware simplification needs a danger field; this setup plans without danger"
-            )
-        self._simplifier = Simplifier(self.checker, self.field, self._validator.motion, **options)
-
-    def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
-        """Make the solution shorter and safer, see `simplify_danger`; every path on the way is proven.
-
-        Without danger OMPL's own simplifier does it, and its path is taken if it is proven, too.
-
-        Parameters
-        ----------
-        time : float or ob.PlannerTerminationCondition
-            For how long [s], or until when; 0: until nothing more is to gain.
-        free_goal : bool
-            Whether the goal configuration may move where the goal is a `WorkspaceGoal`.
-
-        Raises
-        ------
-        InputError
-            If there is no solution, or the time is neither.
-        """
-        if not self.haveSolutionPath():
-            raise InputError("there is no solution to simplify")
-        begin, path = perf_counter(), self.solution()
-        if self.field is not None:
-            goal = self._place if free_goal and self.getGoal() is self._place else None
-            self._set_solution(self.simplifier.simplify(path, _stopping(time), goal=goal, proven=True))
-        else:
-            super().simplifySolution(time)
-            if not PathReport.of(self.solution(), self.checker, None, self._validator.motion).certified:
-                self._set_solution(path)
-        self._simplification_time = perf_counter() - begin
-
-    def getLastSimplificationTime(self) -> float:
-        """Return how long the last simplification took [s]."""
-        return self._simplification_time
-
-    def getPlannerData(self, data: Any) -> None:
-        """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
-        planner = self.getPlanner()
-        if isinstance(planner, SafePlanner):
-            data.clear()
-            planner.fillPlannerData(data)
-        else:
-            super().getPlannerData(data)
 
 
 def plan(
@@ -354,6 +293,7 @@ def plan(
     *,
     simplify: bool | float = False,
     optimise: float | None = None,
+    report: bool = True,
 ) -> PlanResult:
     """Plan a scenario.
 
@@ -369,7 +309,7 @@ def plan(
         Seed.
     parameters : mapping, optional
         Planner parameters that override those of the scenario.
-    simplify, optimise
+    simplify, optimise, report
         As in `SafeSetup.plan`.
 
     Returns
@@ -382,18 +322,22 @@ def plan(
     InputError, PlanningError
         As `SafeSetup.plan`; and if the scenario cannot be used.
     """
+    begin = perf_counter()
     if not isinstance(scenario, Scenario):
-        scenario = Scenario.load(scenario)
+        scenario = Scenario.load(find_scenario(scenario))
     setup = setup_scenario(scenario)
-    own = scenario.planners.get(planner, {})
-    return setup.plan(
+    own = scenario.planners.get(planner, {}) if isinstance(planner, str) else {}
+    built = perf_counter() - begin
+    result = setup.plan(
         planner,
         time=scenario.time if time is None else time,
         seed=seed,
         parameters={**own, **(parameters or {})},
         simplify=simplify,
         optimise=optimise,
+        report=report,
     )
+    return replace(result, setup_time=built + result.setup_time)
 
 
 def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
@@ -416,56 +360,3 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
                 limits = scenario.limits
                 setup.setMinClearance(limits.min_clearance, limits.obstacles, limits.exempt)
     return setup
-
-
-def _positive_time(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
-        raise InputError(f"{name} must be a positive number of seconds, got {value!r}")
-    return float(value)
-
-
-def _simplification(value: bool | float) -> float | None:
-    """Return for how long to simplify [s], 0 without limit; None for not at all."""
-    if isinstance(value, bool):
-        return 0.0 if value else None
-    return _positive_time("simplify", value)
-
-
-def _stopping(time: Any) -> Stop:
-    """Return a predicate for a time limit [s], 0 for none, or a termination condition."""
-    if isinstance(time, ob.PlannerTerminationCondition):
-        return lambda: bool(time())
-    if time == 0 and not isinstance(time, bool):
-        return lambda: False
-    return timed(_positive_time("time of simplification", time))
-
-
-def _termination(time: Any) -> Any:
-    """Return when to stop. It asks Python, which notices Ctrl-C only when it runs, whenever a C++ planner asks it."""
-    if not isinstance(time, ob.PlannerTerminationCondition):
-        if not (isinstance(time, (int, float)) and time >= 0):
-            raise InputError(f"time must be a number of seconds or a termination condition, got {time!r}")
-        time = ob.timedPlannerTerminationCondition(float(time))
-    return ob.PlannerTerminationCondition(lambda: bool(time()))
-
-
-def _seed_ompl(seed: int) -> None:
-    """Seed OMPL's C++ planners, quietly: it complains of a second seed, though planners built later do follow it."""
-    handler = ou.getOutputHandler()
-    ou.noOutputHandler()
-    ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"
-    if handler is not None:
-        ou.useOutputHandler(handler)
-
-
-def _nodes(planner: Any) -> int:
-    """Return how many nodes a planner kept."""
-    if isinstance(planner, SafePlanner):
-        return planner.counts.nodes
-    if isinstance(
-        planner, og.BITstar
-    ):  # reading its graph leaks it, and with it the robot: count its samples
-        return int(planner.numBatches() * planner.getSamplesPerBatch())
-    data = ob.PlannerData(planner.getSpaceInformation())
-    planner.getPlannerData(data)
-    return int(data.numVertices())

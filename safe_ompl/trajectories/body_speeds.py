@@ -6,7 +6,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.danger.moving_skeleton import JointMotions
-from safe_ompl.robot.displacement import Hull, bounding_hull
+from safe_ompl.robot.bodies.reach import Hull, bounding_hull
 from safe_ompl.robot.robot import Robot
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 

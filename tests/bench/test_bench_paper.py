@@ -19,12 +19,14 @@ from _paper import sweep as sweeping
 from _paper.claims import CLAIMS, Claim
 from _paper.dependence import Point, plot_dependence
 from _paper.evidence import Evidence
+from _paper.random_scenes import OMPLS, RandomStudy, random_scenarios, scene_campaigns
+from _paper.report import claims_section
 from _paper.runs import campaigns, study_scenario
 from _paper.smoothed import MEAN, Ratio, Smoothed, answer
-from _paper.smoothed_page import plot_smoothing, smoothing_table
+from _paper.smoothed_page import plot_smoothing, smoothing_section, smoothing_table
 from _paper.smoothing import ShorteningCampaign, Smoothing
 from _paper.store import Store, read_result
-from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs
+from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs, with_crossed
 from _paper.tables import effort_table, markdown_table, ratio_table
 
 from safe_ompl.benchmark.campaign import Campaign, failure
@@ -87,7 +89,7 @@ def test_means_and_ratios(evidence: Evidence) -> None:
 
 def test_tables_show_ours_beside_the_paper(evidence: Evidence) -> None:
     assert "| SafeRRTConnect | 5/6 | 20.0 | 10 | 100 | – | 5.00 |" in effort_table(evidence)
-    assert "| RRT-Connect | 2.00 (1.18) | 0.50 (0.68) | 1.00 (1.06) | 0.50 |" in ratio_table(evidence)
+    assert "| RRT-Connect ours | 2.00 (1.18) | 0.50 (0.68) | 1.00 (1.06) | 0.50 |" in ratio_table(evidence)
 
 
 def test_tables_have_as_many_columns_in_every_line() -> None:
@@ -97,7 +99,7 @@ def test_tables_have_as_many_columns_in_every_line() -> None:
 
 def verdict_on(place: str, evidence: Evidence) -> str:
     (claim,) = [claim for claim in CLAIMS if claim.place == place]
-    return claim.verdict([evidence])[0]
+    return claim.verdict([evidence], as_printed=False)[0]
 
 
 def test_claims_are_confirmed_or_refuted_by_the_numbers(evidence: Evidence) -> None:
@@ -111,7 +113,7 @@ def test_claims_are_confirmed_or_refuted_by_the_numbers(evidence: Evidence) -> N
 def test_a_claim_that_holds_here_and_not_there_is_true_in_part(evidence: Evidence) -> None:
     worse = [result("ClassicRRTConnect", 0, 4.0, 0.01), result("SafeRRTConnect", 0, 5.0, 0.01)]
     claim: Claim = CLAIMS[0]
-    verdict, findings = claim.verdict([evidence, Evidence.of(STUDIES[1], PAIRS, worse)])
+    verdict, findings = claim.verdict([evidence, Evidence.of(STUDIES[1], PAIRS, worse)], as_printed=False)
     assert verdict == "in part (1 of 2)"
     assert [finding.number for finding in findings] == ["mean danger × 0.50", "mean danger × 1.25"]
 
@@ -119,7 +121,30 @@ def test_a_claim_that_holds_here_and_not_there_is_true_in_part(evidence: Evidenc
 def test_pairs_are_those_that_exist() -> None:
     for pair in chosen_pairs():
         assert set(pair.planners) <= set(planner_names())
-    assert chosen_pairs(["ClassicPRM"]) == tuple(pair for pair in PAIRS if pair.label == "PRM")
+    (pair,) = chosen_pairs(["ClassicPRM"])
+    assert pair == Pair("PRM", "SafePRM", "ClassicPRM")
+
+
+def test_every_family_is_there_as_printed_and_in_our_form() -> None:
+    printed, ours = ([pair.label for pair in PAIRS if pair.as_printed is form] for form in (True, False))
+    assert printed == ours == ["Bubbles", "PRM", "RRT-Connect", "JT-RRT"]
+    assert all(name.startswith("Paper") == pair.as_printed for pair in PAIRS for name in pair.planners)
+
+
+def test_our_safe_planners_are_also_compared_with_classical_ones_as_printed() -> None:
+    (crossed,) = (pair for pair in with_crossed(chosen_pairs(["SafePRM", "PaperPRM"])) if pair.against_print)
+    assert (crossed.safe, crossed.classic, crossed.title) == ("SafePRM", "PaperPRM", "PRM ours / printed")
+    assert with_crossed([PAIR]) == [PAIR]
+
+
+def test_the_forms_have_verdicts_of_their_own(evidence: Evidence) -> None:
+    printed = [result("PaperRRTConnect", k, 4.0, 0.01) for k in range(3)]
+    printed += [result("PaperSafeRRTConnect", k, 5.0, 0.01) for k in range(3)]
+    results = [*printed, *(one for own in evidence.results.values() for one in own)]
+    both = Evidence.of(STUDIES[0], PAIRS, results)
+    claim: Claim = CLAIMS[0]
+    assert [claim.verdict([both], as_printed=form)[0] for form in (True, False)] == ["refuted", "confirmed"]
+    assert "**as printed: refuted; ours: confirmed**" in claims_section([both])
 
 
 # ------------------------------------------------------------------------------------------------ smoothing
@@ -151,7 +176,8 @@ def test_the_same_runs_are_compared_before_and_after() -> None:
     assert "| ClassicRRTConnect | 10/10 | 8.00 → 5.00 | 8.00 → 5.00 | 16.0 → 10.0 | 0.00 → 0.00 |" in rows[2]
     assert "| – with OMPL's simplifier | 10/10 | 16.00 |" in rows[3]
     assert (
-        "| **RRT-Connect, safe / classic** |  | 0.50 → 0.80 | 0.50 → 0.80 | 0.50 → 0.80 | – → – |" in rows[5]
+        "| **RRT-Connect ours, safe / classic** |  | 0.50 → 0.80 | 0.50 → 0.80 | 0.50 → 0.80 | – → – |"
+        in rows[5]
     )
     assert len({row.count("|") for row in rows}) == 1
 
@@ -196,6 +222,13 @@ def test_ratios_know_what_chance_can_do() -> None:
     assert Ratio.of(np.array([1.0]), np.array([2.0]), exact=True) == (0.5, 0.5, 0.5)
 
 
+def test_the_answer_is_given_for_each_form() -> None:
+    section = smoothing_section([smoothed((8.0, 5.0), (4.0, 4.5))])
+    printed, ours = section.split("### Ours")
+    assert "### Planners as printed\n\nNot measured" in printed
+    assert "**Yes; the gap nearly closes" in ours
+
+
 def test_nothing_is_said_where_nothing_was_solved() -> None:
     results = {kind: [failure("Timeout", name, 0, ()) for name in PAIR.planners] for kind in Smoothing}
     assert answer([Smoothed.of(STUDIES[0], PAIRS, results)]).startswith("Not measured")
@@ -204,7 +237,7 @@ def test_nothing_is_said_where_nothing_was_solved() -> None:
 def test_the_picture_of_smoothing(tmp_path: Path) -> None:
     studies = [smoothed((8.0, 5.0), (4.0, 4.5)), smoothed((8.0, 4.0), (5.0, 5.0))]
     figure = plot_smoothing(studies, tmp_path / "smoothing.png")
-    assert [axes.get_title("left") for axes in figure.axes] == ["RRT-Connect", ""]
+    assert [axes.get_title("left") for axes in figure.axes] == ["RRT-Connect ours", ""]
     ends = [line.get_ydata()[-1] for line in figure.axes[0].lines]
     assert ends == pytest.approx([8.0, 16.0, 5.0, 4.0, 4.5])
     assert [text.get_text() for text in figure.axes[1].texts] == ["× 0.62", "× 1.25"]
@@ -310,6 +343,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper, "draw_study", lambda *_: None)
     monkeypatch.setattr(paper, "draw_ideas", lambda _: {"field.png": "After Fig. 3"})
     monkeypatch.setattr(paper, "HARDNESS_RUNS", 1)
+    monkeypatch.setattr(paper, "SCENES", 2)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -317,7 +351,8 @@ def test_two_runs_of_two_planners(tmp_path: Path, capsys: pytest.CaptureFixture[
     command = ["--runs", "2", "--out", str(tmp_path), "--planners", "SafeRRTConnect", "--processes", "1"]
     paper.main(command)
     report = (tmp_path / "report.md").read_text()
-    assert report.count("| SafeRRTConnect | 2/2 |") == 2
+    assert report.count("| SafeRRTConnect | 2/2 |") == 3  # in both studies, and the scenes at random
+    assert "## Study 3: 2 scenes at random, none left out" in report
     assert "study_2/profiles.png" in report
     lines = (tmp_path / "study_1" / "runs.jsonl").read_text().splitlines()
     runs = [(line["planner"], line["seed"]) for line in map(json.loads, lines)]
@@ -351,8 +386,35 @@ def test_a_run_of_two_planners_with_smoothing(tmp_path: Path, monkeypatch: pytes
 
 
 def test_planners_that_do_not_exist_are_named(tmp_path: Path) -> None:
-    with pytest.raises(UnknownNameError, match="'SafeRRT'; known: ClassicBubble"):
+    with pytest.raises(UnknownNameError, match="'SafeRRT'; known: PaperBubble"):
         paper.main(["--out", str(tmp_path), "--planners", "SafeRRT"])
+
+
+# --------------------------------------------------------------------------------------------- random scenes
+
+
+def test_random_scenes_are_the_same_each_time_and_none_is_left_out() -> None:
+    scenes, again = random_scenarios(4), random_scenarios(4)
+    assert scenes == again
+    assert [scene.name for scene in scenes] == [f"random_{k}" for k in range(4)]
+    assert all(any(obstacle.weight for obstacle in scene.scene.obstacles) for scene in scenes)
+    assert len({scene.start for scene in scenes}) == 4
+
+
+def test_the_random_study_counts_what_is_not_solved(tmp_path: Path) -> None:
+    scenes = random_scenarios(2)
+    stores = [store for store, _ in scene_campaigns(tmp_path, (PAIR,), 2, scenes)]
+    for k, store in enumerate(stores):
+        for name, danger in ((OMPLS, 8.0), (PAIR.classic, 8.0), (PAIR.safe, 4.0)):
+            store.add(
+                result(name, 0, danger, 0.01) if k == 0 or name == OMPLS else failure("Timeout", name, 0, ())
+            )
+    study = RandomStudy.of(stores, (PAIR,))
+    assert f"| {OMPLS} | 2/2 | 2/2 | 2/2 |" in study.table()
+    assert "| SafeRRTConnect | 1/2 | 1/2 | 1/2 | 10.0 | 10 | 100 | 4.00 |" in study.table()
+    assert "| RRT-Connect ours | 1 | 0.50 | 1/1 | 1.00 | 1.00 | 1.00 |" in study.ratios()
+    todo = [campaign for _, own in scene_campaigns(tmp_path, (PAIR,), 2, scenes) for campaign in own]
+    assert sum(map(len, todo)) == 2 * 3  # of two runs each, one is done
 
 
 # --------------------------------------------------------------------------------------------------- sweeps

@@ -27,18 +27,22 @@ RECORD = [
     "seed",
     "status",
     "solved",
+    "setup_time",
     "planning_time",
     "simplification_time",
+    "report_time",
     "joint_names",
     "path",
     "length",
     "danger",
     "clearance",
     "certified",
+    "validation",
+    "links_without_collision",
     "counts",
 ]
 DANGER = ["mean", "max", "max_bound", "integral", "avoidable", "profile"]
-CLEARANCE = ["min", "mean", "length_below_50mm", "link", "obstacle", "at"]
+CLEARANCE = ["min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"]
 COUNTS = [
     "nodes",
     "collision_queries",
@@ -665,3 +669,10 @@ def test_pictures_without_the_extra_are_refused_with_advice(
     assert_refused(
         run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]"
     )
+
+
+def test_one_file_for_two_results(tmp_path, capsys):
+    file = str(tmp_path / "both.json")
+    assert main(["plan", "planar3", "--json", file, "--certificate", file]) == 2
+    assert "--certificate" in (error := capsys.readouterr().err)
+    assert "is written by --json already: give another file" in error.replace("\n", " ")

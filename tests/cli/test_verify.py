@@ -131,3 +131,32 @@ def test_what_a_setup_proves_of_moving_obstacles_stands_in_its_certificate(call,
     assert (status, err) == (0, "")
     assert "the same while obstacles move no faster than person 0.1 m/s, for 0.5 s" in out
     assert "not claimed: clearance\n" in out
+
+
+def test_a_robot_of_a_scenario_that_holds_something_travels(call, tmp_path, monkeypatch):
+    """On a base, with a mesh in the gripper: nothing of it is left where it is verified."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    for folder in (here, there):
+        folder.mkdir()
+    shutil.copy(Path(__file__).parents[1] / "data" / "wedge.obj", here / "wedge.obj")
+    (here / "held.yaml").write_text(
+        """
+robot:
+  example: ur5
+  base: {position: [0, 0, 0.5]}
+  attached:
+    - {name: part, link: tool0, position: [0, 0, 0.1], mesh: {file: wedge.obj, scale: [0.05, 0.05, 0.05]}, danger: true}
+scene:
+  obstacles:
+    - {name: post, position: [0.9, 0.9, 0.5], box: {size: [0.1, 0.1, 1]}, weight: 1}
+start: [0, -1.5, 0.5, 0.3, 0.2, 0]
+goal: {configuration: [0.4, -1.5, 0.6, 0.3, 0.2, 0]}
+"""
+    )
+    monkeypatch.chdir(here)
+    assert call("plan", "held.yaml", "--certificate", there / "proof.json")[0] == 0
+    monkeypatch.chdir(there)
+    shutil.rmtree(here)
+    status, out, err = call("verify", "proof.json", "--carried")
+    assert (status, err) == (0, "")
+    assert "robot ur5 and scene that it carries: post" in out

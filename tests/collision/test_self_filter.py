@@ -9,7 +9,7 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.self_filter import robot_points, without_robot
 from safe_ompl.errors import InputError
-from safe_ompl.robot.displacement import bounding_hull
+from safe_ompl.robot.bodies.reach import bounding_hull
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene

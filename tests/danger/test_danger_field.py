@@ -337,7 +337,7 @@ def test_refuses_a_robot_without_links(tmp_path):
         <parent link="base"/><child link="rim"/><axis xyz="0 0 1"/></joint></robot>"""
     )
     with pytest.raises(InputError, match="'wheel' has no link of any length"):
-        DangerField(Robot.from_urdf(tmp_path / "wheel.urdf"), [[1.0, 0.0, 0.0]])
+        DangerField(Robot.from_urdf(tmp_path / "wheel.urdf", collision="optional"), [[1.0, 0.0, 0.0]])
 
 
 def test_refuses_bad_configurations():
@@ -365,3 +365,16 @@ def test_refuses_a_source_that_changes_its_number_of_points():
         DangerField(ARM, lambda q: POINTS if q[0] == Q[0, 0] else POINTS[:1]).values(Q)
     with pytest.raises(InputError, match=r"the number of danger points must not change, got \[2, 9\]"):
         DangerField(ARM, lambda q: POINTS, [1.0, 2.0]).value(Q[0])
+
+
+def test_the_push_is_the_sum_over_all_points_and_the_ends_of_all_links(ur5):
+    """Σ_m Σ_l J_lᵀ w_m CDF(p_m) with the Jacobians themselves (paper, §4.3)."""
+    weights, q = np.linspace(0.5, 2.0, len(POINTS)), np.array([0.3, -1.0, 1.2, 0.1, 0.4, -0.2])
+    field = DangerField(ur5, POINTS, weights)
+    vectors, jacobians = field.vector(q, POINTS), ur5.keypoint_jacobians(q)
+    expected = sum(
+        weight * jacobians[end].T @ vector
+        for weight, vector in zip(weights, vectors, strict=True)
+        for _, end in ur5.segments
+    )
+    np.testing.assert_allclose(field.push(q), expected, rtol=1e-10)

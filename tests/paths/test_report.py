@@ -1,6 +1,7 @@
 """Reports on paths, against values computed by hand."""
 
 import json
+import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -218,9 +219,21 @@ def test_continuous_joints_are_followed_the_short_way(kinova):
 def test_as_plain_numbers(crank):
     found = report(crank, [[-1], [1]], balls(0.9), np.square).as_dict()
     assert json.loads(json.dumps(found)) == found
-    assert set(found) == {"length", "danger", "clearance", "certified"}
+    assert set(found) == {
+        *("length", "danger", "clearance", "certified"),
+        *("validation", "links_without_collision"),
+    }
+    assert found["validation"] == {"proven": True, "claims": ["collision"], "checks": []}
     assert set(found["danger"]) == {"mean", "max", "max_bound", "integral", "avoidable", "profile"}
-    assert set(found["clearance"]) == {"min", "mean", "length_below_50mm", "link", "obstacle", "at"}
+    assert set(found["clearance"]) == {
+        "min",
+        "mean",
+        "length_below_50mm",
+        "link",
+        "obstacle",
+        "at",
+        "obstacles",
+    }
     assert report(crank, [[-1], [1]]).as_dict()["danger"] is None
 
 
@@ -230,3 +243,53 @@ def test_as_plain_numbers(crank):
 def test_what_is_no_path(crank, path):
     with pytest.raises(InputError, match="path"):
         PathReport.of(path, CollisionChecker(crank, Scene()))
+
+
+# ------------------------------------------------------------------------------------------------- when it is computed
+
+
+def test_danger_and_clearance_wait_until_they_are_looked_at(crank):
+    checker = CollisionChecker(crank, balls(0.9))
+    found = PathReport.of(np.array([[-1.0], [1.0]]), checker, Field(np.square))
+    assert found.certified
+    assert checker.counts.distance_queries == 0
+    assert found.time == 0
+    least = found.clearance
+    asked = checker.counts.distance_queries
+    assert asked >= PROFILE_POINTS
+    assert found.clearance is least
+    assert checker.counts.distance_queries == asked, "computed once"
+    assert found.time > 0
+
+
+def test_what_is_computed_later_is_the_same(crank):
+    checker = CollisionChecker(crank, balls(0.9))
+    path = np.array([[-1.0], [1.0]])
+    early, late = (PathReport.of(path, checker, Field(np.square)) for _ in range(2))
+    before = early.as_dict()
+    assert late.as_dict() == before
+
+
+def test_a_report_in_another_process(crank):
+    found = report(crank, [[-1], [1]], balls(0.55), np.square)
+    restored = pickle.loads(pickle.dumps(found))
+    assert restored.as_dict() == found.as_dict()
+    assert restored.refused == found.refused
+    assert restored.time == found.time > 0
+
+
+def test_the_clearance_of_every_obstacle(crank):
+    found = report(crank, [[-1], [1]], balls(0.9, 0.7, 2.0)).clearance
+    assert found.obstacle == "ball1"
+    assert found.obstacles == {
+        "ball0": pytest.approx(0.3, abs=1e-3),
+        "ball1": found.min,
+        "ball2": pytest.approx(1.4, abs=1e-3),
+    }
+
+
+def test_in_one_line(crank):
+    assert repr(report(crank, [[-1], [1]])) == "PathReport(2 rad, certified: collision)"
+    text = repr(report(crank, [[-1], [1]], balls(0.55)))
+    assert text.startswith("PathReport(2 rad, not proven free; edge 0 is blocked at 0.4")
+    assert text.endswith("'ball' and 'ball0')")

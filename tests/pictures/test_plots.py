@@ -42,6 +42,16 @@ def test_safe_planners_are_strong_and_solid_and_no_two_look_alike() -> None:
     assert len({(style.colour, style.dashes) for style in styles.values()}) == len(names)
 
 
+def test_planners_as_printed_have_their_familys_colour_and_look_otherwise() -> None:
+    ours, printed = (
+        planner_styles(names) for names in (["SafePRM", "ClassicPRM"], ["PaperSafePRM", "PaperPRM"])
+    )
+    for own, paper in zip(ours.values(), printed.values(), strict=True):
+        assert paper.colour == own.colour
+        assert paper.strong == own.strong
+        assert paper.dashes != own.dashes
+
+
 def test_a_planner_looks_the_same_among_others() -> None:
     assert planner_styles(["SafePRM"])["SafePRM"] == planner_styles(["PRM", "SafePRM"])["SafePRM"]
 

@@ -325,7 +325,7 @@ def test_a_robot_without_geometry_is_drawn_by_its_skeleton(tmp_path: Any) -> Non
 
     file = tmp_path / "bare.urdf"
     file.write_text(re.sub(r"<collision>.*?</collision>", "", ARM.format(axis="0 0 1"), flags=re.DOTALL))
-    body = RobotBody(Robot.from_urdf(file, tip="tip"))
+    body = RobotBody(Robot.from_urdf(file, tip="tip", collision="optional"))
     extent = np.ptp(body.posed(np.zeros(2)).vertices, axis=0)
     assert extent[0] > 0.7
     assert extent[1] < 0.2

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from plane import EXACT, GOAL, START, HotSpot, PlaneProblem, wall_with_a_gap
+from plane import EXACT, GOAL, START, TIMEOUT, HotSpot, PlaneProblem, wall_with_a_gap
 
 from safe_ompl.errors import InputError
 from safe_ompl.planners.registry import make_planner
@@ -89,6 +89,16 @@ def test_rrt_connect_is_kuffners(seed):
     task = task_of("PaperRRTConnect", seed)
     assert task.solve() == EXACT
     np.testing.assert_allclose(task.path, Transcription(task, 0.0, seed).rrt_connect(START, GOAL), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_k_iterations_and_no_more(seed):
+    literal, rounds = Transcription(task_of("PaperRRTConnect", seed), 0.0, seed), []
+    draw = literal.random_config
+    literal.random_config = lambda: rounds.append(1) or draw()
+    literal.rrt_connect(START, GOAL)
+    assert task_of("PaperRRTConnect", seed, iterations=len(rounds)).solve() == EXACT
+    assert task_of("PaperRRTConnect", seed, iterations=len(rounds) - 1).solve() == TIMEOUT
 
 
 def test_alpha_makes_a_difference():

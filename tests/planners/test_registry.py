@@ -14,7 +14,7 @@ from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.safe_setup import setup_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
-BASELINES = ["TRRT", "BiTRRT", "GradienTRRT"]
+BASELINES = ["TRRT", "BiTRRT", "GradienTRRT", "HRRT"]
 
 
 @pytest.fixture(scope="module")

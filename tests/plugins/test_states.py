@@ -1,5 +1,7 @@
 """The bridge between OMPL states and arrays: round trips, wrapping, bounds, and spaces that it refuses."""
 
+import logging
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from ompl import base as ob
 
 from safe_ompl.errors import InputError
+from safe_ompl.plugins import states
 from safe_ompl.plugins.states import ScratchState, StateBridge, joint_space
 
 angles = st.floats(-100.0, 100.0)
@@ -177,3 +180,46 @@ def test_shares_of_the_way_between_bounds():
     bridge = StateBridge(space)
     np.testing.assert_array_equal(bridge.between_bounds(np.zeros(3)), [-1, 2, -np.pi])
     np.testing.assert_array_equal(bridge.between_bounds(np.array([[0.5, 0.25, 0.5]])), [[0, 3, 0]])
+
+
+# ---------------------------------------------------------------------------- where the bindings know no such buffer
+
+
+class OtherBuffer:
+    """Stands for a capsule that the bindings take for something else: nothing arrives."""
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
+@pytest.mark.parametrize("broken", [OtherBuffer(), None])
+def test_without_the_buffer_states_are_read_all_the_same(robot_named, rng, monkeypatch, caplog, name, broken):
+    robot = robot_named(name)
+    space = joint_space(robot)
+    usual = StateBridge(space)
+    assert usual._plain is None
+    if broken is None:  # it goes to another buffer
+        real, other = states._new_capsule, np.zeros(robot.n)
+        monkeypatch.setattr(states, "_new_capsule", lambda *rest: real(other.ctypes.data, *rest[1:]))
+    else:
+        monkeypatch.setattr(states, "_new_capsule", lambda *rest: broken)
+    with caplog.at_level(logging.WARNING):
+        bridge = StateBridge(space)
+    assert "the slow way is taken" in caplog.text
+    state = space.allocState()
+    for q in rng.uniform(robot.lower, robot.upper, (10, robot.n)):
+        bridge.write(q, state)
+        np.testing.assert_array_equal(usual.read(state), usual.wrapped(q))
+        usual.write(q, state)
+        np.testing.assert_array_equal(bridge.read(state), usual.wrapped(q))
+        np.testing.assert_array_equal(bridge.view(state), usual.wrapped(q))
+
+
+def test_the_buffer_is_taken_wherever_it_works(caplog):
+    plane = ob.SE2StateSpace()
+    plane.setBounds(real_vector((-1.0, 1.0), (-1.0, 1.0)).getBounds())
+    both = ob.CompoundStateSpace()
+    both.addSubspace(plane, 1.0)
+    both.addSubspace(ob.SO2StateSpace(), 0.5)
+    with caplog.at_level(logging.WARNING):
+        for space in (plane, both, ob.SO2StateSpace()):
+            assert StateBridge(space)._plain is None
+    assert not caplog.text

@@ -9,8 +9,8 @@ import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError
-from safe_ompl.robot.coupling import Mimic
 from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot.joints.coupling import Mimic
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

@@ -9,11 +9,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from self_pairs import self_pairs
 
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.examples import EXAMPLES, find_example, robots_folder
+from safe_ompl.robot.bodies.self_collision import sample_configurations
+from safe_ompl.robot.description.examples import EXAMPLES, find_example, robots_folder
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.self_collision import sample_configurations
 
 JOINTS = {"panda": 7, "ur3": 6, "ur5": 6, "ur10": 6, "xarm7": 7, "kinova": 6, "z1": 6, "so101": 5}
 KINDS = ["panda", "kinova", "twin_arm", "slider"]
@@ -21,11 +22,6 @@ KINDS = ["panda", "kinova", "twin_arm", "slider"]
 
 def random_configurations(robot, rng, count):
     return rng.uniform(robot.lower, robot.upper, (count, robot.n))
-
-
-def pair_names(robot):
-    names = [body.name for body in robot.collision_model.geometryObjects]
-    return {frozenset((names[p.first], names[p.second])) for p in robot.collision_model.collisionPairs}
 
 
 # ------------------------------------------------------------------------------------------------ example robots
@@ -239,7 +235,7 @@ def test_pickle_round_trip(robot_named, rng, name):
     robot = robot_named(name)
     copy = pickle.loads(pickle.dumps(robot))
     assert repr(copy) == repr(robot)
-    assert pair_names(copy) == pair_names(robot)
+    assert self_pairs(copy) == self_pairs(robot)
     np.testing.assert_array_equal(copy.lower, robot.lower)
     q = random_configurations(robot, rng, 1)[0]
     np.testing.assert_array_equal(copy.keypoints(q), robot.keypoints(q))
@@ -280,7 +276,7 @@ def test_srdf_removes_exactly_the_pairs_that_it_names(panda):
         if a.parentJoint != b.parentJoint
         and frozenset((a.name.rsplit("_", 1)[0], b.name.rsplit("_", 1)[0])) not in disabled
     }
-    assert pair_names(panda) == kept
+    assert self_pairs(panda) == kept
     assert len(kept) == 44
 
 
@@ -299,21 +295,21 @@ def test_without_srdf_exactly_adjacent_links_are_not_checked(data_folder, caplog
     same_body += [("left_forearm_1", "left_hand_0")]
     names = [body.name for body in robot.collision_model.geometryObjects]
     every = {frozenset((a, b)) for a in names for b in names if a != b}
-    assert pair_names(robot) == every - {frozenset(pair) for pair in adjacent + same_body}
+    assert self_pairs(robot) == every - {frozenset(pair) for pair in adjacent + same_body}
     assert "no SRDF; dropped pairs of adjacent links: base_0–torso_0" in caplog.text
     assert all(f"{a}–{b}" in caplog.text for a, b in adjacent)
 
 
 def test_a_tool_is_checked_against_the_link_before_the_last(data_folder):
     robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
-    assert frozenset(("upper_0", "hand_0")) in pair_names(robot)
-    assert frozenset(("upper_0", "lower_0")) not in pair_names(robot)
+    assert frozenset(("upper_0", "hand_0")) in self_pairs(robot)
+    assert frozenset(("upper_0", "lower_0")) not in self_pairs(robot)
 
 
 def test_pairs_that_always_touch_are_dropped_and_logged(edited, caplog):
     urdf = edited("gripper_arm.urdf", '<box size="0.06 0.12 0.04"/>', '<sphere radius="0.5"/>')
     robot = Robot.from_urdf(urdf, tip="hand")
-    assert frozenset(("upper_0", "hand_0")) not in pair_names(robot)
+    assert frozenset(("upper_0", "hand_0")) not in self_pairs(robot)
     assert "dropped pairs in contact in over 95% of samples: upper_0–hand_0" in caplog.text
 
 
@@ -323,7 +319,7 @@ def test_srdf_that_disables_nothing_is_said_so(data_folder, tmp_path, caplog, te
     srdf.write_text(f'<robot name="gripper_arm">{text}</robot>')
     robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", srdf, tip="hand")
     assert "empty.srdf disables no pair; dropped pairs of adjacent links" in caplog.text
-    assert pair_names(robot) == pair_names(Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand"))
+    assert self_pairs(robot) == self_pairs(Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand"))
 
 
 def test_srdf_by_any_name(data_folder, tmp_path, caplog):
@@ -334,8 +330,8 @@ def test_srdf_by_any_name(data_folder, tmp_path, caplog):
     with caplog.at_level(logging.INFO):
         robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", srdf, tip="hand")
     assert "1 self-collision pairs disabled by" in caplog.text
-    assert frozenset(("base_0", "upper_0")) not in pair_names(robot)
-    assert frozenset(("upper_0", "lower_0")) in pair_names(robot)
+    assert frozenset(("base_0", "upper_0")) not in self_pairs(robot)
+    assert frozenset(("upper_0", "lower_0")) in self_pairs(robot)
 
 
 # -------------------------------------------------------------------------------------------------------- errors
@@ -371,11 +367,14 @@ def test_broken_mesh(edited, tmp_path):
         Robot.from_urdf(urdf)
 
 
-def test_flat_mesh(edited, tmp_path):
+def test_a_flat_mesh_gets_a_little_thickness(edited, tmp_path, caplog):
     urdf = edited("twin_arm.urdf", "wedge.obj", "flat.obj")
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
-    with pytest.raises(InputError, match="mesh of 'left_hand_0' is flat"):
-        Robot.from_urdf(urdf)
+    with caplog.at_level(logging.INFO):
+        robot = Robot.from_urdf(urdf)
+    assert "mesh of left_hand_0 is flat: its hull is 0.2 mm thick" in caplog.text
+    hand = next(body for body in robot.collision_model.geometryObjects if body.name == "left_hand_0")
+    assert np.ptp(np.array(hand.geometry.points()), axis=0).min() == pytest.approx(2e-4)
 
 
 @pytest.mark.parametrize(

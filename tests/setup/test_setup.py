@@ -73,12 +73,15 @@ def test_as_the_json_of_the_command_line(setup):
             "seed",
             "status",
             "solved",
+            "setup_time",
             "planning_time",
             "simplification_time",
+            "report_time",
             "joint_names",
             "path",
         ),
         *("length", "danger", "clearance", "certified", "counts"),
+        *("validation", "links_without_collision"),
     }
     assert set(found["counts"]) == {
         *("nodes", "collision_queries", "margin_queries", "distance_queries"),

@@ -1,27 +1,28 @@
 """Robot and scene as a certificate carries them, so that it can be verified anywhere.
 
 The scene travels whole: mesh and point files byte by byte. Of a robot travels what builds it: the texts of URDF and
-SRDF, or where example-robot-data has them, and the choice of tip, joints and limits. Its meshes do not travel;
-but its hash covers them, so that no other robot passes for it.
+SRDF, or where example-robot-data has them, the choice of tip, joints and limits, its base, the objects that it holds
+and the robots beside it. The meshes of a URDF do not travel; but the hash of the robot covers them, so that no other
+one passes for it.
 """
 
 from __future__ import annotations
 
-from base64 import b64decode, b64encode
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from safe_ompl import document
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.robot.examples import robots_folder
+from safe_ompl.paths.certificate.carried_files import encoded, unpack
+from safe_ompl.paths.certificate.recipe import NotPlainError, RecipeReader, recipe
+from safe_ompl.robot.construction.blueprint import Blueprint
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.sources import UrdfBlueprint
 from safe_ompl.scene.scene import Scene
 
-_FILES = ("urdf", "srdf")
 _SCENE_KEYS = ("hash", "content", "files")
 _ROBOT_KEYS = ("name", "hash", "links_without_collision", "recipe")
 
@@ -44,7 +45,7 @@ def carried_scene(scene: Scene) -> dict[str, Any]:
             if isinstance(value, dict) and "file" in value:
                 path = Path(value["file"])
                 name = f"{len(files)}{path.suffix}"
-                files[name] = _read(path)
+                files[name] = encoded(path)
                 obstacle[key] = {**value, "file": name}
     carried = {"hash": scene.content_hash(), "content": content, "files": files}
     try:
@@ -74,10 +75,7 @@ def built_scene(carried: Mapping[str, Any]) -> Scene:
         if value not in files:
             raise InputError(f"the file {value!r} is not carried", key)
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
-        for name, data in files.items():
-            if PurePosixPath(name).name != name or "\\" in name:
-                raise InputError(f"{name!r} is not the name of a file", "files")
-            (Path(folder) / name).write_bytes(_decoded(name, data))
+        unpack(files, Path(folder))
         scene = Scene.from_mapping(content, Path(folder))
     if scene.content_hash() != document.require(carried, "hash"):
         raise CertificateError("the scene that it carries is not the one that it was written for")
@@ -89,22 +87,6 @@ def _file_names(content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
         for key, value in document.mapping(f"obstacles[{k}]", item).items():
             if isinstance(value, dict) and "file" in value:
                 yield f"obstacles[{k}].{key}.file", value["file"]
-
-
-def _read(path: Path) -> str:
-    try:
-        return b64encode(path.read_bytes()).decode("ascii")
-    except OSError as error:
-        raise InputError(f"cannot be carried in a certificate ({error.strerror})", str(path)) from None
-
-
-def _decoded(name: str, data: Any) -> bytes:
-    try:
-        return b64decode(document.text(name, data), validate=True)
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"not in base 64: {error}", name) from None
 
 
 # ------------------------------------------------------------------------------------------------------ robot
@@ -125,7 +107,7 @@ def carried_robot(robot: Robot) -> dict[str, Any]:
 
 def links_without_collision(robot: Robot) -> list[str]:
     """Return the moving links that nothing is proven of, as they have visual but no collision shapes; in order."""
-    return sorted(getattr(robot, "links_without_collision", ()))
+    return sorted(robot.links_without_collision)
 
 
 def built_robot(
@@ -149,88 +131,38 @@ def built_robot(
         certificate's hash is for the verification to say.
     """
     document.check_keys(carried, _ROBOT_KEYS)
-    name, recipe = carried.get("name"), document.require(carried, "recipe")
-    if recipe is None:
+    name, content = carried.get("name"), document.require(carried, "recipe")
+    if content is None:
         raise InputError(
             f"it carries no recipe of its robot {name!r}: give the scenario, or the robot in Python"
         )
-    options, given = document.mapping("recipe", recipe), urdf is not None or bool(package_dirs)
+    given = urdf is not None or bool(package_dirs)
     with TemporaryDirectory(prefix="safe-ompl-") as folder:
-        files = {key: _file(key, options.pop(key, None), Path(folder)) for key in _FILES}
-        examples = _examples()
-        folders = [*package_dirs, *([] if examples is None else [examples.parents[1]])]
         try:
-            return Robot.from_urdf(urdf or files["urdf"] or "", files["srdf"], folders, **options)
-        except InputError as error:
-            if given:
+            blueprint = RecipeReader(Path(folder), urdf, package_dirs).blueprint(content)
+            return _built(blueprint, name, folder, given)
+        except (AttributeError, LookupError, OverflowError, RecursionError, TypeError, ValueError) as error:
+            if isinstance(error, InputError):
                 raise
-            raise InputError(
-                f"the robot {name!r} cannot be built from what is carried; meshes are not: give its URDF, or the "
-                f"folder above its packages ({str(error).replace(f'{folder}/', '')})"
-            ) from None
-        except (AttributeError, LookupError, OverflowError, TypeError, ValueError) as error:
             line = str(error).partition("\n")[0]
             raise InputError(f"not a recipe of a robot: {line}", "recipe") from None
 
 
+def _built(blueprint: Blueprint, name: Any, folder: str, given: bool) -> Robot:
+    """Build a robot; if that fails say what may be missing, unless it was given."""
+    try:
+        return Robot(blueprint)
+    except InputError as error:
+        if given:
+            raise
+        raise InputError(
+            f"the robot {name!r} cannot be built from what is carried; meshes are not: give its URDF, or the "
+            f"folder above its packages ({re.sub(re.escape(folder) + r'/([0-9]+/)?', '', str(error))})"
+        ) from None
+
+
 def _recipe(robot: Robot) -> dict[str, Any] | None:
-    if not isinstance(robot.blueprint, UrdfBlueprint):
-        return None
-    recipe = dict(vars(robot.blueprint))
-    del recipe["package_dirs"]
-    options = {key: value for key, value in recipe.items() if key not in _FILES}
-    if not _is_plain(options):
-        return None
-    return {**{key: _carried_file(recipe[key]) for key in _FILES}, **options}
-
-
-def _carried_file(name: str | None) -> dict[str, str] | None:
-    if name is None:
-        return None
-    path = Path(name)
-    examples = _examples()
-    if examples is not None and path.is_relative_to(examples):
-        return {"example_robot_data": path.relative_to(examples).as_posix()}
     try:
-        return {"name": path.name, "text": path.read_text(encoding="utf-8")}
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be carried in a certificate ({error})", name) from None
-
-
-def _file(key: str, carried: Any, folder: Path) -> Path | None:
-    """Return a URDF or SRDF where it can be read: in example-robot-data, or written into a folder."""
-    if carried is None and key == "srdf":
+        return recipe(robot.blueprint)
+    except NotPlainError:
         return None
-    with document.within("recipe"):
-        file = document.mapping(key, carried)
-        with document.within(key):
-            if "example_robot_data" in file:
-                return _example(document.text("example_robot_data", file["example_robot_data"]))
-            document.check_keys(file, ("name", "text"))
-            path = folder / f"carried.{key}"
-            path.write_text(document.text("text", document.require(file, "text")), encoding="utf-8")
-            return path
-
-
-def _example(name: str) -> Path:
-    path = (robots_folder() / name).resolve()
-    if not path.is_relative_to(robots_folder()):
-        raise InputError(f"{name!r} is not in example-robot-data", "example_robot_data")
-    return path
-
-
-def _examples() -> Path | None:
-    """Return the folder of the robots of example-robot-data, or None where that is not installed."""
-    try:
-        return robots_folder()
-    except InputError:
-        return None
-
-
-def _is_plain(value: Any) -> bool:
-    """Return whether a value is the same after a journey through JSON, but for tuples that become lists."""
-    if isinstance(value, Mapping):
-        return all(isinstance(key, str) and _is_plain(item) for key, item in value.items())
-    if isinstance(value, (list, tuple)):
-        return all(map(_is_plain, value))
-    return value is None or isinstance(value, (str, bool, int, float))

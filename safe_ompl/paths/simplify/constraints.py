@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.robot.kinematics import Place, inverse_kinematics
+from safe_ompl.robot.inverse_kinematics import Place, solve_from_seed
 from safe_ompl.robot.robot import Robot
 
 _DAMPING = 1e-6  # [m²/rad²] of the projection: keeps it defined where the arm is singular
@@ -70,7 +70,7 @@ class FreeGoal(FeasibleSet):
     def nearest(self, path: FloatArray) -> FloatArray:
         """Return the path within limits, its end brought to the place; an end that cannot be stays as it is."""
         allowed = self.within(path)
-        end = inverse_kinematics(self.place, allowed[-1], self._precision)
+        end = solve_from_seed(self.place, allowed[-1], self._precision)
         if end is not None:
             allowed[-1] = end
         return allowed

@@ -154,9 +154,10 @@ def _draw_bubble(axes: Any, checker: CollisionChecker, q: FloatArray, colour: st
         [(r[0] * abs(dx) + r[1] * abs(dy)) / d for r, d in zip(radii, distances, strict=True)], axis=0
     )
     axes.contourf(q[0] + dx, q[1] + dy, reach, [-1.0, 1.0], colors=[colour], alpha=_SHADE)
-    diamonds = ((bubbles.link_diamond, "-"), (bubbles.common_diamond, "--"))
-    for shape, dashes in diamonds:
-        a, b = bubbles.extents(shape(radii, distances))
+    link = bubbles.link_diamond(radii, distances)
+    paper = bubbles.common_diamond(checker.robot.displacement_radii_at(q), distances)
+    for weights, dashes in ((link, "-"), (paper, "--")):
+        a, b = bubbles.extents(weights)
         axes.plot(q[0] + [a, 0, -a, 0, a], q[1] + [0, b, 0, -b, 0], dashes, color=colour, linewidth=1.8)
     a, b = bubbles.extents(bubbles.inscribed_cube(radii, distances))
     axes.plot(q[0] + [a, a, -a, -a, a], q[1] + [b, -b, -b, b, b], ":", color=colour, linewidth=1.8)

@@ -9,8 +9,6 @@ import numpy as np
 from safe_ompl.planners.parts.tree import Tree
 from safe_ompl.plugins.goals import WorkspaceGoal
 
-_AT_RANDOM = 0.3  # share of the choices of any node: the best may lie in one dead end
-
 
 class Approach:
     """Distances of a tree's nodes from a goal in the workspace, and the nodes not yet chosen, in order.
@@ -51,16 +49,17 @@ class Approach:
         self.untried += range(len(self.distances), len(tree))
         self.measure(tree)
 
-    def best(self, tree: Tree, weight: float, rng: np.random.Generator) -> int | None:
+    def best(self, tree: Tree, weight: float, at_random: float, rng: np.random.Generator) -> int | None:
         """Return argmin of WS_DISTANCE + weight·CDF over the nodes not chosen before; None if there is none.
 
-        Nodes that a step towards the goal has added count as chosen: going on from them is what was done. Now and
-        then any node is chosen, or the best ones, all in the same dead end, would have to be tried one by one.
+        Nodes that a step towards the goal has added count as chosen: going on from them is what was done. In a share
+        `at_random` of the choices any node is taken, or the best ones, all in the same dead end, would have to be
+        tried one by one.
         """
         self._rank(tree, weight)
         if not self._ranked:
             return None
-        if rng.random() >= _AT_RANDOM:
+        if not at_random or rng.random() >= at_random:
             return heappop(self._ranked)[1]
         _, node = self._ranked.pop(int(rng.integers(len(self._ranked))))
         heapify(self._ranked)

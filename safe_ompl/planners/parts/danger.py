@@ -21,12 +21,15 @@ class WeightedDanger:
     is_raw : bool
         Whether α multiplies the danger as it is, in length per danger, as the paper writes it; else in the robot's
         own scale, the usual slope of the danger.
+    heed : float
+        In [0, 1]: how much of α counts now, see `Patience`.
     """
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self.alpha = 1.0
         self.is_raw = False
+        self.heed = 1.0
 
     @property
     def cost(self) -> StateCost:
@@ -41,11 +44,12 @@ class WeightedDanger:
     @property
     def weight(self) -> float:
         """α in units of length per danger; 0 where there is no danger to heed."""
-        if not self.alpha:  # the slope need not be known
+        alpha = self.alpha * self.heed
+        if not alpha:  # the slope need not be known
             return 0.0
         if self.is_raw:
-            return self.alpha
-        return self.alpha / self.slope if self.slope else 0.0
+            return alpha
+        return alpha / self.slope if self.slope else 0.0
 
     def prepare(self) -> None:
         """Measure the slope if it will be needed, so that planning need not."""

@@ -87,9 +87,16 @@ class Roadmap:
         order: IntArray = left[np.argsort(distances[left], kind="stable")]
         return order
 
-    def lengths(self, q: FloatArray) -> FloatArray:
-        """Return the lengths (N,) of the straight motions between every milestone and `q: (n,)` [rad or m]."""
-        return np.sqrt(squares(self._bridge.difference(self.configurations, q)))
+    def lengths(self, q: FloatArray, *, taxicab: bool = False) -> FloatArray:
+        """Return the lengths (N,) of the straight motions between every milestone and `q: (n,)` [rad or m].
+
+        In the 2-norm, or `taxicab` in the 1-norm.
+        """
+        deltas = self._bridge.difference(self.configurations, q)
+        if not taxicab:
+            return np.sqrt(squares(deltas))
+        lengths: FloatArray = np.abs(deltas).sum(axis=1)
+        return lengths
 
     def costs(self, milestones: IntArray) -> FloatArray:
         """Return the costs (M,) of `milestones: (M,)`."""

@@ -71,11 +71,14 @@ class FixedThreshold:
     ----------
     level : float
         The danger from which on no node is added, unless it is safer than the node that it grows from.
+    is_strict : bool
+        Whether that exception is not made, and random extensions are left alone, as in the paper.
     """
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self.level = np.inf
+        self.is_strict = False
 
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether a motion is free, and its end less dangerous than the threshold or than its start."""
@@ -83,5 +86,13 @@ class FixedThreshold:
             return False
         if np.isinf(self.level):
             return True
+        if self.is_strict:
+            return bool(self._task.cost.values(end[None])[0] < self.level)
         before, after = self._task.cost.values(np.array([start, end]))
         return bool(after < max(self.level, before))
+
+    def random_motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
+        """Return the same for a random extension, to which the paper's threshold does not apply."""
+        if self.is_strict:
+            return self._task.motion_is_free(start, end)
+        return self.motion_is_free(start, end)

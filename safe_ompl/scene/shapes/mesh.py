@@ -15,9 +15,9 @@ import pinocchio as pin
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
-from safe_ompl.robot.convex import convex_hull
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.shapes.basic import LONGEST, Part, Shape
+from safe_ompl.scene.shapes.convex_hull import convex_hull
 from safe_ompl.scene.surfaces import Triangles
 
 _FLAT = 1e-6  # [m]; a thinner mesh has no volume: broad-phase managers drop it in silence

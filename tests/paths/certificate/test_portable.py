@@ -163,7 +163,7 @@ def test_a_robot_with_meshes_needs_its_packages(tmp_path, data_folder):
     [
         ({"recipe": None}, "carries no recipe of its robot 'ur5'"),
         ({"recipe": 3}, "recipe: must be a mapping"),
-        ({"recipe": {}}, "must be a mapping"),
+        ({"recipe": {}}, "recipe: must have one of the keys urdf, base, mobile_base, attached, robots"),
         ({"recipe": {"urdf": {"example_robot_data": "../../../etc/passwd"}}}, "is not in example-robot-data"),
         ({"recipe": {"urdf": {"text": ""}}}, "recipe.urdf.text: must be text"),
         ({"recipe": {"urdf": {"text": "<robot/>"}, "wheels": 4}}, "not a recipe of a robot: .*wheels"),

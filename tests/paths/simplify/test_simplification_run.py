@@ -13,7 +13,7 @@ from safe_ompl.paths.simplify.edge_proofs import EdgeProofs, least_clearance
 from safe_ompl.paths.simplify.run import unrolled
 from safe_ompl.paths.simplify.shortcut import shortcut
 from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.robot.kinematics import Place
+from safe_ompl.robot.inverse_kinematics import Place
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose

@@ -1,0 +1,1 @@
+"""The files that describe a robot: URDF, SRDF, xacro, packages, and the shapes in them."""

@@ -1,0 +1,133 @@
+"""SRDF files: groups of joints and named states."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+import pinocchio as pin
+
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.description.urdf import existing_file
+
+
+class SrdfFile:
+    """The groups and states of an SRDF.
+
+    Parameters
+    ----------
+    path : path-like
+        The SRDF.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or is not an SRDF.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = existing_file(path, "SRDF")
+        try:
+            self._root = ElementTree.parse(self.path).getroot()
+        except ElementTree.ParseError as error:
+            raise InputError(f"not a valid SRDF ({error})", str(path)) from None
+
+    @property
+    def group_names(self) -> tuple[str, ...]:
+        """The groups, in the order of the file."""
+        return tuple(group.get("name", "") for group in self._root.findall("group"))
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The states, each once: several groups may have one of the same name."""
+        return tuple(dict.fromkeys(state.get("name", "") for state in self._root.findall("group_state")))
+
+    def state(self, name: str) -> dict[str, float]:
+        """Return the joint values [rad or m] of the state `name`, of all groups that have it.
+
+        Joints with more than one value (a floating base) are left out.
+
+        Raises
+        ------
+        UnknownNameError
+            If no group has it.
+        """
+        states = [state for state in self._root.findall("group_state") if state.get("name") == name]
+        if not states:
+            raise UnknownNameError("state", name, self.state_names, str(self.path))
+        joints = [joint for state in states for joint in state.findall("joint")]
+        return {
+            joint.get("name", ""): self._value(joint, name)
+            for joint in joints
+            if len(joint.get("value", "").split()) == 1
+        }
+
+    def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
+        """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups.
+
+        Raises
+        ------
+        InputError
+            If there is no such group, it names what the robot has not, or it has no movable joint.
+        """
+        found = set(self._joints_of(name, full, ()))
+        found -= {joint.get("name", "") for joint in self._root.findall("passive_joint")}
+        ordered = tuple(joint for joint in list(full.names)[1:] if joint in found)
+        if not ordered:
+            raise InputError(f"group {name!r} has no movable joint", str(self.path))
+        return ordered
+
+    def group_tip(self, name: str) -> str | None:
+        """Return the last link of a group that is one chain, else None."""
+        chains = self._group(name).findall("chain")
+        return chains[0].get("tip_link") if len(chains) == 1 else None
+
+    def _group(self, name: str) -> ElementTree.Element:
+        for group in self._root.findall("group"):
+            if group.get("name") == name:
+                return group
+        raise UnknownNameError("group", name, self.group_names, str(self.path))
+
+    def _joints_of(self, name: str, full: pin.Model, above: tuple[str, ...]) -> Iterator[str]:
+        if name in above:
+            raise InputError(f"group {name!r} contains itself", str(self.path))
+        for entry in self._group(name):
+            named = entry.get("name", "")
+            if entry.tag == "group":
+                yield from self._joints_of(named, full, (*above, name))
+            elif entry.tag == "joint":
+                self._known(full, named, name)
+                yield named
+            elif entry.tag == "link":
+                yield full.frames[full.frames[self._link(full, named, name)].parentFrame].name
+            elif entry.tag == "chain":
+                yield from self._chain(full, entry, name)
+
+    def _chain(self, full: pin.Model, chain: ElementTree.Element, group: str) -> Iterator[str]:
+        base, at = (self._link(full, chain.get(key, ""), group) for key in ("base_link", "tip_link"))
+        while at != base:
+            if at == 0:
+                raise InputError(
+                    f"group {group!r}: {chain.get('tip_link')!r} is not above {chain.get('base_link')!r}",
+                    str(self.path),
+                )
+            yield full.frames[at].name
+            at = full.frames[at].parentFrame
+
+    def _link(self, full: pin.Model, name: str, group: str) -> int:
+        if not full.existBodyName(name):
+            links = (frame.name for frame in full.frames if frame.type == pin.FrameType.BODY)
+            raise UnknownNameError(f"link of group {group!r}", name, links, str(self.path))
+        return int(full.getBodyId(name))
+
+    def _known(self, full: pin.Model, joint: str, group: str) -> None:
+        if not any(frame.name == joint for frame in full.frames):
+            raise UnknownNameError(f"joint of group {group!r}", joint, list(full.names)[1:], str(self.path))
+
+    def _value(self, joint: ElementTree.Element, state: str) -> float:
+        try:
+            return float(joint.get("value", ""))
+        except ValueError:
+            text = f"state {state!r}: {joint.get('value')!r} of joint {joint.get('name')!r} is not a number"
+            raise InputError(text, str(self.path)) from None

@@ -1,0 +1,205 @@
+"""The tip at a place: errors and Jacobians, joint steps within limits, inverse kinematics."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.danger.field import DangerField
+from safe_ompl.errors import InputError
+from safe_ompl.robot.inverse_kinematics import (
+    METRES_PER_RADIAN,
+    Place,
+    StepLimits,
+    cautious_step,
+    limited_step,
+    pseudoinverse_step,
+    solve_from_seed,
+    transpose_step,
+)
+
+ROBOTS = ("ur5", "panda", "kinova", "slider")
+
+
+def random_configuration(robot, rng, margin=0.1):
+    reach = robot.upper - robot.lower
+    return robot.lower + reach * (margin + (1 - 2 * margin) * rng.random(robot.n))
+
+
+def place_of(robot, q, pose):
+    tip = robot.tip_pose(q)
+    return Place(robot, tip.translation, tip.rotation if pose else None)
+
+
+# ----------------------------------------------------------------------------------------------------------- places
+
+
+def test_the_distance_of_a_pose_counts_metres_and_radians(ur5):
+    q = np.array([0.3, -1.2, 1.0, -0.7, 0.9, 0.2])
+    tip = ur5.tip_pose(q)
+    turned = pin.exp3(np.array([0.0, 0.4, 0.0])) @ tip.rotation
+    assert Place(ur5, tip.translation + np.array([0.3, 0.0, 0.0])).distance(q) == pytest.approx(0.3)
+    assert Place(ur5, tip.translation, turned).distance(q) == pytest.approx(0.4 * METRES_PER_RADIAN)
+    both = Place(ur5, tip.translation + np.array([0.3, 0.0, 0.0]), turned).distance(q)
+    assert both == pytest.approx(np.hypot(0.3, 0.4 * METRES_PER_RADIAN))
+
+
+@pytest.mark.parametrize("pose", [False, True])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_jacobian_is_the_gradient_of_the_distance(robot_named, rng, name, pose):
+    """∇ ½‖Δx‖² = −JᵀΔx, by central differences; wherever the goal is."""
+    robot = robot_named(name)
+    for _ in range(5):
+        q, goal = random_configuration(robot, rng), random_configuration(robot, rng)
+        place = place_of(robot, goal, pose)
+        steps = 1e-6 * np.eye(robot.n)
+        numeric = [(place.distance(q + h) ** 2 - place.distance(q - h) ** 2) / 4e-6 for h in steps]
+        np.testing.assert_allclose(-place.jacobian(q).T @ place.error(q), numeric, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("name", "pose", "left"), [("ur5", 0, 3), ("ur5", 1, 0), ("panda", 1, 1), ("slider", 0, 2)]
+)
+def test_redundancy(robot_named, rng, name, pose, left):
+    robot = robot_named(name)
+    assert place_of(robot, random_configuration(robot, rng), pose).redundancy == left
+
+
+def test_the_lever_is_what_a_radian_moves_the_tip(ur5):
+    assert 0.1 < Place(ur5, [0.5, 0.0, 0.5]).lever < 0.85
+
+
+@pytest.mark.parametrize(
+    ("position", "rotation", "message"),
+    [
+        ([0.1, 0.2], None, r"position of the tip must have shape \(3\), got \(2,\)"),
+        ([0.1, np.nan, 0.2], None, "position of the tip must be finite"),
+        ([0.1, 0.2, 0.3], np.eye(2), r"rotation of the tip must have shape \(3, 3\)"),
+        ([0.1, 0.2, 0.3], np.diag([1.0, 1.0, -1.0]), "orthonormal with determinant 1"),
+        ([0.1, 0.2, 0.3], 1.01 * np.eye(3), "orthonormal with determinant 1"),
+    ],
+)
+def test_places_that_make_no_sense(ur5, position, rotation, message):
+    with pytest.raises(InputError, match=message):
+        Place(ur5, position, rotation)
+
+
+# ------------------------------------------------------------------------------------------------------------ steps
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
+def test_the_pseudoinverse_step_brings_the_tip_to_first_order(robot_named, rng, name):
+    """With a step of h the error left is O(h²): halving the step quarters it."""
+    robot = robot_named(name)
+    for _ in range(5):
+        q = random_configuration(robot, rng)
+        J, way = robot.tip_jacobian(q)[:3], rng.normal(size=3)
+        if np.linalg.svd(J)[1][-1] < 0.1:
+            continue
+        left = []
+        for h in (2e-3, 1e-3):
+            step = pseudoinverse_step(J, h * way, np.zeros(robot.n))
+            moved = robot.tip_pose(q + step).translation - robot.tip_pose(q).translation
+            left.append(np.linalg.norm(moved - h * way))
+        assert left[1] < 1e-4
+        assert left[1] == pytest.approx(left[0] / 4, rel=0.1)
+
+
+def test_the_pseudoinverse_step_equals_the_formula(panda, rng):
+    q, error, drift = random_configuration(panda, rng), rng.normal(size=3), rng.normal(size=7)
+    J = panda.tip_jacobian(q)[:3]
+    inverse = np.linalg.pinv(J)
+    expected = inverse @ error + (np.eye(7) - inverse @ J) @ drift
+    np.testing.assert_allclose(pseudoinverse_step(J, error, drift), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("pose", [False, True])
+def test_null_space_motion_lowers_danger_and_keeps_the_tip(panda, rng, pose):
+    """(I − J†J)Δq₀ with Δq₀ = −∇CDF: the tip moves to second order, the danger falls to first."""
+    field = DangerField(panda, [[0.5, 0.3, 0.4], [0.4, -0.4, 0.6]])
+    for _ in range(10):
+        q = random_configuration(panda, rng)
+        place = place_of(panda, q, pose)
+        J = place.jacobian(q)
+        if np.linalg.svd(J)[1][-1] < 0.06:
+            continue
+        slope = field.gradient(q)
+        motion = pseudoinverse_step(J, np.zeros(place.dimension), -slope)
+        motion /= np.linalg.norm(motion)
+        left = [place.distance(q + h * motion) for h in (2e-2, 1e-2)]
+        assert left[1] < 1e-3
+        assert left[1] == pytest.approx(left[0] / 4, rel=0.3)
+        assert field.value(q + 1e-4 * motion) - field.value(q) == pytest.approx(
+            1e-4 * slope @ motion, rel=0.05
+        )
+        assert slope @ motion < 0
+
+
+def test_singular_directions_are_damped():
+    """With the arm nearly stretched out the tip hardly moves along it: the step stays small, other ways exact."""
+    J = np.array([[0.8, 0.4, 0.1], [0.0, 0.5, 0.2], [0.0, 0.0, 0.002]])
+    steep = pseudoinverse_step(J, np.array([0.0, 0.0, 0.01]), np.zeros(3))
+    assert np.linalg.norm(np.linalg.solve(J, [0.0, 0.0, 0.01])) > 5
+    assert np.linalg.norm(steep) < 0.02
+    way = np.array([0.03, 0.01, 0.0])
+    np.testing.assert_allclose(J @ pseudoinverse_step(J, way, np.zeros(3)), way, atol=1e-4)
+
+
+def test_the_transpose_step_leaves_the_least_error_along_the_gradient(ur5, rng):
+    q, error = random_configuration(ur5, rng), rng.normal(size=3)
+    J = ur5.tip_jacobian(q)[:3]
+    step = transpose_step(J, error, np.zeros(6))
+    pull = J.T @ error
+    assert np.linalg.norm(np.cross(step[:3], pull[:3])) < 1e-12
+    left = [np.linalg.norm(error - J @ (share * step)) for share in (0.99, 1.0, 1.01)]
+    assert left[1] < min(left[0], left[2])
+
+
+@pytest.mark.parametrize("rule", [pseudoinverse_step, transpose_step, cautious_step])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_steps_respect_limits_and_length(robot_named, rng, name, rule):
+    robot = robot_named(name)
+    limits = StepLimits.of_motion(robot)
+    for _ in range(50):
+        place = place_of(robot, random_configuration(robot, rng), pose=True)
+        q = np.clip(random_configuration(robot, rng, margin=-0.1), robot.lower, robot.upper)
+        step = limited_step(rule, place, q, limits, 0.3, rng.normal(size=robot.n))
+        assert np.linalg.norm(step) <= 0.3 + 1e-12
+        assert robot.within_limits(q + step).all()
+
+
+def test_a_joint_at_its_limit_leaves_the_way_to_the_others(panda):
+    q = np.array([0.3, 0.2, 0.1, -1.5, 0.4, 1.4, 0.2])
+    q[3] = panda.upper[3]
+    J = panda.tip_jacobian(q)[:3]
+    way = 1e-3 * J[:, 3]
+    place = Place(panda, panda.tip_pose(q).translation + way)
+    assert pseudoinverse_step(J, way, np.zeros(7))[3] > 0
+    step = limited_step(pseudoinverse_step, place, q, StepLimits.of_motion(panda))
+    assert step[3] == 0
+    assert place.distance(q + step) < 0.1 * place.distance(q)
+
+
+# ----------------------------------------------------------------------------------------------- inverse kinematics
+
+
+@pytest.mark.parametrize("pose", [False, True])
+@pytest.mark.parametrize(("name", "share"), [("ur5", 0.8), ("panda", 0.35), ("kinova", 0.6), ("slider", 0.1)])
+def test_solutions_reach_the_place_within_limits(robot_named, rng, name, share, pose):
+    robot = robot_named(name)
+    found = 0
+    for _ in range(30):
+        place = place_of(robot, random_configuration(robot, rng, 0.0), pose)
+        q = solve_from_seed(place, random_configuration(robot, rng, 0.0), 1e-5)
+        if q is not None:
+            found += 1
+            tip = robot.tip_pose(q)
+            assert np.linalg.norm(tip.translation - place.position) <= 1e-5
+            assert not pose or np.linalg.norm(pin.log3(place.rotation.T @ tip.rotation)) <= 1e-4
+            assert (q >= robot.lower).all()
+            assert (q <= robot.upper).all()
+    assert found >= 30 * share
+
+
+def test_there_is_no_solution_out_of_reach(panda, rng):
+    place = Place(panda, [2.0, 0.0, 0.5])
+    assert all(solve_from_seed(place, random_configuration(panda, rng), 1e-3) is None for _ in range(10))
