@@ -5,6 +5,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
 from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
 from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.kinetostatic import KinetostaticField
 from safe_ompl.errors import (
     CertificateError,
     CollisionError,
@@ -28,6 +29,7 @@ from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.robot.ik_search import inverse_kinematics
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -38,6 +40,10 @@ from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
 from safe_ompl.setup.wiring import planner_data
+from safe_ompl.trajectories.caps import StandstillError
+from safe_ompl.trajectories.limits import JointLimits
+from safe_ompl.trajectories.timing import time_path
+from safe_ompl.trajectories.trajectory import Trajectory
 
 __all__ = [
     "Benchmark",
@@ -56,10 +62,13 @@ __all__ = [
     "DangerLimit",
     "DangerObjective",
     "InputError",
+    "JointLimits",
+    "KinetostaticField",
     "Mesh",
     "Obstacle",
     "PathReport",
     "PeakDangerObjective",
+    "People",
     "Person",
     "PlanResult",
     "PlanningError",
@@ -74,6 +83,8 @@ __all__ = [
     "Scenario",
     "Scene",
     "Sphere",
+    "StandstillError",
+    "Trajectory",
     "UnknownNameError",
     "Verdict",
     "WorkspaceGoal",
@@ -84,5 +95,6 @@ __all__ = [
     "planner_data",
     "planner_names",
     "simplify_danger",
+    "time_path",
     "verify",
 ]

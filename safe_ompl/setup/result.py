@@ -6,10 +6,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.counts import Counts
+from safe_ompl.errors import InputError
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.validation import Validation
 from safe_ompl.setup.optimise import Improvement
+from safe_ompl.trajectories.limits import JointLimits
+from safe_ompl.trajectories.timing import time_path
+from safe_ompl.trajectories.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,8 @@ class PlanResult:
         What is proven of the path, and what the user's own checks say of it.
     setup_time, validation_time : float
         [s] Until planning began; and to validate the path. With planning and simplification they make the whole.
+    motion : CertifiedMotion or None
+        What proved the path, with robot and scene; does not travel between processes.
     """
 
     status: str
@@ -61,6 +68,24 @@ class PlanResult:
     validation: Validation | None = None
     setup_time: float = 0.0
     validation_time: float = 0.0
+    motion: CertifiedMotion | None = field(default=None, compare=False, repr=False)
+
+    def timed(self, limits: JointLimits | None = None, **options: Any) -> Trajectory:
+        """Return the path as a trajectory; parameters and errors of `time_path`, whose `robot` and `motion` are known.
+
+        Raises
+        ------
+        InputError
+            If there is no path, or the result comes from another process, where only `time_path` helps.
+        """
+        if self.path is None:
+            raise InputError(f"there is no path to time: {self.status}")
+        if self.motion is None:
+            raise InputError("the result does not know its robot and scene any more: call time_path")
+        return time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "motion": None}  # it does not pickle
 
     @property
     def report_time(self) -> float:

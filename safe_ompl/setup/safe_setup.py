@@ -219,6 +219,7 @@ class SafeSetup(SimplifyingSetup):
             validation=None if examined is None else examined.validation,
             setup_time=setup_time,
             validation_time=perf_counter() - begin,
+            motion=self._validator.motion,
         )
 
     def prepare(
