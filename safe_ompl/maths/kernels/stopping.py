@@ -2,8 +2,8 @@
 
 The stop from (s, ṡ) stays on the path and never brakes harder than it began: from cell j on it decelerates by
 β_k = min(b_j … b_k) in cell k. It must never be in a cell k later than τ_k after it began, or be slow enough there. The
-faster it begins, the longer such a stop takes, for at the same ṡ it is farther on, where β is no larger; with b_k
-alone a fast one, that is out of a weakly braked cell sooner, may be the shorter one.
+faster it begins, or the farther on in its cell, the longer such a stop takes, for at the same ṡ it is at a place where
+β is no larger; with b_k alone a fast one, that is out of a weakly braked cell sooner, may be the shorter one.
 
 The latest instant in cell k, of all stops from cell j no faster than V, is
 
@@ -32,16 +32,16 @@ _HALVINGS = 50
 
 @njit(cache=True)
 def _stopping_time(x: float, first: int, sizes: FloatArray, brakes: FloatArray) -> float:
-    """Return how long the stop from ṡ² = x at the start of a cell takes; it must end on the path."""
-    time, brake = 0.0, inf
-    for k in range(first, len(sizes)):
+    """Return how long the stop from ṡ² = x takes that begins in a cell, at its end: the longest one from there."""
+    time, brake = 0.0, brakes[first]
+    for k in range(first + 1, len(sizes)):
         brake = min(brake, brakes[k])
         after = x - 2 * brake * sizes[k]
         if after <= 0:
             return float(time + sqrt(x) / brake)
         time += 2 * sizes[k] / (sqrt(x) + sqrt(after))
         x = after
-    return float(time)
+    return float(time + sqrt(x) / brake)
 
 
 @njit(cache=True)
@@ -83,7 +83,7 @@ def stopping_speeds(
     speeds, body, where = caps.copy(), np.full(N, -1), np.full(N, -1)
     weakest = np.empty(N)  # β
     for j in range(N):
-        room, brake = 0.0, inf
+        room, brake = 0.0, brakes[max(j - 1, 0)]  # the stop may begin just before
         for k in range(j, ends[j] + 1):
             brake = min(brake, brakes[k])
             room += 2 * brake * sizes[k]
