@@ -1,4 +1,4 @@
-"""The kinetostatic danger field of one moving link segment, in closed form (`docs/mathematics.md` §5).
+"""The kinetostatic danger field of one moving link segment, in closed form (`docs/mathematics.md` §8).
 
 The link a → b has the end velocities v_a, v_b; its point t ∈ [0, 1] the velocity v(t) = v_a + tD, D = v_b − v_a, and
 ρ = p − a − tw is the ray to the field point p, w = b − a, ℓ = ‖w‖. Three integrals over the link make the field:
