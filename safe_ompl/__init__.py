@@ -6,6 +6,7 @@ from safe_ompl.collision.motion import CertifiedMotion, Verdict
 from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
 from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
 from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.kinetostatic import KinetostaticField
 from safe_ompl.errors import (
     CertificateError,
     CollisionError,
@@ -33,6 +34,7 @@ from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.robot.ik_search import inverse_kinematics
 from safe_ompl.robot.region import GoalRegion
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -43,6 +45,10 @@ from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
 from safe_ompl.setup.wiring import planner_data
+from safe_ompl.trajectories.caps import StandstillError
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.timing import time_path
+from safe_ompl.trajectories.trajectory import Trajectory
 from safe_ompl.version import __version__ as __version__
 
 __all__ = [
@@ -64,15 +70,18 @@ __all__ = [
     "GoalRegion",
     "InputError",
     "JointPath",
+    "KinetostaticField",
     "Mesh",
     "Obstacle",
     "PathReport",
     "PeakDangerObjective",
+    "People",
     "Person",
     "PlanResult",
     "PlanningError",
     "PointCloud",
     "Pose",
+    "RateLimits",
     "RegionGoal",
     "Robot",
     "SafeJTRRT",
@@ -83,8 +92,10 @@ __all__ = [
     "Scenario",
     "Scene",
     "Sphere",
+    "StandstillError",
     "TipBounds",
     "ToolOrientation",
+    "Trajectory",
     "UnknownNameError",
     "Verdict",
     "WorkspaceGoal",
@@ -97,5 +108,6 @@ __all__ = [
     "planner_names",
     "save",
     "simplify_danger",
+    "time_path",
     "verify",
 ]

@@ -24,6 +24,7 @@ from safe_ompl.cli.console import error_console, output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
 from safe_ompl.cli.pictures import check_picture
 from safe_ompl.cli.tables import plan_table
+from safe_ompl.cli.timed import add_timed_options, joint_limits, show_timed
 from safe_ompl.cli.verify import certificate_of
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
@@ -34,6 +35,7 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.trajectories.limits import RateLimits
 
 
 def add_command(commands: Any) -> None:
@@ -58,6 +60,7 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--certificate", metavar="FILE", help="write the path with its proof, for `safe-ompl verify` (.json)"
     )
+    add_timed_options(parser)
     add_limit_options(parser)
     add_robot_options(parser, instead_of="the scenario's")
     parser.set_defaults(prepare=prepare)
@@ -77,13 +80,14 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     check_planner(scenario, options.planner, setup)
     parameters = {**scenario.planners.get(options.planner, {}), **given_parameters(options)}
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
-    return Plan(scenario, spec, setup, parameters, options, perf_counter() - begin)
+    limits = joint_limits(scenario, robot, options)
+    return Plan(scenario, spec, setup, parameters, options, perf_counter() - begin, limits)
 
 
 def _check_distinct(options: argparse.Namespace) -> None:
     """Raise an error if two results are to be written to one file."""
     written: dict[Path, str] = {}
-    for option in ("json", "certificate", "plot"):
+    for option in ("json", "certificate", "plot", "trajectory"):
         file = getattr(options, option)
         if file is None or file == STANDARD_OUTPUT:
             continue
@@ -105,6 +109,7 @@ class Plan:
     parameters: dict[str, Any]
     options: argparse.Namespace
     setup_time: float = 0.0
+    joint_limits: RateLimits | None = None
 
     def __call__(self) -> int:
         """Plan, and show the result in all the ways that are asked for."""
@@ -133,6 +138,8 @@ class Plan:
                 print(json_line(proof), file=stream)
         if options.plot and result.path is not None:
             draw_plan(self.setup, result, options.plot)
+        if self.joint_limits is not None and result.path is not None:
+            show_timed(result, self.scenario, self.joint_limits, options)
         return 0 if result else 1
 
     def _saved(self, result: PlanResult) -> dict[str, Any]:

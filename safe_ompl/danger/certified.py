@@ -124,6 +124,11 @@ class DangerLimit:
     def __repr__(self) -> str:
         return f"DangerLimit({self._bounds.field!r}, {self.limit:g})"
 
+    @property
+    def field(self) -> DangerField:
+        """The danger."""
+        return self._bounds.field
+
     def danger(self, q: ArrayLike) -> float:
         """Return the danger at `q: (n,)`."""
         return self._bounds.field.value(q)

@@ -153,11 +153,11 @@ class DangerField:
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` for the price of the gradients."""
         Q = self._batch(Q)
-        keypoints, points = self._keypoints(Q), self._points_at(Q)
+        keypoints, points = self._keypoints(Q), self.points_at(Q)
         levels = self._levels(keypoints, points)
         if not levels.size:
             return np.zeros(len(Q)), np.zeros(Q.shape)
-        return self._aggregated(levels), self._pulled_back(Q, keypoints, *self._contributions(levels, points))
+        return self._aggregated(levels), self._pulled_back(Q, keypoints, *self.contributions(levels, points))
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the terms of the danger that are above a level at `Q: (B, n)`.
@@ -182,7 +182,7 @@ class DangerField:
             values, gradients = self.values_and_gradients(Q)
             above = np.flatnonzero(values > level)
             return above, values[above], gradients[above]
-        keypoints, points = self._keypoints(Q), self._points_at(Q)
+        keypoints, points = self._keypoints(Q), self.points_at(Q)
         levels = self._levels(keypoints, points)
         rows, terms = np.nonzero(levels > level)
         gradients = self._pulled_back(Q[rows], keypoints[rows], *self._chosen(points, rows, terms))
@@ -197,7 +197,7 @@ class DangerField:
             If `q` has the wrong shape or is not finite, or there are no danger points.
         """
         Q = self._single(q)
-        levels = self._levels(self._keypoints(Q), self._points_at(Q))[0]
+        levels = self._levels(self._keypoints(Q), self.points_at(Q))[0]
         if not len(levels):
             raise InputError("there are no danger points; give an obstacle a weight > 0")
         return int(levels.argmax())
@@ -249,7 +249,7 @@ class DangerField:
         points = self.points
         if points is None:
             raise InputError("the danger points depend on the configuration; fields of links need fixed ones")
-        self._count(keypoints, points)
+        self.count(keypoints, points)
         if not len(points):
             nothing = np.zeros((len(keypoints), len(self._segments.pairs), 0))
             return nothing, nothing
@@ -319,7 +319,7 @@ class DangerField:
         finite where a segment passes through a danger point.
         """
         Q = self._single(q)
-        keypoints, points = self._scene(Q[0], self._points_at(Q).reshape(-1, 3))
+        keypoints, points = self._scene(Q[0], self.points_at(Q).reshape(-1, 3))
         vectors = maths.vector_field(
             self._field(keypoints, points)[0], self._workspace_gradient(keypoints, points)
         )
@@ -338,7 +338,7 @@ class DangerField:
         return configurations(Q, self.robot.n)
 
     def _danger(self, Q: FloatArray) -> FloatArray:
-        return self._aggregated(self._levels(self._keypoints(Q), self._points_at(Q)))
+        return self._aggregated(self._levels(self._keypoints(Q), self.points_at(Q)))
 
     def _keypoints(self, Q: FloatArray) -> FloatArray:
         return self.robot.keypoints(Q[0])[None] if len(Q) == 1 else self.robot.keypoints_batch(Q)
@@ -346,10 +346,10 @@ class DangerField:
     def _scene(self, q: ArrayLike, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return key points (1, K, 3) and field points (M, 3), and count them."""
         keypoints, checked = self._keypoints(self._single(q)), finite_array(points, (None, 3), "points")
-        self._count(keypoints, checked)
+        self.count(keypoints, checked)
         return keypoints, checked
 
-    def _points_at(self, Q: FloatArray) -> FloatArray:
+    def points_at(self, Q: FloatArray) -> FloatArray:
         """Return the danger points, (M, 3) or, where they depend on the configuration, (B, M, 3)."""
         if isinstance(self._points, np.ndarray):
             return self._points
@@ -361,7 +361,8 @@ class DangerField:
             raise InputError(f"the number of danger points must not change, got {sorted(numbers)}")
         return np.reshape(found, (len(Q), *(numbers or {1}), 3))
 
-    def _count(self, keypoints: FloatArray, points: FloatArray) -> None:
+    def count(self, keypoints: FloatArray, points: FloatArray) -> None:
+        """Count an evaluation of the points at every configuration."""
         self.counts.field_configurations += len(keypoints)
         self.counts.field_points += len(keypoints) * points.shape[-2]
 
@@ -375,7 +376,7 @@ class DangerField:
 
     def _levels(self, keypoints: FloatArray, points: FloatArray) -> FloatArray:
         """Return w_m CDF(p_m), (B, M), and count it."""
-        self._count(keypoints, points)
+        self.count(keypoints, points)
         levels = self._field(keypoints, points)
         if self._weights is not None:
             levels *= self._weights
@@ -398,7 +399,7 @@ class DangerField:
             danger += np.log(self._exponentials(levels).sum(axis=1)) / self.sharpness
         return danger
 
-    def _contributions(self, levels: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def contributions(self, levels: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the points that matter, (B, m, 3) or (M, 3), and ∂CDF/∂CDF(p) for each, (B, m)."""
         if self.aggregate == "max":
             return self._chosen(points, np.arange(len(levels)), levels.argmax(axis=1))

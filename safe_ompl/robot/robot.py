@@ -19,9 +19,9 @@ from safe_ompl.robot.construction.blueprint import (
     Attached,
     Blueprint,
     Combined,
-    JointLimits,
     OnBase,
     PoseLike,
+    RangeByJoint,
     Ranges,
     check_prefixes,
     standing,
@@ -96,7 +96,7 @@ class Robot(DisplacementBounds):
         *,
         hulls: bool = True,
         name: str | None = None,
-        limits: JointLimits | None = None,
+        limits: RangeByJoint | None = None,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
         collision: CollisionSource = "required",
@@ -218,7 +218,7 @@ class Robot(DisplacementBounds):
         locked: Mapping[str, float] | None = None,
         hulls: bool = True,
         name: str | None = None,
-        limits: JointLimits | None = None,
+        limits: RangeByJoint | None = None,
         mimics: Mapping[str, Mimic] | None = None,
         base: PoseLike | None = None,
         mobile_base: Ranges | None = None,
@@ -293,7 +293,7 @@ class Robot(DisplacementBounds):
 
     # -------------------------------------------------------------------------------------------- variations
 
-    def with_limits(self, limits: JointLimits) -> Robot:
+    def with_limits(self, limits: RangeByJoint) -> Robot:
         """Return the same robot with other limits [rad or m] for the joints named."""
         return Robot(self.blueprint.with_limits(limits))
 

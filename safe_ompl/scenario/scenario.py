@@ -14,6 +14,8 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.goal import Configuration, Goal, configuration_for, read_configuration
 from safe_ompl.scenario.limits import PathLimits
+from safe_ompl.scenario.motion_limits import MotionLimits
+from safe_ompl.scenario.people import People
 from safe_ompl.scene.scene import Scene
 
 _TIME = 5.0  # [s]
@@ -44,6 +46,10 @@ class Scenario:
         For each planner's name its parameters, by name.
     limits : PathLimits, optional
         What every path must keep to.
+    motion : MotionLimits, optional
+        How fast the robot may move, for trajectories.
+    people : People, optional
+        Who may come near it, for trajectories.
     time : float, optional
         Time limit [s].
     file : Path, optional
@@ -65,6 +71,8 @@ class Scenario:
     planners: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     time: float = _TIME
     limits: PathLimits = field(default_factory=PathLimits)
+    motion: MotionLimits = field(default_factory=MotionLimits)
+    people: People | None = None
     file: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -114,6 +122,13 @@ class Scenario:
         limit_keys = document.mapping("limits", data.get("limits") or {})
         with document.within("limits"):
             limits = PathLimits.from_mapping(limit_keys)
+        with document.within("motion"):
+            motion = MotionLimits.from_mapping(document.mapping("motion", data.get("motion") or {}))
+        people = None
+        if "people" in data:
+            with document.within("people"):
+                people = People.from_mapping(document.mapping("people", data["people"] or {}))
+                people.names(scene)
         return cls(
             name=data.get("name", file.stem),
             robot=spec,
@@ -124,6 +139,8 @@ class Scenario:
             danger=data.get("danger") or {},
             planners=data.get("planners") or {},
             limits=limits,
+            motion=motion,
+            people=people,
             time=data.get("time", _TIME),
             file=file,
         )
@@ -141,6 +158,8 @@ class Scenario:
             "danger": self.danger,
             "planners": self.planners,
             **({"limits": self.limits.to_mapping()} if self.limits != PathLimits() else {}),
+            **({"motion": self.motion.to_mapping()} if self.motion != MotionLimits() else {}),
+            **({"people": self.people.to_mapping()} if self.people is not None else {}),
             "time": self.time,
         }
         Path(path).write_text(document.dump_document(data), encoding="utf-8")

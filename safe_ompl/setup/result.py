@@ -7,12 +7,17 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.counts import Counts
+from safe_ompl.errors import InputError
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.validation import Validation
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.optimise import Improvement
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.timing import time_path
+from safe_ompl.trajectories.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,8 @@ class PlanResult:
         [s] Until planning began; and to validate the path. With planning and simplification they make the whole.
     robot, scene, danger : Robot, Scene, mapping; or None
         What was planned for, to look at and to save; results that come from other processes have none.
+    motion : CertifiedMotion or None
+        What proved the path, with robot and scene; does not travel between processes.
     """
 
     status: str
@@ -66,6 +73,21 @@ class PlanResult:
     validation: Validation | None = None
     setup_time: float = 0.0
     validation_time: float = 0.0
+    motion: CertifiedMotion | None = field(default=None, compare=False, repr=False)
+
+    def timed(self, limits: RateLimits | None = None, **options: Any) -> Trajectory:
+        """Return the path as a trajectory; parameters and errors of `time_path`, whose `robot` and `motion` are known.
+
+        Raises
+        ------
+        InputError
+            If there is no path, or the result comes from another process, where only `time_path` helps.
+        """
+        if self.path is None:
+            raise InputError(f"there is no path to time: {self.status}")
+        if self.motion is None:
+            raise InputError("the result does not know its robot and scene any more: call time_path")
+        return time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
 
     @property
     def report_time(self) -> float:
@@ -128,7 +150,7 @@ class PlanResult:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what travels to other processes: a robot would be built anew with every result."""
-        return {**vars(self), "robot": None, "scene": None, "danger": None}
+        return {**vars(self), "robot": None, "scene": None, "danger": None, "motion": None}
 
     def view(self, *, port: int = 8080, browser: bool = True) -> None:
         """Show the path in the browser, until Ctrl-C; needs the extra `safe-ompl[viewer]`.

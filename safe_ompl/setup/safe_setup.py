@@ -222,6 +222,7 @@ class SafeSetup(SimplifyingSetup):
             robot=self.robot,
             scene=self.scene,
             danger=self.danger_options,
+            motion=self._validator.motion,
         )
 
     def prepare(

@@ -18,7 +18,7 @@ from safe_ompl.robot.construction.attachment import Attachment, as_pose
 from safe_ompl.robot.construction.parts import BASE_JOINTS, RobotParts, combined
 from safe_ompl.scene.pose import Pose
 
-JointLimits: TypeAlias = Mapping[str, tuple[float, float]]
+RangeByJoint: TypeAlias = Mapping[str, tuple[float, float]]
 PoseLike: TypeAlias = Pose | pin.SE3 | Mapping[str, Any] | Sequence[float]
 Ranges: TypeAlias = Sequence[Sequence[float]]
 
@@ -31,7 +31,7 @@ class Blueprint(ABC):
         """Build the parts of the robot."""
 
     @abstractmethod
-    def with_limits(self, limits: JointLimits) -> Blueprint:
+    def with_limits(self, limits: RangeByJoint) -> Blueprint:
         """Return the blueprint of the same robot with other limits [rad or m] for the joints named."""
 
     def state(self, name: str) -> dict[str, float]:
@@ -61,7 +61,7 @@ class _Change(Blueprint):
     def applied(self, parts: RobotParts) -> RobotParts:
         """Return `parts`, changed."""
 
-    def with_limits(self, limits: JointLimits) -> Blueprint:
+    def with_limits(self, limits: RangeByJoint) -> Blueprint:
         """Pass the limits on."""
         return replace(self, of=self.of.with_limits(limits))
 
@@ -99,7 +99,7 @@ class OnMobileBase(_Change):
         """Put it on the base."""
         return parts.on_mobile_base(self.ranges)
 
-    def with_limits(self, limits: JointLimits) -> Blueprint:
+    def with_limits(self, limits: RangeByJoint) -> Blueprint:
         """Keep those of the base, pass the others on."""
         if BASE_JOINTS[2] in limits:
             raise InputError(f"joint {BASE_JOINTS[2]!r} is continuous: it has no limits")
@@ -179,7 +179,7 @@ class Combined(Blueprint):
                 robots[prefix] = blueprint.without(name.removeprefix(f"{prefix}_"))
         return replace(self, robots=robots)
 
-    def with_limits(self, limits: JointLimits) -> Blueprint:
+    def with_limits(self, limits: RangeByJoint) -> Blueprint:
         """Give each robot the limits of the joints with its prefix."""
         robots, rest = dict(self.robots), dict(limits)
         for prefix, blueprint in self.robots.items():

@@ -13,7 +13,7 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.bodies.self_collision import sample_configurations, select_self_pairs
-from safe_ompl.robot.construction.blueprint import Blueprint, JointLimits
+from safe_ompl.robot.construction.blueprint import Blueprint, RangeByJoint
 from safe_ompl.robot.construction.chosen_joints import group_tip, joints_and_posture
 from safe_ompl.robot.construction.parts import RobotParts, independent
 from safe_ompl.robot.description.collision_shapes import (
@@ -50,7 +50,7 @@ class UrdfBlueprint(Blueprint):
     locked: Mapping[str, float]
     hulls: bool
     name: str | None
-    limits: JointLimits
+    limits: RangeByJoint
     collision: str = "required"
     group: str | None = None
     locked_state: str | None = None
@@ -87,7 +87,7 @@ class UrdfBlueprint(Blueprint):
         warn_of_unchecked(name, parts.links_without_collision)
         return parts
 
-    def with_limits(self, limits: JointLimits) -> UrdfBlueprint:
+    def with_limits(self, limits: RangeByJoint) -> UrdfBlueprint:
         return replace(self, limits={**self.limits, **limits})
 
     def state(self, name: str) -> dict[str, float]:
@@ -105,7 +105,7 @@ class ModelsBlueprint(Blueprint):
     locked: Mapping[str, float]
     hulls: bool
     name: str
-    limits: JointLimits
+    limits: RangeByJoint
     mimics: Mapping[str, Mimic]
 
     def assemble(self) -> RobotParts:
@@ -119,7 +119,7 @@ class ModelsBlueprint(Blueprint):
         )
         return source.reduced(self.name, self.tip, self.locked, self.limits, self.hulls)
 
-    def with_limits(self, limits: JointLimits) -> ModelsBlueprint:
+    def with_limits(self, limits: RangeByJoint) -> ModelsBlueprint:
         return replace(self, limits={**self.limits, **limits})
 
 
@@ -138,7 +138,7 @@ class _Source:
         name: str,
         tip: str | None,
         locked: Mapping[str, float],
-        limits: JointLimits,
+        limits: RangeByJoint,
         hulls: bool,
         *,
         srdf: str | None = None,

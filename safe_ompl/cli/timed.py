@@ -1,0 +1,65 @@
+"""`safe-ompl plan --timed`: the path as a trajectory in time."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from safe_ompl.cli.arguments import seconds
+from safe_ompl.cli.console import output_console
+from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, opened
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.trajectory import RATE, Trajectory
+
+
+def add_timed_options(parser: Any) -> None:
+    """Add --timed, --rate and --trajectory."""
+    group = parser.add_argument_group("time", "the motion in time; limits and people are the scenario's")
+    group.add_argument("--timed", action="store_true", help="time the path within the limits of the joints")
+    group.add_argument(
+        "--rate", type=seconds, metavar="HZ", default=RATE, help="points per second; default: %(default)g"
+    )
+    group.add_argument(
+        "--trajectory",
+        metavar="FILE",
+        help="write it in the shape of JointTrajectory (.json); implies --timed",
+    )
+
+
+def joint_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
+    """Check what the options name, and return the limits of the scenario; None where nothing is timed."""
+    check_writable(options.trajectory, "--trajectory")
+    if not (options.timed or options.trajectory):
+        return None
+    return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration)
+
+
+def show_timed(
+    result: PlanResult, scenario: Scenario, limits: RateLimits, options: argparse.Namespace
+) -> None:
+    """Time the path, say how long it takes and what bounds it, and write the file that is asked for."""
+    trajectory = result.timed(
+        limits,
+        people=scenario.people,
+        tool_speed=scenario.motion.tool_speed,
+        link_speed=scenario.motion.link_speed,
+    )
+    if options.json != STANDARD_OUTPUT and options.trajectory != STANDARD_OUTPUT:
+        output_console().print(told(trajectory))
+    if options.trajectory:
+        with opened(options.trajectory) as stream:
+            print(trajectory.to_json(options.rate), file=stream)
+
+
+def told(trajectory: Trajectory) -> str:
+    """Return one line: how long it takes, and what bounds its speed for what share of the time."""
+    spans = (trajectory.law.times[1:] - trajectory.law.times[:-1]).tolist()
+    shares: dict[str, float] = {}
+    for name, span in zip(trajectory.binding(), spans, strict=True):
+        shares[name or "joint acceleration"] = shares.get(name or "joint acceleration", 0.0) + span
+    shown = sorted(shares.items(), key=lambda item: -item[1])
+    bounds = ", ".join(f"{name} {100 * span / trajectory.duration:.0f} %" for name, span in shown)
+    return f"timed: {trajectory.duration:.3f} s, bounded by {bounds}"

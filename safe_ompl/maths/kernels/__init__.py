@@ -1,0 +1,1 @@
+"""Formulas compiled by Numba, where NumPy would take too long: each kernel is written as its formula."""

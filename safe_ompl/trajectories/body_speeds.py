@@ -1,0 +1,74 @@
+"""How fast the bodies of a robot move along a curve: proven bounds for whole cells."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.danger.moving_skeleton import JointMotions
+from safe_ompl.robot.bodies.reach import Hull, bounding_hull
+from safe_ompl.robot.robot import Robot
+from safe_ompl.trajectories.curve import BlendedCurve, Cells
+
+
+class BodySpeeds:
+    """Bounds of the speed of every point of a body, per unit of arc length, over the cells of a curve.
+
+    At the centre of a cell it is exact for the corners of the body's bounding box, and convex between them. Away from
+    it, it changes no faster than the acceleration allows: with r_j = R̄_j|q′_j|, w_j = |q′_j| where joint j turns and
+    W_j the sum of w over the joints beneath, Σ r_j (2W_j + w_j) + Σ R̄_j |q″_j|; see `danger.rates.KeypointRates`.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._joints = JointMotions(robot)
+        frame = robot.shared.model.frames[robot.tip_frame]
+        tip = Hull(np.array(frame.placement.translation, dtype=np.float64)[None], 0.0)
+        parts = list(robot.shared.collision_model.geometryObjects)
+        hulls = [bounding_hull(part.geometry, coarse=True).moved(part.placement) for part in parts]
+        hulls.append(tip)
+        carriers = [part.parentJoint for part in parts] + [frame.parentJoint]
+        self._carriers: IntArray = np.array(carriers, dtype=np.intp)
+        self._corners: FloatArray = np.array([np.resize(hull.points, (8, 3)) for hull in hulls])
+        self._pads: FloatArray = np.array([hull.radius for hull in hulls])
+        chain = robot.shared.chain
+        tip_radii = chain.radii(int(frame.parentJoint), tip)[None]
+        self._radii: FloatArray = np.vstack([robot.joint_radii, tip_radii])
+        self._moved: FloatArray = np.zeros((len(hulls), robot.joint_radii.shape[1]))
+        for row, joint in enumerate(carriers):
+            self._moved[row, chain.path_to_root(int(joint))] = 1.0
+
+    def bounds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
+        """Return the bounds (N, G + 1) [m/rad]: of the G bodies of `collision_model`, and of the tip."""
+        place = curve.at(cells.centres)
+        half = cells.sizes[:, None] / 2
+        found: FloatArray = self._at(place.q, place.slope) + half * self._accelerations(cells)
+        return found
+
+    def _at(self, Q: FloatArray, rates: FloatArray) -> FloatArray:
+        rotation, origin, axes = self._joints.frames(Q)
+        angular, linear = self._joints.twists(origin, axes, rates)
+        angular, linear = self._moved @ angular, self._moved @ linear
+        still = self._carriers == 0
+        carried = np.maximum(self._carriers - 1, 0)
+        corners = np.einsum("bgxy,gpy->bgpx", rotation[:, carried], self._corners)
+        corners += origin[:, carried][:, :, None]
+        velocities = np.cross(angular[:, :, None], corners) + linear[:, :, None]
+        speeds = np.sqrt((velocities * velocities).sum(axis=3).max(axis=2))
+        speeds += self._pads * np.linalg.norm(angular, axis=2)
+        found: FloatArray = np.where(still, 0.0, speeds)
+        return found
+
+    def _accelerations(self, cells: Cells) -> FloatArray:
+        coupling = self._robot.coupling
+        steps, bends = (coupling.reach(bound)[:, None] for bound in (cells.slopes, cells.bends))
+        turn = np.where(self._joints.prismatic, 0.0, steps * self._moved)
+        below = np.cumsum(turn, axis=2) - turn
+        moved = steps * self._radii
+        found: FloatArray = (moved * (2 * below + turn)).sum(axis=2) + (bends * self._radii).sum(axis=2)
+        return found

@@ -1,0 +1,242 @@
+"""Caps of the speed along a curve, proven over whole cells: people, and the speeds of tool and links."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.errors import InputError, SafeOmplError
+from safe_ompl.maths.kernels.stopping import stopping_speeds
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.people import BodyRegion, People
+from safe_ompl.trajectories.body_speeds import BodySpeeds
+from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.separation import PeopleDistances, Separation
+from safe_ompl.trajectories.time_law import velocity_cap
+from safe_ompl.trajectories.trajectory import SpeedCap
+
+_BENDING = 0.5  # share of the accelerations that arcs may take beside people; the rest is left for braking
+_LOSS = 0.02  # share of the time that is left which the length of a cell may cost
+_INSTANT = 0.005  # [s] times shorter than this count as this
+_FINEST = 1e-3  # [rad] no cell is divided into smaller ones
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """Where nothing allows the robot to move.
+
+    Attributes
+    ----------
+    arc_length : float
+        Where on the curve [rad],
+    configuration : ndarray, shape (n,)
+        and where the robot is there.
+    reason : str
+        What forbids it, with the numbers, and what would have to change.
+    person, limb, link : str or None
+        Who may come to what.
+    """
+
+    arc_length: float
+    configuration: FloatArray
+    reason: str
+    person: str | None = None
+    limb: str | None = None
+    link: str | None = None
+
+
+class StandstillError(SafeOmplError):
+    """No speed along a path is allowed somewhere; `standstill` says where and why."""
+
+    def __init__(self, standstill: Standstill) -> None:
+        super().__init__(
+            f"nothing allows the robot to move at {standstill.arc_length:.3f} rad of its path: {standstill.reason}"
+        )
+        self.standstill = standstill
+
+    def __reduce__(self) -> tuple[type[StandstillError], tuple[Standstill]]:
+        return type(self), (self.standstill,)
+
+
+class PeopleCaps(NamedTuple):
+    """What people allow.
+
+    Attributes
+    ----------
+    cells : Cells
+        As fine as it takes.
+    brakes : ndarray, shape (N,)
+        Deceleration along the path that a stop may take in each cell [rad/s²].
+    caps : list of SpeedCap
+        Of arcs, and of separation (and contact).
+    """
+
+    cells: Cells
+    brakes: FloatArray
+    caps: list[SpeedCap]
+
+
+def people_caps(
+    curve: BlendedCurve, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances
+) -> PeopleCaps:
+    """Return the caps by separation and by contact.
+
+    A stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i| in cell k, with the largest x_k = ṡ² there, and does
+    not brake harder than it began. From any instant on the robot stands before anyone who is as fast as `people` says
+    comes nearer than the clearance, or it is so slow when she may that the region of her body bears it; see
+    `safe_ompl.maths.kernels.stopping`. Cells are divided where they bound the speed and are so long that the robot's
+    motion within makes a difference.
+
+    Raises
+    ------
+    InputError
+        If somebody touches the robot, or is within the clearance, where it starts.
+    StandstillError
+        If there is a cell in which no speed is allowed.
+    """
+    people = distances.people
+    for last in (False, True):
+        with np.errstate(divide="ignore"):
+            bending = np.sqrt((_BENDING * limits.acceleration / cells.bends).min(axis=1))
+        caps = np.minimum(velocity_cap(cells, limits), bending)
+        brakes = _brakes(cells, limits, caps)
+        speeds = bodies.bounds(curve, cells)
+        left = distances.along(curve, cells, speeds, soon=float(caps.max() / brakes.min()))
+        harmless = _harmless(left.distances, speeds, distances)
+        ends = _next_stops(cells)
+        allowed, limb, where = stopping_speeds(cells.sizes, brakes, left.times, harmless, caps, ends)
+        if not last:
+            cells = curve.divided(cells, _parts(cells, speeds, left, limb, where, distances))
+    _check_start(left.distances[0], distances)
+    for j in np.flatnonzero(allowed <= 0):
+        raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances))
+    name = "separation or contact" if people.contact else "separation"
+    found = np.where(allowed < caps, allowed, np.inf)
+    return PeopleCaps(cells, brakes, [SpeedCap("bends beside people", bending), SpeedCap(name, found)])
+
+
+def _next_stops(cells: Cells) -> IntArray:
+    """Return for each cell (N,) the last one before the robot stops in any case."""
+    stops = np.append(cells.stops, len(cells))
+    ends: IntArray = stops[np.searchsorted(stops, np.arange(len(cells)), side="right")] - 1
+    return ends
+
+
+def _parts(
+    cells: Cells,
+    speeds: FloatArray,
+    left: Separation,
+    limb: IntArray,
+    where: IntArray,
+    distances: PeopleDistances,
+) -> IntArray:
+    """Return into how many parts (N,) to divide cells, so that motion within them costs little of the time left."""
+    parts: IntArray = np.ones(len(cells), dtype=np.intp)
+    for k, m in {(int(where[j]), int(limb[j])) for j in np.flatnonzero(limb >= 0)}:
+        speed = distances.speeds[m]
+        lost = speeds[k, left.nearest[k, m]] * cells.sizes[k] / 2 / speed if speed else 0.0
+        wanted = lost / (_LOSS * max(left.times[k, m] + lost, _INSTANT))
+        parts[k] = max(parts[k], min(np.ceil(wanted), np.ceil(cells.sizes[k] / _FINEST)))
+    return parts
+
+
+def _brakes(cells: Cells, limits: RateLimits, caps: FloatArray) -> FloatArray:
+    rest = limits.acceleration - cells.bends * (caps * caps)[:, None]
+    slopes = cells.slopes
+    with np.errstate(divide="ignore"):
+        brakes: FloatArray = np.where(slopes > 0, rest / slopes, np.inf).min(axis=1)
+    return brakes
+
+
+def _check_start(left: FloatArray, distances: PeopleDistances) -> None:
+    people, m = distances.people, int(left.argmin())
+    if left[m] <= people.clearance and not people.contact:
+        raise InputError(
+            f"{_named(distances.limbs[m])} is {max(0.0, left[m]) * 1e3:.1f} mm from the robot where it starts: it must "
+            f"be more than the clearance of {people.clearance * 1e3:g} mm away"
+        )
+
+
+def _named(who: tuple[str, str]) -> str:
+    person, limb = who
+    return f"{person!r} ({limb})" if limb else repr(person)
+
+
+def _standstill(
+    curve: BlendedCurve, cells: Cells, k: int, m: int, left: Separation, distances: PeopleDistances
+) -> Standstill:
+    people, (person, limb) = distances.people, distances.limbs[m]
+    link = distances.links[int(left.nearest[k, m])]
+    nearer = 1e3 * people.speed_of(limb) * people.reaction_time
+    s = float(cells.centres[k])
+    reason = (
+        f"{_named(distances.limbs[m])} is {1e3 * max(left.distances[k, m], 0.0):.0f} mm from {link!r}, and may come "
+        f"{nearer:.0f} mm nearer before it begins to brake, where {1e3 * people.clearance:.0f} mm must be left; keep "
+        "the path farther away, shorten the reaction time, or allow contact"
+    )
+    return Standstill(s, curve.at(np.array([s])).q[0], reason, person, limb or None, link)
+
+
+def _harmless(left: FloatArray, speeds: FloatArray, distances: PeopleDistances) -> FloatArray:
+    """Return the ṡ (N, M) with which a contact is harmless: contact speed over the speed of the fastest body."""
+    people = distances.people
+    if not people.contact:
+        return np.zeros(left.shape)
+    mass = robot_mass(distances.robot, people)
+    contact = np.array([contact_speed(people.region_of(limb), mass) for _, limb in distances.limbs])
+    fastest = speeds[:, :-1].max(axis=1)[:, None]
+    found: FloatArray = contact / np.maximum(fastest, 1e-12)
+    return found
+
+
+def contact_speed(region: BodyRegion, mass: float) -> float:
+    """Return the largest relative speed [m/s] of a contact that a region bears, F/√(μK), 1/μ = 1/m_H + 1/m_R.
+
+    Parameters
+    ----------
+    region : BodyRegion
+        Force, mass and stiffness.
+    mass : float
+        Effective mass m_R of the robot [kg].
+    """
+    reduced = 1 / (1 / region.mass + 1 / mass)
+    return float(region.force / np.sqrt(reduced * 1e3 * region.stiffness))
+
+
+def robot_mass(robot: Robot, people: People) -> float:
+    """Return the effective mass of the robot in a contact [kg]: that given, or half of its moving links' mass."""
+    if people.robot_mass is not None:
+        return people.robot_mass
+    mass = sum(inertia.mass for inertia in list(robot.shared.model.inertias)[1:]) / 2
+    if mass <= 0:
+        raise InputError(
+            "the URDF knows no masses: give the effective mass of the robot [kg]", "people.robot_mass"
+        )
+    return float(mass)
+
+
+def speed_caps(
+    speeds: FloatArray, tool_speed: float | None, link_speed: float | None
+) -> tuple[SpeedCap, ...]:
+    """Return the caps that keep the tip, and all points of all bodies, below a speed [m/s].
+
+    Parameters
+    ----------
+    speeds : ndarray, shape (N, G + 1)
+        From `BodySpeeds`: of the bodies, and of the tip.
+    tool_speed, link_speed : float, optional
+        Limits [m/s], > 0.
+    """
+    caps = []
+    for name, limit, bound in (
+        ("tool speed", tool_speed, speeds[:, -1]),
+        ("link speed", link_speed, speeds.max(axis=1)),
+    ):
+        if limit is not None:
+            with np.errstate(divide="ignore"):
+                caps.append(SpeedCap(name, np.where(bound > 0, limit / bound, np.inf)))
+    return tuple(caps)

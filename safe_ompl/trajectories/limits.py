@@ -1,0 +1,137 @@
+"""Joint limits of a trajectory: velocities and accelerations."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.inputs import finite_array, number
+from safe_ompl.robot.robot import Robot
+
+_log = logging.getLogger(__name__)
+
+ByJoint: TypeAlias = float | Mapping[str, float] | ArrayLike
+_RISE = 0.25  # [s] in which a joint reaches its velocity, where nobody says how fast it may accelerate
+_UNLIMITED = 1e3  # [rad/s or m/s] from here on a URDF's velocity stands for none
+
+
+@dataclass(frozen=True)
+class RateLimits:
+    """Largest velocity and acceleration of each joint.
+
+    Parameters
+    ----------
+    joint_names : tuple of str
+        The n joints.
+    velocity : ndarray, shape (n,)
+        [rad/s or m/s], > 0
+    acceleration : ndarray, shape (n,)
+        [rad/s² or m/s²], > 0
+
+    Raises
+    ------
+    InputError
+        If a limit is missing, zero, negative or not finite; names the joint.
+    """
+
+    joint_names: tuple[str, ...]
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    def __post_init__(self) -> None:
+        for kind in ("velocity", "acceleration"):
+            values = finite_array(getattr(self, kind), (len(self.joint_names),), f"{kind} limits")
+            for name, value in zip(self.joint_names, values.tolist(), strict=True):
+                number(f"{kind} limit of joint {name!r}", value, above=0.0)
+            values.setflags(write=False)
+            object.__setattr__(self, kind, values)
+
+    @classmethod
+    def of(
+        cls, robot: Robot, velocity: ByJoint | None = None, acceleration: ByJoint | None = None
+    ) -> RateLimits:
+        """Return the limits of a robot.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot.
+        velocity : float, mapping of str to float, or array_like of shape (n,), optional
+            One for all joints, those of some joints, or all. Default: the URDF's.
+        acceleration : float, mapping of str to float, or array_like of shape (n,), optional
+            As above. Default: what reaches the velocity limit in 0.25 s, which a warning says: URDFs know none.
+
+        Raises
+        ------
+        InputError
+            If the URDF has no velocity for a joint and none is given; and as the class.
+        UnknownNameError
+            If there is no such joint.
+        """
+        velocities = _chosen(robot, velocity, _urdf_velocities(robot), "velocity")
+        for name, value in zip(robot.joint_names, velocities.tolist(), strict=True):
+            if not 0 < value < _UNLIMITED:
+                raise InputError(
+                    f"joint {name!r} has no velocity limit in its URDF ({value:g}); give one, as "
+                    f"velocity={{{name!r}: 2.0}} [rad/s or m/s]"
+                )
+        default = velocities / _RISE
+        accelerations = _chosen(robot, acceleration, default, "acceleration")
+        unsaid = [
+            name for name, a, b in zip(robot.joint_names, accelerations, default, strict=True) if a == b
+        ]
+        if acceleration is None or (isinstance(acceleration, Mapping) and unsaid):
+            _say_default(robot.name, tuple(unsaid), tuple(default.tolist()))
+        return cls(robot.joint_names, velocities, accelerations)
+
+    def as_dict(self) -> dict[str, dict[str, float]]:
+        """Return velocity and acceleration by joint."""
+        return {
+            kind: dict(zip(self.joint_names, getattr(self, kind).tolist(), strict=True))
+            for kind in ("velocity", "acceleration")
+        }
+
+
+def _urdf_velocities(robot: Robot) -> FloatArray:
+    model = robot.shared.model
+    planned = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+    limits: FloatArray = np.array(model.velocityLimit, dtype=np.float64).ravel()[planned]
+    return limits
+
+
+def _chosen(robot: Robot, given: ByJoint | None, default: FloatArray, kind: str) -> FloatArray:
+    if given is None:
+        return default
+    if isinstance(given, Mapping):
+        chosen = default.copy()
+        for name, value in given.items():
+            if name not in robot.joint_names:
+                raise UnknownNameError("joint", name, robot.joint_names, f"{kind} limits")
+            chosen[robot.joint_names.index(name)] = number(
+                f"{kind} limit of joint {name!r}", value, above=0.0
+            )
+        return chosen
+    if np.ndim(given) == 0:
+        return np.full(robot.n, number(f"{kind} limit", given, above=0.0))
+    return finite_array(given, (robot.n,), f"{kind} limits")
+
+
+@cache
+def _say_default(robot: str, joints: tuple[str, ...], accelerations: tuple[float, ...]) -> None:
+    """Warn of the default accelerations, once."""
+    _log.warning(
+        "%s: nobody says how fast joints may accelerate: %s take what reaches their velocity limit in %g s (%s); "
+        "give accelerations",
+        robot,
+        ", ".join(joints),
+        _RISE,
+        ", ".join(f"{a:g}" for a in accelerations),
+    )

@@ -1,0 +1,221 @@
+"""A timed trajectory: joint values, velocities and accelerations at any time, within limits and caps that it names."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass
+from io import StringIO
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError
+from safe_ompl.inputs import float_array, number, positive
+from safe_ompl.trajectories.curve import BlendedCurve
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.time_law import TimeLaw
+
+RATE = 100.0  # [Hz]
+_BINDS = 1e-6  # relative: how near to its bound the speed must come for a cap to count as reached
+
+
+class State(NamedTuple):
+    """Joint values, velocities and accelerations, (n,) or (T, n) [rad, rad/s, rad/s²; m where a joint slides]."""
+
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+
+
+@dataclass(frozen=True)
+class SpeedCap:
+    """A bound of the speed along the path, proven over whole cells.
+
+    Attributes
+    ----------
+    name : str
+        "joint velocity", "separation", "contact", "danger", "tool speed", "link speed", …
+    speeds : ndarray, shape (N,)
+        Largest ṡ in each cell [rad/s]; +inf where it allows any.
+    """
+
+    name: str
+    speeds: FloatArray
+
+    @property
+    def least(self) -> float:
+        """The least that it allows anywhere [rad/s]."""
+        return float(self.speeds.min(initial=np.inf))
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion in time along a curve; made by `time_path`.
+
+    Attributes
+    ----------
+    curve : BlendedCurve
+        The path with its corners rounded.
+    law : TimeLaw
+        Where on the curve it is at what time.
+    limits : RateLimits
+        What joint velocities and accelerations keep to at every instant.
+    caps : tuple of SpeedCap
+        What the speed along the path keeps to.
+    brakes : ndarray, shape (N,), or None
+        Deceleration along the path that a stop may take in each cell [rad/s²]; caps by people rest on it.
+    """
+
+    curve: BlendedCurve
+    law: TimeLaw
+    limits: RateLimits
+    caps: tuple[SpeedCap, ...] = ()
+    brakes: FloatArray | None = None
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The n joints."""
+        return self.limits.joint_names
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return self.law.duration
+
+    @property
+    def length(self) -> float:
+        """Length of the curve [rad]."""
+        return self.curve.length
+
+    def __repr__(self) -> str:
+        caps = ", ".join(cap.name for cap in self.caps)
+        return f"Trajectory({self.duration:.3f} s, {self.length:.3g} rad{', caps: ' + caps if caps else ''})"
+
+    def at(self, time: float | ArrayLike) -> State:
+        """Return the state at a time [s], or at times (T,); at rest before the start and after the end.
+
+        Where the acceleration jumps, between two cells, that of the later one.
+
+        Raises
+        ------
+        InputError
+            If a time is NaN or not a number.
+        """
+        times = float_array(time, (None,) if np.ndim(time) else (), "time")
+        if np.isnan(times).any():
+            raise InputError("time must be a number of seconds, got nan")
+        cell, s, rate, push = self.law.at(np.atleast_1d(times))
+        edges = self.law.edges
+        place = self.curve.at(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
+        qd = place.slope * rate[:, None]
+        qdd = place.slope * push[:, None] + place.bend * (rate * rate)[:, None]
+        state = State(place.q, qd, qdd)
+        return state if times.ndim else State(*(values[0] for values in state))
+
+    def sampled(self, rate: float = RATE) -> tuple[FloatArray, State]:
+        """Return times (T,) [s] at a rate [Hz], the end included, and the states (T, n).
+
+        Raises
+        ------
+        InputError
+            If the rate is not positive.
+        """
+        step = 1 / positive(rate, "rate", "number of samples per second")
+        before = step * np.arange(int(np.ceil(self.duration / step * (1 - 1e-12))))
+        times: FloatArray = np.append(before, self.duration)
+        return times, self.at(times)
+
+    def stop_from(self, time: float) -> Trajectory:
+        """Return the stop on the path that begins at a time [s]: what is proven to end before anyone is reached.
+
+        It decelerates by the least of `brakes` from where it begins to where it is.
+
+        Raises
+        ------
+        InputError
+            If there is no such stop, for the trajectory was made without people; or the time is not one.
+        """
+        if self.brakes is None:
+            raise InputError("the trajectory was made without people: nothing says how it stops")
+        begin = number("time", time, at_least=0.0, at_most=self.duration)
+        cells, at, rates, _ = self.law.at(np.array([begin]))
+        edges, squares, brake = [float(at[0])], [float(rates[0] ** 2)], np.inf
+        for cell in range(int(cells[0]), len(self.brakes)):
+            brake, end = min(brake, float(self.brakes[cell])), float(self.law.edges[cell + 1])
+            after = squares[-1] - 2 * brake * (end - edges[-1])
+            if after <= 0:
+                end, after = edges[-1] + squares[-1] / (2 * brake), 0.0
+            if end > edges[-1]:
+                edges.append(end)
+                squares.append(after)
+            if after == 0:
+                break
+        if len(edges) == 1:  # it stands already
+            edges, squares = [edges[0], edges[0]], [0.0, 0.0]
+        law = TimeLaw.through(np.array(edges), np.array(squares))
+        return Trajectory(self.curve, law, self.limits)
+
+    def speed_bounds(self) -> FloatArray:
+        """Return for each cell (N,) the least of all caps [rad/s]."""
+        bounds: FloatArray = np.min([cap.speeds for cap in self.caps], axis=0)
+        return bounds
+
+    def binding(self) -> tuple[str | None, ...]:
+        """Return for each cell the name of the cap that its speed reaches, if any; elsewhere accelerations bind."""
+        fastest = np.sqrt(np.maximum(self.law.squares[1:], self.law.squares[:-1]))
+        names: list[str | None] = [None] * len(fastest)
+        least = self.speed_bounds() if self.caps else np.full(len(fastest), np.inf)
+        for cap in self.caps:
+            for k in np.flatnonzero((cap.speeds <= least) & (fastest >= cap.speeds * (1 - _BINDS))):
+                names[int(k)] = cap.name
+        return tuple(names)
+
+    # ---------------------------------------------------------------------------------------------------- export
+
+    def as_dict(self, rate: float = RATE) -> dict[str, Any]:
+        """Return the trajectory in the shape of ROS's `JointTrajectory`, with duration, limits and caps besides.
+
+        Parameters
+        ----------
+        rate : float
+            Points per second [Hz].
+
+        Returns
+        -------
+        dict
+            ``joint_names``; ``points``, each with ``time_from_start`` [s], ``positions``, ``velocities`` and
+            ``accelerations``; ``duration``; ``limits`` with ``velocity`` and ``acceleration`` by joint; ``caps``, each
+            with its ``name`` and ``least``, the least speed along the path that it allows (None: any).
+        """
+        times, states = self.sampled(rate)
+        rows = zip(times.tolist(), *(values.tolist() for values in states), strict=True)
+        return {
+            "joint_names": list(self.joint_names),
+            "points": [
+                {"time_from_start": t, "positions": q, "velocities": qd, "accelerations": qdd}
+                for t, q, qd, qdd in rows
+            ],
+            "duration": self.duration,
+            "limits": self.limits.as_dict(),
+            "caps": [
+                {"name": cap.name, "least": cap.least if np.isfinite(cap.least) else None}
+                for cap in self.caps
+            ],
+        }
+
+    def to_json(self, rate: float = RATE) -> str:
+        """Return `as_dict` as JSON."""
+        return json.dumps(self.as_dict(rate), allow_nan=False)
+
+    def to_csv(self, rate: float = RATE) -> str:
+        """Return a table: time, then position, velocity and acceleration of every joint."""
+        times, states = self.sampled(rate)
+        text = StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        kinds = ("position", "velocity", "acceleration")
+        table.writerow(["time", *(f"{name}_{kind}" for kind in kinds for name in self.joint_names)])
+        table.writerows(np.column_stack([times, *states]).tolist())
+        return text.getvalue()

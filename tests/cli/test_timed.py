@@ -1,0 +1,88 @@
+"""`safe-ompl plan --timed`, `PlanResult.timed`, and the keys of the scenario that they read."""
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from safe_ompl.cli.main import main
+from safe_ompl.errors import InputError
+from safe_ompl.scenario.motion_limits import MotionLimits
+from safe_ompl.scenario.people import People
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.setup.safe_setup import plan
+
+
+@pytest.fixture(scope="module")
+def beside_her():
+    scenario = Scenario.load(find_scenario("panda_shelf"))
+    accelerations = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
+    return replace(
+        scenario,
+        motion=MotionLimits(acceleration=accelerations, tool_speed=1.0),
+        people=People(speed=0.2, reaction_time=0.05),
+    )
+
+
+@pytest.fixture(scope="module")
+def scenario_file(beside_her, tmp_path_factory):
+    file = tmp_path_factory.mktemp("timed") / "beside_her.yaml"
+    beside_her.save(file)
+    return file
+
+
+def test_scenarios_hold_limits_and_people(beside_her, scenario_file):
+    read = Scenario.load(scenario_file)
+    assert read.motion == beside_her.motion
+    assert read.people == beside_her.people
+
+
+@pytest.mark.parametrize(
+    ("key", "name", "value"),
+    [("motion", "acceleration", 0), ("people", "speed", -1), ("people", "who", ["nobody"])],
+)
+def test_wrong_values_in_a_scenario_are_named(scenario_file, tmp_path, key, name, value):
+    document = yaml.safe_load(scenario_file.read_text())
+    document[key][name] = value
+    broken = tmp_path / "broken.yaml"
+    broken.write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError, match=rf"broken.yaml:\d+: {key}.*{value[0] if name == 'who' else name}"):
+        Scenario.load(broken)
+
+
+def test_where_people_allow_no_motion_the_command_says_so(beside_her, tmp_path, capsys):
+    file = tmp_path / "crowded.yaml"
+    replace(beside_her, people=People(reaction_time=2.0)).save(file)
+    assert main(["plan", str(file), "--timed"]) == 2
+    assert "nothing allows the robot to move at" in capsys.readouterr().err
+
+
+def test_the_command_times_and_writes_a_joint_trajectory(scenario_file, tmp_path, capsys):
+    file = tmp_path / "trajectory.json"
+    arguments = ["plan", str(scenario_file), "--time", "5", "--trajectory", str(file), "--rate", "50"]
+    assert main(arguments) == 0
+    assert "timed: " in capsys.readouterr().out
+    told = json.loads(file.read_text())
+    assert set(told) == {"joint_names", "points", "duration", "limits", "caps"}
+    assert [cap["name"] for cap in told["caps"]] == [
+        "joint velocity",
+        "bends beside people",
+        "separation",
+        "tool speed",
+    ]
+    times = [point["time_from_start"] for point in told["points"]]
+    np.testing.assert_allclose(np.diff(times)[:-1], 0.02)
+
+
+def test_results_are_timed_where_they_were_made(beside_her):
+    result = plan(beside_her, time=5.0, seed=0)
+    trajectory = result.timed(tool_speed=0.5)
+    np.testing.assert_allclose(trajectory.at(0.0).q, result.path[0], atol=1e-9)
+    sent = pickle.loads(pickle.dumps(result))
+    with pytest.raises(InputError, match="call time_path"):
+        sent.timed()
+    with pytest.raises(InputError, match="there is no path to time"):
+        replace(result, path=None).timed()

@@ -1,0 +1,93 @@
+"""The kinetostatic danger of robots: at rest, ahead in time, and its gradients."""
+
+import numpy as np
+import pytest
+
+from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.kinetostatic import KinetostaticField
+from safe_ompl.danger.moving_skeleton import JointMotions, MovingSkeleton
+from safe_ompl.errors import InputError
+
+POINTS = [[0.6, 0.4, 0.5], [-0.5, 0.3, 0.2], [0.1, -0.7, 0.9]]
+ROBOTS = ("panda", "twin_arm", "slider", "kinova")
+
+
+def states(robot, number, seed=0):
+    rng = np.random.default_rng(seed)
+    spread = np.minimum(robot.upper, 2.0) - np.maximum(robot.lower, -2.0)
+    middle = (np.minimum(robot.upper, 2.0) + np.maximum(robot.lower, -2.0)) / 2
+    return middle + 0.4 * spread * rng.uniform(-1, 1, (number, robot.n)), rng.normal(size=(number, robot.n))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_velocities_of_key_points_are_those_of_pinocchio(robot_named, name):
+    robot = robot_named(name)
+    Q, Qd = states(robot, 5)
+    moving = MovingSkeleton.of(JointMotions(robot), Q, Qd)
+    expected = robot.keypoint_motions(Q, Qd)
+    np.testing.assert_allclose(moving.keypoints, expected[0], atol=1e-12)
+    np.testing.assert_allclose(moving.velocities, expected[1], atol=1e-12)
+
+
+@pytest.mark.parametrize("aggregate", ["max", "mean", "softmax"])
+def test_at_rest_it_is_the_static_danger(panda, aggregate):
+    field = DangerField(panda, POINTS, [1.0, 2.0, 0.5], aggregate=aggregate, k1=2.0)
+    Q, _ = states(panda, 6)
+    found = KinetostaticField(field).values(Q, np.zeros_like(Q))
+    np.testing.assert_allclose(found, field.values(Q), rtol=1e-12)
+
+
+def test_without_the_isotropic_part_it_is_the_danger_ahead(panda):
+    field = DangerField(panda, POINTS[:1])
+    moving = KinetostaticField(field, k2=1e-5, gamma=0.0)
+    Q, Qd = states(panda, 6)
+    np.testing.assert_allclose(moving.values(Q, Qd), field.values(Q + 1e-5 * Qd), rtol=1e-8)
+
+
+def test_with_gamma_of_one_motion_never_makes_it_less_dangerous(panda):
+    field = DangerField(panda, POINTS)
+    Q, Qd = states(panda, 200)
+    assert (KinetostaticField(field, gamma=1.0).values(Q, Qd) >= field.values(Q)).all()
+    assert (KinetostaticField(field, gamma=0.0).values(Q, Qd) < field.values(Q)).any()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("gamma", [0.0, 1.0])
+@pytest.mark.parametrize("aggregate", ["max", "softmax"])
+def test_gradients_are_those_of_finite_differences(robot_named, name, gamma, aggregate):
+    robot = robot_named(name)
+    moving = KinetostaticField(
+        DangerField(robot, POINTS, [1.0, 2.0, 0.5], aggregate=aggregate), gamma=gamma, k2=0.3
+    )
+    Q, Qd = states(robot, 4, seed=2)
+    _, by_q, by_qd = moving.values_and_gradients(Q, Qd)
+    step = 1e-6
+    for i in range(robot.n):
+        e = np.eye(robot.n)[i] * step
+        slope = (moving.values(Q + e, Qd) - moving.values(Q - e, Qd)) / (2 * step)
+        np.testing.assert_allclose(by_q[:, i], slope, atol=1e-5 * (1 + abs(by_q).max()))
+        slope = (moving.values(Q, Qd + e) - moving.values(Q, Qd - e)) / (2 * step)
+        np.testing.assert_allclose(by_qd[:, i], slope, atol=1e-5 * (1 + abs(by_qd).max()))
+
+
+def test_points_that_follow_the_configuration_and_none_at_all(panda):
+    Q, Qd = states(panda, 3)
+    fixed = KinetostaticField(DangerField(panda, POINTS))
+    called = KinetostaticField(DangerField(panda, lambda q: POINTS))
+    np.testing.assert_allclose(called.values(Q, Qd), fixed.values(Q, Qd))
+    nothing = KinetostaticField(DangerField(panda, []))
+    assert not nothing.values(Q, Qd).any()
+    assert not np.concatenate(nothing.gradients(Q, Qd)).any()
+
+
+def test_one_state_and_what_is_refused(panda):
+    moving = KinetostaticField(DangerField(panda, POINTS), k2=0.5)
+    Q, Qd = states(panda, 1)
+    assert moving.value(Q[0], Qd[0]) == moving.values(Q, Qd)[0]
+    assert "k2=0.5, gamma=1" in repr(moving)
+    with pytest.raises(InputError, match="joint velocities must be finite"):
+        moving.value(Q[0], np.full(panda.n, np.nan))
+    with pytest.raises(InputError, match="k2 must be a finite number >= 0"):
+        KinetostaticField(moving.field, k2=-1)
+    with pytest.raises(InputError, match="gamma must be a finite number >= 0"):
+        KinetostaticField(moving.field, gamma=np.nan)

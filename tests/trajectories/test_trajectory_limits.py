@@ -1,0 +1,59 @@
+"""Joint limits of trajectories: where they come from, and what is refused."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.robot.robot import Robot
+from safe_ompl.trajectories.limits import RateLimits, _say_default
+
+
+def test_velocities_come_from_the_urdf_and_the_default_accelerations_are_said_aloud_once(panda, caplog):
+    _say_default.cache_clear()
+    with caplog.at_level(logging.WARNING):
+        limits = RateLimits.of(panda)
+        RateLimits.of(panda)
+    assert limits.velocity.tolist() == list(panda.shared.model.velocityLimit)
+    np.testing.assert_allclose(limits.acceleration, limits.velocity / 0.25)
+    assert [record.message.count("give accelerations") for record in caplog.records] == [1]
+
+
+def test_some_joints_one_for_all_or_all(panda, caplog):
+    limits = RateLimits.of(panda, 1.5, dict.fromkeys(panda.joint_names, 5.0))
+    assert limits.velocity.tolist() == [1.5] * 7
+    assert limits.acceleration.tolist() == [5.0] * 7
+    assert not caplog.records
+    one = RateLimits.of(panda, {panda.joint_names[2]: 0.5}, range(1, 8))
+    assert one.velocity[2] == 0.5
+    assert one.acceleration.tolist() == [1, 2, 3, 4, 5, 6, 7]
+    assert one.as_dict()["velocity"][panda.joint_names[2]] == 0.5
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
+def test_limits_that_are_none_are_refused(panda, wrong):
+    with pytest.raises(InputError, match="acceleration limit must be a positive number"):
+        RateLimits.of(panda, acceleration=wrong)
+    with pytest.raises(InputError, match="velocity limit"):
+        RateLimits.of(panda, {panda.joint_names[0]: wrong}, 1.0)
+    with pytest.raises(InputError, match="velocity limit"):
+        RateLimits(("a",), np.array([wrong]), np.array([1.0]))
+
+
+def test_a_urdf_without_velocities_asks_for_them(tmp_path):
+    (tmp_path / "arm.urdf").write_text(
+        """<robot name="arm"><link name="base"/><link name="boom"><collision><origin xyz="0.5 0 0"/>
+        <geometry><box size="1 0.1 0.1"/></geometry></collision></link><joint name="turn" type="revolute">
+        <parent link="base"/><child link="boom"/><axis xyz="0 0 1"/>
+        <limit lower="-1" upper="1" effort="1" velocity="0"/></joint></robot>"""
+    )
+    robot = Robot.from_urdf(tmp_path / "arm.urdf")
+    with pytest.raises(InputError, match="has no velocity limit in its URDF"):
+        RateLimits.of(robot, acceleration=1.0)
+    assert (RateLimits.of(robot, 2.0, 1.0).velocity == 2.0).all()
+
+
+def test_unknown_joints_are_named(panda):
+    with pytest.raises(UnknownNameError, match="unknown joint 'elbow'"):
+        RateLimits.of(panda, {"elbow": 1.0})
