@@ -66,6 +66,10 @@ def result_from_mapping(data: Mapping[str, Any], robot: Robot | None = None) -> 
         planning_time=document.number("planning_time", document.require(data, "planning_time")),
         simplification_time=document.number("simplification_time", data.get("simplification_time", 0.0)),
         counts=Counts(**document.mapping("counts", data.get("counts") or {})),
+        setup_time=document.number("setup_time", data.get("setup_time", 0.0)),
+        validation_time=document.number(
+            "report_time", data.get("report_time", 0.0)
+        ),  # all that reporting took
         improvements=tuple(Improvement(**item) for item in data.get("improvements", ())),
         interrupted=bool(data.get("interrupted", False)),
         robot=robot,
