@@ -61,6 +61,9 @@ class Benchmark:
         self._experiment = Experiment(name)
         self._status = SimpleNamespace(running=False, activePlanner="", activeRun=0, progressPercentage=0.0)
 
+    def __repr__(self) -> str:
+        return f"Benchmark({self._given!r}, {len(self._entries)} planners)"
+
     # ------------------------------------------------------------------------------------ what is compared
 
     def addPlanner(self, planner: Any) -> None:

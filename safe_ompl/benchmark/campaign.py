@@ -81,7 +81,7 @@ class Campaign:
     def check(self, setup: SafeSetup) -> None:
         """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
         for planner in self.planners:
-            check_planner(self.scenario, planner, setup)
+            check_named_planner(self.scenario, planner, setup)
 
     def results(self, setup: SafeSetup | None = None, processes: int = 1) -> Iterator[PlanResult]:
         """Do the runs and yield their results as they come, round after round.
@@ -155,7 +155,7 @@ def default_planners(scenario: Scenario) -> tuple[str, ...]:
     return ("RRTConnect", *ours)
 
 
-def check_planner(scenario: Scenario, planner: str, setup: SafeSetup) -> None:
+def check_named_planner(scenario: Scenario, planner: str, setup: SafeSetup) -> None:
     """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
     source = f"{scenario.file or scenario.name}: planners" if planner in scenario.planners else "planner"
     with document.within(source, ": "):

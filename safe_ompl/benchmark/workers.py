@@ -18,7 +18,7 @@ from safe_ompl.errors import InputError
 
 ATTEMPTS = 2  # of a task whose process does not survive it
 
-Task = TypeVar("Task")
+TaskT = TypeVar("TaskT")
 Outcome = TypeVar("Outcome")
 _Task = TypeVar("_Task", contravariant=True)
 _Outcome = TypeVar("_Outcome", covariant=True)
@@ -42,8 +42,8 @@ def checked_processes(processes: int) -> int:
 
 
 def do_tasks(
-    job: Job[Task, Outcome], tasks: Sequence[Task], processes: int
-) -> Iterator[tuple[Task, Outcome]]:
+    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], processes: int
+) -> Iterator[tuple[TaskT, Outcome]]:
     """Do tasks and yield their outcomes as they come: here if there is one process, else in forked ones."""
     if processes == 1:
         return ((task, job.run(task)) for task in tasks)
@@ -51,8 +51,8 @@ def do_tasks(
 
 
 def in_processes(
-    job: Job[Task, Outcome], tasks: Sequence[Task], number: int
-) -> Iterator[tuple[Task, Outcome]]:
+    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], number: int
+) -> Iterator[tuple[TaskT, Outcome]]:
     """Do tasks in processes that are forked: jobs of any kind are there without being pickled.
 
     A task whose process dies is done again in a new one; if that dies, too, the task is a crash. All others finish.
@@ -60,7 +60,7 @@ def in_processes(
     """
     context = multiprocessing.get_context("fork")
     left = [(task, 1) for task in reversed(tasks)]
-    working: dict[Connection, tuple[Any, Task, int]] = {}
+    working: dict[Connection, tuple[Any, TaskT, int]] = {}
 
     def start() -> None:
         ours, theirs = context.Pipe()
@@ -149,11 +149,11 @@ def _work(job: Job[Any, Any], pipe: Connection, others: Sequence[Connection]) ->
 
 
 def on_cluster(
-    make: Callable[[], Job[Task, Outcome]],
-    crash: Callable[[Task, str], Outcome],
-    tasks: Sequence[Task],
+    make: Callable[[], Job[TaskT, Outcome]],
+    crash: Callable[[TaskT, str], Outcome],
+    tasks: Sequence[TaskT],
     client: Any,
-) -> Iterator[tuple[Task, Outcome]]:
+) -> Iterator[tuple[TaskT, Outcome]]:
     """Do tasks on a cluster of dask.distributed.
 
     Its scheduler does by itself what a long comparison needs: runs of a worker that was lost are done by another,

@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from safe_ompl.benchmark.campaign import check_planner
+from safe_ompl.benchmark.campaign import check_named_planner
 from safe_ompl.cli.arguments import (
     add_limit_options,
     add_planner_options,
@@ -24,7 +24,7 @@ from safe_ompl.cli.console import error_console, output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
 from safe_ompl.cli.pictures import check_picture
 from safe_ompl.cli.tables import plan_table
-from safe_ompl.cli.timed import add_timed_options, joint_limits, show_timed
+from safe_ompl.cli.timed import add_timed_options, rate_limits, show_timed
 from safe_ompl.cli.verify import certificate_of
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
@@ -77,10 +77,10 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     spec = given_robot(options, lambda: scenario.robot)
     robot = scenario.build_robot() if spec is scenario.robot else spec.build()
     setup = setup_scenario(scenario, robot)
-    check_planner(scenario, options.planner, setup)
+    check_named_planner(scenario, options.planner, setup)
     parameters = {**scenario.planners.get(options.planner, {}), **given_parameters(options)}
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
-    limits = joint_limits(scenario, robot, options)
+    limits = rate_limits(scenario, robot, options)
     return Plan(scenario, spec, setup, parameters, options, perf_counter() - begin, limits)
 
 
@@ -109,7 +109,7 @@ class Plan:
     parameters: dict[str, Any]
     options: argparse.Namespace
     setup_time: float = 0.0
-    joint_limits: RateLimits | None = None
+    rate_limits: RateLimits | None = None
 
     def __call__(self) -> int:
         """Plan, and show the result in all the ways that are asked for."""
@@ -138,8 +138,8 @@ class Plan:
                 print(json_line(proof), file=stream)
         if options.plot and result.path is not None:
             draw_plan(self.setup, result, options.plot)
-        if self.joint_limits is not None and result.path is not None:
-            show_timed(result, self.scenario, self.joint_limits, options)
+        if self.rate_limits is not None and result.path is not None:
+            show_timed(result, self.scenario, self.rate_limits, options)
         return 0 if result else 1
 
     def _saved(self, result: PlanResult) -> dict[str, Any]:

@@ -29,7 +29,7 @@ def add_timed_options(parser: Any) -> None:
     )
 
 
-def joint_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
+def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
     """Check what the options name, and return the limits of the scenario; None where nothing is timed."""
     check_writable(options.trajectory, "--trajectory")
     if not (options.timed or options.trajectory):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_ompl import document
-from safe_ompl.benchmark.campaign import check_planner
+from safe_ompl.benchmark.campaign import check_named_planner
 from safe_ompl.cli.arguments import add_run_options, count, load_scenario, names
 from safe_ompl.cli.console import error_console
 from safe_ompl.cli.files import check_writable
@@ -117,7 +117,7 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> Exhibit:
     setup = setup_scenario(scenario, robot)
     results = []
     for planner in options.planners:
-        check_planner(scenario, planner, setup)
+        check_named_planner(scenario, planner, setup)
         result = setup.plan(
             planner,
             time=options.time or scenario.time,

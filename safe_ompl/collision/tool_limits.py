@@ -17,7 +17,7 @@ from safe_ompl.inputs import float_array, number
 from safe_ompl.robot.bodies.reach import Hull
 from safe_ompl.robot.robot import Robot
 
-FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
+TOOL_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
 _ROUNDING = 1e-9  # [rad or m] of kinematics; what is proven keeps this from its limit
 _LEAST_LENGTH = 1e-9  # of a direction
 
@@ -132,7 +132,7 @@ class ToolOrientation(ToolLimit):
     name = "tool orientation"
 
     def __init__(
-        self, robot: Robot, axis: ArrayLike, direction: ArrayLike, angle: float, floor: float = FLOOR
+        self, robot: Robot, axis: ArrayLike, direction: ArrayLike, angle: float, floor: float = TOOL_FLOOR
     ) -> None:
         self.axis = _unit(axis, "axis of the tool")
         self.direction = _unit(direction, "direction of the tool")
@@ -144,7 +144,7 @@ class ToolOrientation(ToolLimit):
 
     @classmethod
     def as_at(
-        cls, robot: Robot, q: ArrayLike, direction: ArrayLike, angle: float, floor: float = FLOOR
+        cls, robot: Robot, q: ArrayLike, direction: ArrayLike, angle: float, floor: float = TOOL_FLOOR
     ) -> ToolOrientation:
         """Return the limit for that axis of the tool which points exactly in the direction at `q: (n,)`."""
         axis = robot.tip_pose(q).rotation.T @ _unit(direction, "direction of the tool")
@@ -190,7 +190,7 @@ class TipBounds(ToolLimit):
 
     name = "tip position"
 
-    def __init__(self, robot: Robot, lower: ArrayLike, upper: ArrayLike, floor: float = FLOOR) -> None:
+    def __init__(self, robot: Robot, lower: ArrayLike, upper: ArrayLike, floor: float = TOOL_FLOOR) -> None:
         self.lower = _corner(lower, "lower corner")
         self.upper = _corner(upper, "upper corner")
         if not (self.lower < self.upper).all():

@@ -61,7 +61,7 @@ def terms(
         +inf on a segment.
     """
     check_weighting(weighting)
-    found = kernel.terms(
+    found = kernel.link_terms(
         np.ascontiguousarray(keypoints),
         np.ascontiguousarray(velocities),
         *_ends(segments),

@@ -16,8 +16,8 @@ from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import number, whole_number
+from safe_ompl.planners.graphs.planner_graph import PlannerGraph
 from safe_ompl.planners.parts.goals import first_goals, later_goals
-from safe_ompl.planners.parts.graph import PlannerGraph
 from safe_ompl.planners.parts.task import Task
 
 _log = logging.getLogger(__name__)
@@ -79,6 +79,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._max_danger = 0.0
         self._range = 0.0
         self._default_range = _RANGE_FRACTION * self._bridge.extent
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.getName()!r}, seed={self._seed})"
 
     # ------------------------------------------------------------------------------------------- parameters
 

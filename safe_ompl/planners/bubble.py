@@ -15,9 +15,9 @@ from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.inputs import flag, fraction, number, whole_number
 from safe_ompl.maths.bubbles import BUBBLE_SHAPES
 from safe_ompl.maths.halton import halton_point
+from safe_ompl.planners.graphs.volume_tree import JointMetric, VolumeTree, VolumeTrees
 from safe_ompl.planners.parts.elastic_band import ElasticBand
 from safe_ompl.planners.parts.tree import ROOT
-from safe_ompl.planners.parts.volume_tree import JointMetric, VolumeTree, VolumeTrees
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
@@ -74,7 +74,7 @@ class BubblePlanner(WeighingPlanner):
 
     Notes
     -----
-    The bubbles take in the robot's own pairs, and the radii at their centres (`math.md` §3).
+    The bubbles take in the robot's own pairs, and the radii at their centres (`docs/mathematics.md` §3).
 
     The planner as it is printed in [1] is called `PaperSafeBubble`, and with α = 0 `PaperBubble`: bubbles (9), f of
     (10) with angles in the 1-norm for g and h. Where the print leaves something open it is read so: C is Closed(1);

@@ -9,10 +9,10 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.inputs import flag, whole_number
+from safe_ompl.planners.graphs.roadmap import Roadmap
+from safe_ompl.planners.graphs.roadmap_metric import LinkMetric, RoadmapMetric, SpaceMetric
+from safe_ompl.planners.graphs.search_graph import Graph
 from safe_ompl.planners.parts.elastic_band import ElasticBand
-from safe_ompl.planners.parts.roadmap import Roadmap
-from safe_ompl.planners.parts.roadmap_metric import LinkMetric, RoadmapMetric, SpaceMetric
-from safe_ompl.planners.parts.search_graph import Graph
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity

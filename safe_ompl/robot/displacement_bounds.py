@@ -85,7 +85,7 @@ class DisplacementBounds(ForwardKinematics):
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.
 
         Tighter than `displacement_radii`, and dearer. Between `q` and q + Δ no point of body g moves more than
-        Σ_i R_gi·|Δ_i| (`math.md` §3: the radii at the centre are enough).
+        Σ_i R_gi·|Δ_i| (`docs/mathematics.md` §3: the radii at the centre are enough).
         """
         return self.coupling.radii(self.joint_radii_at(self._checked(q)))
 

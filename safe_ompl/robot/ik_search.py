@@ -15,7 +15,7 @@ from safe_ompl.robot.place_input import place_of
 from safe_ompl.robot.robot import Robot
 
 SEEDS = 16
-TOLERANCE = 1e-4  # [m]
+PRECISION = 1e-4  # [m]
 
 
 def inverse_kinematics(
@@ -26,7 +26,7 @@ def inverse_kinematics(
     near: ArrayLike | None = None,
     seeds: int = SEEDS,
     seed: int = 0,
-    tolerance: float = TOLERANCE,
+    tolerance: float = PRECISION,
     valid: Callable[[FloatArray], bool] | None = None,
 ) -> FloatArray | None:
     """Return a configuration within the joint limits whose tip is at a place, or None if none is found.

@@ -19,7 +19,7 @@ from safe_ompl.arrays import BoolArray, FloatArray, finite_array
 from safe_ompl.errors import InputError
 from safe_ompl.robot.robot import Robot
 
-METRES_PER_RADIAN = 0.25  # c of `math.md` §7: about the reach of a hand and what it holds
+METRES_PER_RADIAN = 0.25  # c of `docs/mathematics.md` §7: about the reach of a hand and what it holds
 _ORTHONORMAL = 1e-6  # largest error of a rotation matrix
 
 _SINGULAR = 0.05  # [m/rad] singular values of J below this are damped,

@@ -12,7 +12,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import PlanningError
 from safe_ompl.plugins.states import ScratchState, StateBridge
 
-TOLERANCE = 1e-6  # [rad or m] in joint space
+END_TOLERANCE = 1e-6  # [rad or m] in joint space
 
 
 def check_endpoints(path: FloatArray, problem: Any, bridge: StateBridge, name: str) -> None:
@@ -38,13 +38,13 @@ def check_endpoints(path: FloatArray, problem: Any, bridge: StateBridge, name: s
     distance = min(
         (float(np.linalg.norm(bridge.difference(start, path[0]))) for start in starts), default=np.inf
     )
-    if not distance <= TOLERANCE:
+    if not distance <= END_TOLERANCE:
         raise PlanningError(f"{name} returned a path that begins {distance:.3g} rad away from every start")
     goal, last = problem.getGoal(), ScratchState(bridge)
     state = last.set(path[-1])
     if isinstance(goal, ob.GoalRegion):
         short, unit = float(goal.distanceGoal(state)), "m" if hasattr(goal, "place") else "rad"
-        if not short <= max(TOLERANCE, goal.getThreshold()):
+        if not short <= max(END_TOLERANCE, goal.getThreshold()):
             raise PlanningError(f"{name} returned a path that ends {short:.3g} {unit} away from the goal")
     elif not goal.isSatisfied(state):
         raise PlanningError(f"{name} returned a path that does not end in the goal")

@@ -15,7 +15,7 @@ from safe_ompl.scenario.people import BodyRegion, People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.separation import PeopleDistances, Separation
+from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
 from safe_ompl.trajectories.time_law import velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap
 
@@ -129,7 +129,7 @@ def _next_stops(cells: Cells) -> IntArray:
 def _parts(
     cells: Cells,
     speeds: FloatArray,
-    left: Separation,
+    left: SeparationBounds,
     limb: IntArray,
     where: IntArray,
     distances: PeopleDistances,
@@ -167,7 +167,7 @@ def _named(who: tuple[str, str]) -> str:
 
 
 def _standstill(
-    curve: BlendedCurve, cells: Cells, k: int, m: int, left: Separation, distances: PeopleDistances
+    curve: BlendedCurve, cells: Cells, k: int, m: int, left: SeparationBounds, distances: PeopleDistances
 ) -> Standstill:
     people, (person, limb) = distances.people, distances.limbs[m]
     link = distances.links[int(left.nearest[k, m])]

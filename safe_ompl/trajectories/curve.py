@@ -12,7 +12,7 @@ from safe_ompl.arrays import FloatArray, IntArray
 _WIDER = 1e-12  # relative: boxes hold what rounding makes of the curve
 
 
-class Place(NamedTuple):
+class CurvePoints(NamedTuple):
     """Configurations and their derivatives by arc length, each (S, n): q, q′ and q″."""
 
     q: FloatArray
@@ -88,14 +88,14 @@ class Piece(NamedTuple):
     length: float
     curvature: float
 
-    def places(self, at: FloatArray) -> Place:
+    def places(self, at: FloatArray) -> CurvePoints:
         """Return the places (S,) of the piece at arc lengths from its start."""
         if not self.curvature:
             still = np.zeros((len(at), len(self.start)))
-            return Place(self.start + at[:, None] * self.forward, still + self.forward, still)
+            return CurvePoints(self.start + at[:, None] * self.forward, still + self.forward, still)
         angle = (at * self.curvature)[:, None]
         sin, cos = np.sin(angle), np.cos(angle)
-        return Place(
+        return CurvePoints(
             self.start + (sin * self.forward + (1 - cos) * self.inward) / self.curvature,
             cos * self.forward + sin * self.inward,
             self.curvature * (cos * self.inward - sin * self.forward),
@@ -159,10 +159,10 @@ class BlendedCurve:
         found: IntArray = np.searchsorted(self.starts, s, side="right") - 1
         return found
 
-    def at(self, s: FloatArray, pieces: IntArray | None = None) -> Place:
+    def at(self, s: FloatArray, pieces: IntArray | None = None) -> CurvePoints:
         """Return the places (S, n) at arc lengths `s: (S,)` in any order; where two pieces meet, of those given."""
         which = self.piece_at(s) if pieces is None else pieces
-        found = Place(*(np.empty((len(s), len(self.pieces[0].start))) for _ in range(3)))
+        found = CurvePoints(*(np.empty((len(s), len(self.pieces[0].start))) for _ in range(3)))
         for k in np.unique(which):
             rows = which == k
             places = self.pieces[k].places(s[rows] - self.starts[k])

@@ -18,7 +18,7 @@ _SHORT = 0.05  # [s] Limbs that may come so soon are looked at one by one where 
 _UNKNOWN = 1e6  # [m]
 
 
-class Separation(NamedTuple):
+class SeparationBounds(NamedTuple):
     """What is left between people and robot in the cells of a curve.
 
     Attributes
@@ -84,7 +84,7 @@ class PeopleDistances:
         self._kinematics = robot.shared.model.createData()
         self.speeds: FloatArray = np.array([people.speed_of(limb) for _, limb in limbs])
 
-    def along(self, curve: BlendedCurve, cells: Cells, speeds: FloatArray, soon: float) -> Separation:
+    def along(self, curve: BlendedCurve, cells: Cells, speeds: FloatArray, soon: float) -> SeparationBounds:
         """Return what is left in the cells of a curve.
 
         Every distance is kept as a bound, that falls by what the body can move from one cell to the next. Only
@@ -123,7 +123,7 @@ class PeopleDistances:
             times[j] = time[rows, first]
             distances[j] = left.reshape(shape).min(axis=1)
             nearest[j] = self._body.reshape(shape)[rows, first]
-        return Separation(distances, times, nearest)
+        return SeparationBounds(distances, times, nearest)
 
     def _time(self, distances: FloatArray, slowness: FloatArray) -> FloatArray:
         """Return when limbs at these distances may be there; who does not move never is, unless too near already."""

@@ -19,7 +19,7 @@ from safe_ompl.trajectories.separation import PeopleDistances
 from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap, Trajectory
 
-TOLERANCE = 0.05  # [rad] of blends
+BLEND_TOLERANCE = 0.05  # [rad] of blends
 _STEP = 0.02  # [rad] largest cell
 _CELLS = 400  # at least, on the whole path
 
@@ -30,7 +30,7 @@ def time_path(
     limits: RateLimits | None = None,
     *,
     motion: CertifiedMotion | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = BLEND_TOLERANCE,
     people: People | None = None,
     tool_speed: float | None = None,
     link_speed: float | None = None,

@@ -10,7 +10,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.pictures.render.stage import Stage
 from safe_ompl.pictures.style import Colour
 from safe_ompl.viewer.clearance import ClearanceLines, Nearest
-from safe_ompl.viewer.colours import NEUTRAL, START, mixed, rgb
+from safe_ompl.viewer.colours import NEUTRAL, START_COLOUR, mixed, rgb
 from safe_ompl.viewer.danger_layers import DangerPoints, FieldSlice
 from safe_ompl.viewer.exhibit import Exhibit
 from safe_ompl.viewer.figures import RobotFigure, RobotModel, add_scenery
@@ -136,7 +136,7 @@ class Booth:
         )
 
     def _ghosts(self, model: RobotModel, colour: Colour) -> list[RobotFigure]:
-        start = RobotFigure(self._view, f"{self.node}/start", model, START, _START_OPACITY)
+        start = RobotFigure(self._view, f"{self.node}/start", model, START_COLOUR, _START_OPACITY)
         goal = RobotFigure(self._view, f"{self.node}/goal", model, colour, _GOAL_OPACITY)
         start.pose(self.samples[0])
         goal.pose(self.samples[-1])

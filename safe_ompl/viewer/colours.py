@@ -11,7 +11,7 @@ from safe_ompl.pictures.style import Colour
 Bytes = NDArray[np.uint8]
 
 NEUTRAL: Colour = (0.82, 0.83, 0.85)
-START: Colour = (0.55, 0.56, 0.58)
+START_COLOUR: Colour = (0.55, 0.56, 0.58)
 _LEVELS = np.array(
     [(1.0, 0.96, 0.80), (0.99, 0.80, 0.42), (0.94, 0.45, 0.24), (0.72, 0.12, 0.16), (0.36, 0.02, 0.13)]
 )

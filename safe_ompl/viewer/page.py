@@ -9,7 +9,7 @@ import numpy as np
 from safe_ompl.viewer.exhibit import Exhibit
 from safe_ompl.viewer.view import View
 
-DURATION = 8.0  # [s] from start to goal
+PLAYING_TIME = 8.0  # [s] from start to goal
 _REST = 0.8  # [s] at the goal, before it begins again
 _FRAMES = 97
 
@@ -41,7 +41,7 @@ def save_page(exhibit: Exhibit, file: str | Path, *, slice_at: float | None = No
         recording = view.server.get_scene_serializer()
         if exhibit.paths:
             for share in np.linspace(0.0, 1.0, _FRAMES)[1:]:
-                recording.insert_sleep(DURATION / (_FRAMES - 1))
+                recording.insert_sleep(PLAYING_TIME / (_FRAMES - 1))
                 view.go_to(float(share))
             recording.insert_sleep(_REST)
         Path(file).write_text(recording.as_html(), encoding="utf-8")

@@ -15,7 +15,7 @@ from safe_ompl.benchmark.campaign import (
     BAND,
     Campaign,
     Summary,
-    check_planner,
+    check_named_planner,
     default_planners,
     failure,
     summarize,
@@ -171,7 +171,7 @@ def test_bad_planners_and_processes_are_refused_before_any_run(scenario: Scenari
         Campaign(scenario, PLANNERS).results(setup, processes=0)
     wrong = dataclasses.replace(scenario, planners={"SafeRRTConnect": {"alfa": 1.0}})
     with pytest.raises(UnknownNameError, match=r"ball: planners: .*'alfa'"):
-        check_planner(wrong, "SafeRRTConnect", setup)
+        check_named_planner(wrong, "SafeRRTConnect", setup)
 
 
 def test_default_planners_are_rrt_connect_and_all_of_ours_that_fit_the_goal(scenario: Scenario) -> None:

@@ -20,9 +20,9 @@ from plane import (
 
 from safe_ompl.errors import InputError
 from safe_ompl.planners import prm
-from safe_ompl.planners.parts.roadmap import Roadmap
-from safe_ompl.planners.parts.roadmap_metric import LinkMetric, SpaceMetric
-from safe_ompl.planners.parts.search_graph import Graph
+from safe_ompl.planners.graphs.roadmap import Roadmap
+from safe_ompl.planners.graphs.roadmap_metric import LinkMetric, SpaceMetric
+from safe_ompl.planners.graphs.search_graph import Graph
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.objective import StateCost

@@ -131,7 +131,7 @@ def _turn(z: complex, w: complex) -> float:
 
 
 @njit(cache=True)
-def terms(
+def link_terms(
     keypoints: FloatArray,
     velocities: FloatArray,
     start: IntArray,

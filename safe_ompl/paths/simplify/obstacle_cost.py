@@ -12,7 +12,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.witnesses import Proximity, Witnesses
 from safe_ompl.inputs import number
 
-WEIGHT = 20.0
+OBSTACLE_WEIGHT = 20.0
 _STEEPNESS = 10.0
 
 
@@ -45,7 +45,7 @@ class ObstacleCost:
         If a number is out of range.
     """
 
-    def __init__(self, checker: CollisionChecker, distance: float, weight: float = WEIGHT) -> None:
+    def __init__(self, checker: CollisionChecker, distance: float, weight: float = OBSTACLE_WEIGHT) -> None:
         self.distance = number("clearance", distance, above=0.0)
         self.weight = number("weight of clearance", weight, above=0.0)
         self.allowed = 0.0

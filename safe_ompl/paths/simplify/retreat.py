@@ -11,7 +11,7 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.paths.simplify.constraints import FeasibleSet
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 
-STEP = 0.02  # [rad]
+RETREAT_STEP = 0.02  # [rad]
 _LONGEST = 1.0  # [rad]
 _LEFT = 0.3  # a retreat is over when this share of the cost of its end is left
 _EXCESS = 600.0  # weight of danger: at 1.4 times that of the end it costs what a contact costs
@@ -55,13 +55,13 @@ def retreat(
     """
     reference = field.value(end)
     q, way, enough = end, [end], None
-    while len(way) * STEP <= _LONGEST and not stop():
+    while len(way) * RETREAT_STEP <= _LONGEST and not stop():
         cost, gradient, bends = _model(q, obstacles, field, reference)
         enough = _LEFT * cost if enough is None else enough
         if cost <= enough:
             return np.array(way)
         q = feasible.within(q + _step(gradient, bends.T @ bends))
-        if np.linalg.norm(q - way[-1]) < _STUCK * STEP:
+        if np.linalg.norm(q - way[-1]) < _STUCK * RETREAT_STEP:
             break
         way.append(q)
     return end[None]
@@ -87,16 +87,16 @@ def _model(
 
 
 def _step(gradient: FloatArray, curvature: FloatArray) -> FloatArray:
-    """Return the step s (n,) of length `STEP` at most that minimises g·s + ½ sᵀHs, by bisection on its multiplier."""
+    """Return the step s (n,), no longer than `RETREAT_STEP`, that minimises g·s + ½ sᵀHs, by bisection."""
     bends, directions = np.linalg.eigh(curvature)
     slopes = directions.T @ gradient
     if not slopes.any():
         return slopes
     bends = np.maximum(bends, 0.0)
-    low, high = 0.0, float(np.linalg.norm(slopes)) / STEP
+    low, high = 0.0, float(np.linalg.norm(slopes)) / RETREAT_STEP
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        if np.linalg.norm(slopes / (bends + middle)) > STEP:
+        if np.linalg.norm(slopes / (bends + middle)) > RETREAT_STEP:
             low = middle
         else:
             high = middle

@@ -6,7 +6,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.counts import Counts
-from safe_ompl.planners.parts.graph import two_trees
+from safe_ompl.planners.graphs.planner_graph import two_trees
 from safe_ompl.planners.parts.tree import ROOT, Tree
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import StateBridge

@@ -21,7 +21,7 @@ from safe_ompl.scene import surfaces
 from safe_ompl.scene.cells import cell_tree, occupied, one_per_cell, touched_cells
 from safe_ompl.scene.point_files import read_points
 from safe_ompl.scene.shapes.basic import LONGEST, Part, Shape
-from safe_ompl.scene.shapes.mesh import digest, triangle_tree
+from safe_ompl.scene.shapes.mesh import array_digest, triangle_tree
 from safe_ompl.scene.surfaces import Triangles
 
 _log = logging.getLogger(__name__)
@@ -171,7 +171,7 @@ class PointCloud(Shape):
 
     def canonical(self) -> dict[str, Any]:
         resolution = {} if self.resolution is None else {"resolution": self.resolution}
-        return {"radius": self.radius, "points": digest(self.centres), **resolution}
+        return {"radius": self.radius, "points": array_digest(self.centres), **resolution}
 
 
 def _array(points: ArrayLike) -> FloatArray:

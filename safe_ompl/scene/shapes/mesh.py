@@ -72,7 +72,7 @@ class Mesh(Shape):
 
     def canonical(self) -> dict[str, Any]:
         vertices, faces = self.surface
-        return {"convex": self.convex, "surface": digest(vertices, faces)}
+        return {"convex": self.convex, "surface": array_digest(vertices, faces)}
 
 
 def triangle_tree(vertices: FloatArray, faces: IntArray) -> coal.BVHModelOBBRSS:
@@ -86,7 +86,7 @@ def triangle_tree(vertices: FloatArray, faces: IntArray) -> coal.BVHModelOBBRSS:
     return tree
 
 
-def digest(*arrays: FloatArray | IntArray) -> str:
+def array_digest(*arrays: FloatArray | IntArray) -> str:
     """Return the SHA-256 of the arrays' contents."""
     state = sha256()
     for array in arrays:

@@ -11,7 +11,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.danger.field import DangerField
 from safe_ompl.paths.simplify.constraints import FeasibleSet
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.retreat import STEP, _step, retreat
+from safe_ompl.paths.simplify.retreat import RETREAT_STEP, _step, retreat
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -56,7 +56,7 @@ def test_the_way_out_of_a_grasp(setup, panda, nearness):
     way = retreat(GRASP, nearness, setup.field, FeasibleSet(panda), lambda: False)
     np.testing.assert_array_equal(way[0], GRASP)
     assert len(way) > 1
-    assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= STEP * (1 + 1e-6)
+    assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= RETREAT_STEP * (1 + 1e-6)
     clearance, danger = clearances(setup, way), setup.field.values(way)
     assert (np.diff(clearance) > 0).all()
     assert clearance[-1] > 1.3 * clearance[0]
@@ -106,7 +106,7 @@ def test_a_step_is_the_best_of_its_length(rng, rank):
     step = _step(gradient, curvature)
     others = rng.normal(size=(2000, 4))
     others *= np.linalg.norm(step) / np.linalg.norm(others, axis=1, keepdims=True)
-    assert np.linalg.norm(step) == pytest.approx(STEP, rel=1e-5)
+    assert np.linalg.norm(step) == pytest.approx(RETREAT_STEP, rel=1e-5)
     assert model(step) <= model(others).min()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
-from safe_ompl.planners.parts.roadmap_metric import RoadmapMetric, squares
+from safe_ompl.planners.graphs.roadmap_metric import RoadmapMetric, squares
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import StateBridge
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.planners.parts.graph import two_trees
+from safe_ompl.planners.graphs.planner_graph import two_trees
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.plugins.states import StateBridge
 

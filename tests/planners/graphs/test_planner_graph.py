@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.planners.parts.graph import PlannerGraph, two_trees
+from safe_ompl.planners.graphs.planner_graph import PlannerGraph, two_trees
 from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
