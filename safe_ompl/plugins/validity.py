@@ -102,7 +102,7 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         # OMPL's bounds let NaN pass, and a space may be wider than the robot's limits.
         if not self._joint_limits.hold(q) or self.checker.touches(q) or self._required.violated(q):
             return False
-        if not all(limit.allows(q) for limit in self._tool):
+        if self._tool and not all(limit.allows(q) for limit in self._tool):
             return False
         if self._limit is not None and not self._limit.allows(q):
             return False

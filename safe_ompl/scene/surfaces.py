@@ -154,14 +154,18 @@ def thinned(points: FloatArray, distance: float) -> FloatArray:
 
     Walks through the points in their order and drops those near the one that it keeps: deterministic.
     """
-    left = np.unique(points, axis=0)  # in the order of x
-    kept = []
-    while len(left):
-        kept.append(left[0])
-        near = int(np.searchsorted(left[:, 0], left[0, 0] + distance * (1 + 1e-9), side="right"))
-        stay = np.sum((left[:near] - left[0]) ** 2, axis=1) > distance**2
-        left = np.concatenate([left[:near][stay], left[near:]])
-    return np.array(kept).reshape(-1, 3)
+    rows = np.unique(points, axis=0)  # in the order of x
+    ends = np.searchsorted(rows[:, 0], rows[:, 0] + distance * (1 + 1e-9), side="right")
+    left = np.ones(len(rows), dtype=bool)
+    kept: list[int] = []
+    first = 0
+    while first < len(rows):
+        kept.append(first)
+        near = slice(first, int(ends[first]))
+        left[near] &= np.sum((rows[near] - rows[first]) ** 2, axis=1) > distance**2
+        rest = left[first:]
+        first += int(rest.argmax()) if rest.any() else len(rest)
+    return rows[kept].reshape(-1, 3)
 
 
 def joined(pieces: list[Triangles]) -> Triangles:
