@@ -35,7 +35,7 @@ def count(text: str) -> int:
     return _number(int, text, lambda value: value >= 1, "a whole number of at least 1")
 
 
-def seed(text: str) -> int:
+def random_seed(text: str) -> int:
     """Read a seed."""
     return _number(int, text, lambda value: 0 <= value < 2**32, "a whole number in [0, 2**32)")
 
@@ -127,7 +127,7 @@ def add_run_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
     parser.add_argument(
         "--time", type=seconds, metavar="SECONDS", help=f"time limit of a run (default: {usual_time})"
     )
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: 0)")
+    parser.add_argument("--seed", type=random_seed, default=0, metavar="N", help="random seed (default: 0)")
     parser.add_argument(
         "--simplify",
         type=seconds,

@@ -1,4 +1,4 @@
-"""Whether pictures can be drawn; they need the extra `safe-ompl[plots]`."""
+"""A check that pictures can be drawn; they need the extra `safe-ompl[plots]`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a robot is near obstacles: witness points, and how their distances change with the joints."""
+"""Nearest points of robot and obstacles (witnesses), and the gradients of their distances."""
 
 from __future__ import annotations
 

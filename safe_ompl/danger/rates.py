@@ -1,4 +1,4 @@
-"""How fast the key points of a robot can move, accelerate and jerk on a straight joint motion."""
+"""Bounds of speed, acceleration and jerk of the key points of a robot on a straight joint motion."""
 
 from __future__ import annotations
 

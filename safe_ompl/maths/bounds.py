@@ -1,4 +1,4 @@
-"""How much the danger of a link can grow between two configurations at which it is known (`docs/mathematics.md` §4).
+"""Upper bounds of the danger of a link between two configurations at which it is known (`docs/mathematics.md` §4).
 
 All bounds speak of a segment whose points move smoothly for a time h, none of them faster than V or with more
 acceleration than A, and of its unit-weighted field u = ∫₀¹ dτ/ρ_τ at a point p, ρ_τ the distance of p from the

@@ -1,1 +1,1 @@
-"""What happens to a path once it exists: report and certificate."""
+"""Paths: curves, reports, danger-aware simplification and certificates."""

@@ -1,4 +1,4 @@
-"""Whether a path may be driven: what is proven of it, and what checks of the user's own say of it."""
+"""Validation of a path: what is proven of it, and the outcome of the user's own checks."""
 
 from __future__ import annotations
 

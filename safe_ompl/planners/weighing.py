@@ -1,4 +1,4 @@
-"""What the safe planners share: the weight α of danger, and motions that slide away from it."""
+"""Base of the safe planners: the weight α of danger, and motions that slide away from it."""
 
 from __future__ import annotations
 

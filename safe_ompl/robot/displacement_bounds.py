@@ -1,4 +1,4 @@
-"""How far the bodies and key points of a robot move, at most: what proofs of motions rest on."""
+"""Bounds of how far the bodies and key points of a robot move: what proofs of motions rest on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot is, as one hash: certificates are refused for any other robot."""
+"""A hash of all that makes a robot: certificates are refused for any other one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every path of a scenario must keep to, as a scenario file says it."""
+"""Limits that every path of a scenario must keep to: plain data of a scenario."""
 
 from __future__ import annotations
 

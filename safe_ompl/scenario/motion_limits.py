@@ -1,4 +1,4 @@
-"""How fast a robot may move, as a scenario file says it: plain data."""
+"""Limits of velocity and acceleration: plain data of a scenario."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who counts as a person, how fast she may move, and what she may be touched with: plain data of a scenario."""
+"""People of a scenario: who counts, how fast she may move, and what contact is allowed; plain data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tool must keep to on every path of a scenario, as a scenario file says it."""
+"""Limits of the tool on every path of a scenario: plain data."""
 
 from __future__ import annotations
 

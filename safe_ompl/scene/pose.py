@@ -1,4 +1,4 @@
-"""Where something is in the world."""
+"""Poses: position and orientation in the world."""
 
 from __future__ import annotations
 

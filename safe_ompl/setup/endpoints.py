@@ -1,4 +1,4 @@
-"""Where a path begins and ends: at a start and in the goal, or it is no solution."""
+"""A check that a path begins at a start and ends in the goal, or it is no solution."""
 
 from __future__ import annotations
 

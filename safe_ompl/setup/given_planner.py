@@ -1,4 +1,4 @@
-"""What a setup asks of the planner that it is given, ours or OMPL's."""
+"""Checks and facts of the planner that a setup is given, ours or OMPL's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast the bodies of a robot move along a curve: proven bounds for whole cells."""
+"""Bounds of the speeds of a robot's bodies along a curve, proven for whole cells."""
 
 from __future__ import annotations
 

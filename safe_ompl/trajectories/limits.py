@@ -18,7 +18,7 @@ from safe_ompl.robot.robot import Robot
 
 _log = logging.getLogger(__name__)
 
-ByJoint: TypeAlias = float | Mapping[str, float] | ArrayLike
+LimitByJoint: TypeAlias = float | Mapping[str, float] | ArrayLike
 _RISE = 0.25  # [s] in which a joint reaches its velocity, where nobody says how fast it may accelerate
 _UNLIMITED = 1e3  # [rad/s or m/s] from here on a URDF's velocity stands for none
 
@@ -56,7 +56,7 @@ class RateLimits:
 
     @classmethod
     def of(
-        cls, robot: Robot, velocity: ByJoint | None = None, acceleration: ByJoint | None = None
+        cls, robot: Robot, velocity: LimitByJoint | None = None, acceleration: LimitByJoint | None = None
     ) -> RateLimits:
         """Return the limits of a robot.
 
@@ -107,7 +107,7 @@ def _urdf_velocities(robot: Robot) -> FloatArray:
     return limits
 
 
-def _chosen(robot: Robot, given: ByJoint | None, default: FloatArray, kind: str) -> FloatArray:
+def _chosen(robot: Robot, given: LimitByJoint | None, default: FloatArray, kind: str) -> FloatArray:
     if given is None:
         return default
     if isinstance(given, Mapping):

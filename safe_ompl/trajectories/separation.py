@@ -1,4 +1,4 @@
-"""How long people need to reach the robot, along a whole curve: proven for every cell."""
+"""Lower bounds of the time that people need to reach the robot along a curve, proven for every cell."""
 
 from __future__ import annotations
 

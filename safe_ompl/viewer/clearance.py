@@ -1,4 +1,4 @@
-"""Where a robot is nearest to parts of a scene: the two points, what they are on, and lines between them."""
+"""The nearest points of robot and scene, what they are on, and lines between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is shown in a view: a robot in its scene, paths by planner, danger, and the proof of a path."""
+"""The content of a view: a robot in its scene, paths by planner, danger, and the proof of a path."""
 
 from __future__ import annotations
 

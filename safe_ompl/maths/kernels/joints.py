@@ -1,4 +1,4 @@
-"""Where the joints of a robot are at many configurations: forward kinematics of a tree of joints."""
+"""Forward kinematics of a tree of joints at many configurations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a motion keeps to claimed limits of the tool, by plain means: for the verifier of certificates."""
+"""Plain checks of claimed limits of the tool along motions: for the verifier of certificates."""
 
 from __future__ import annotations
 

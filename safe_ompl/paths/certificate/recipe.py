@@ -1,4 +1,4 @@
-"""What builds a robot, as plain data: its blueprint, with the texts of the files that it names.
+"""A robot's blueprint as plain data, with the texts of the files that it names.
 
 A recipe has the keys of a robot in a scenario file, one level for each thing that was done to the robot, the last
 outermost: `urdf` (with tip, limits and so on), `base`, `mobile_base` or `attached` with the recipe that they are `of`,

@@ -1,4 +1,4 @@
-"""What a planner has built, as a graph: for OMPL's `PlannerData`, and as GraphML with the danger of every vertex."""
+"""The graph that a planner has built: for OMPL's `PlannerData`, and as GraphML with the danger of every vertex."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How near the nodes of a tree are to a place of the tip, and from which of them to go there."""
+"""Distances of the nodes of a tree from a place of the tip, and the choice of the node to go there from."""
 
 from __future__ import annotations
 

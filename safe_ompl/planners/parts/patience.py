@@ -1,4 +1,4 @@
-"""How long a planner heeds danger: less and less, the longer it finds no path."""
+"""A schedule of how much danger is heeded: less and less, the longer no path is found."""
 
 from __future__ import annotations
 

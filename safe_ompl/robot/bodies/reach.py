@@ -1,4 +1,4 @@
-"""How far a link can move when joints turn: displacement radii, proven for every configuration.
+"""Displacement radii: bounds of how far a link moves when joints turn, proven for every configuration.
 
 A set of points that turns about an axis stays inside the cylinder around that axis that encloses it. Going from
 a link towards the base, the cylinder about one joint's axis is enclosed by one about the next joint's axis; its

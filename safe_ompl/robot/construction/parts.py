@@ -1,4 +1,4 @@
-"""What a robot consists of: Pinocchio's models of it, and how they are placed on a base or joined in one cell."""
+"""The parts of a robot: Pinocchio's models of it, placed on a base or joined in one cell."""
 
 from __future__ import annotations
 

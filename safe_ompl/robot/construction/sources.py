@@ -1,4 +1,4 @@
-"""Where robots come from: a URDF, or models of Pinocchio's."""
+"""Blueprints of robots from a URDF, or from models of Pinocchio's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the robots of example-robot-data are, and how this package sets them up."""
+"""The robots of example-robot-data: their files, and the settings that this package takes for them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the packages are that a URDF names: by the name in their `package.xml`, whatever their folder is called."""
+"""Search for the packages that a URDF names: by the name in their `package.xml`, whatever their folder is called."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the joints of a robot are: Pinocchio's forward kinematics, read as arrays."""
+"""Poses of the joints of a robot: Pinocchio's forward kinematics, read as arrays."""
 
 from __future__ import annotations
 
