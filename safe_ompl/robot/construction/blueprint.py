@@ -1,4 +1,4 @@
-"""Blueprints of robots, plain data that build them, and changes of blueprints: a base, an object in the gripper, other robots beside it.
+"""Blueprints of robots: plain data that build them, and changes of them (a base, an object in the gripper, a cell).
 
 A blueprint is plain data that travels between processes; `assemble` builds the parts of the robot from it.
 """
