@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from safe_ompl.viewer.controls import PLAYING_TIME
 from safe_ompl.viewer.exhibit import Exhibit
 from safe_ompl.viewer.view import View
 
-PLAYING_TIME = 8.0  # [s] from start to goal
 _REST = 0.8  # [s] at the goal, before it begins again
 _FRAMES = 97
 
