@@ -26,9 +26,6 @@ _FIRST_REACH = 0.15
 # nothing while planning, where few edges pass so near to a contact.
 FLOOR = 5e-6
 
-_TOLERANCE = 1e-9  # [rad or m] by which limits may be exceeded: that of `Robot.within_limits`
-_LARGEST = 1e300  # joint values of continuous joints: any finite ones
-
 
 class Verdict(Enum):
     """What is known of an edge. Only FREE edges may be driven."""

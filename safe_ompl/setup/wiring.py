@@ -52,12 +52,10 @@ class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
         si = self.getSpaceInformation()
         self.robot = robot
         self.scene = scene
-        self.danger_options = (
-            None if danger is None else dict(danger) if isinstance(danger, Mapping) else danger
-        )
         self.counts = Counts()
         self.checker = CollisionChecker(robot, scene, self.counts)
         self.field = None if danger is None else danger_field(robot, scene, danger, self.counts)
+        self.danger_options = None if danger is None else dict(danger)
         self._bridge = StateBridge(self.getStateSpace())
         self._sampled: SampledValidity | None = None  # the user's checker
         self._asked: AskedMotions | None = None  # the user's motion validator
