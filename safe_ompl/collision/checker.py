@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import ceil, log2
 
 import coal
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.arguments import configuration, margins_of
 from safe_ompl.collision.pairs import PairSet
+from safe_ompl.collision.placed_bodies import PlacedBodies, PlacedPart
 from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR
 from safe_ompl.collision.queries import Queries, indices, prove_manager
 from safe_ompl.collision.queries import fresh_data as fresh_data
@@ -45,11 +46,14 @@ class Clearance:
 
 
 class CollisionChecker:
-    """Answers whether, how nearly, and with what a robot touches a scene or itself. It never changes.
+    """Answers whether, how nearly, and with what a robot touches a scene or itself.
 
     Checked are the robot's own pairs (`robot.collision_model`) and every moving body against every obstacle; the
     fixed base may stand on obstacles. A pair whose body provably never reaches the obstacle, within the limits of the
     joints that slide, is left out of the collision queries. One checker serves one thread.
+
+    Only `move` changes it: obstacles that are `movable` are elsewhere then, and every answer is that of a checker made
+    anew for the new scene. What was derived from it follows (`PairSet`, `CertifiedMotion`, `Proximity`).
 
     Parameters
     ----------
@@ -59,22 +63,34 @@ class CollisionChecker:
         The obstacles.
     counts : Counts, optional
         Counters to share with other models.
+    movable : sequence of str
+        Names of the obstacles that may move. All their pairs are kept, wherever they are.
 
     Attributes
     ----------
+    revision : int
+        How often obstacles have moved. What was computed at another revision is of another scene.
     pairs : PairSet
         The P pairs that may touch.
     links : tuple of str
         The link of each of the robot's bodies.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no obstacle of a name in `movable`.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, counts: Counts | None = None) -> None:
+    def __init__(
+        self, robot: Robot, scene: Scene, counts: Counts | None = None, *, movable: Sequence[str] = ()
+    ) -> None:
         self.robot = robot
         self.scene = scene
         self.counts = Counts() if counts is None else counts
         bodies = robot.shared.collision_model
-        geometry, self._names = _with_obstacles(bodies, scene)
-        obstacles = range(len(bodies.geometryObjects), len(geometry.geometryObjects))
+        self._placed = PlacedBodies(bodies, scene, movable)
+        self._names, parts, geometry = self._placed.names, self._placed.parts, self._placed.geometry
+        self.revision = 0
         moving = {
             k: _reach(robot, body) for k, body in enumerate(bodies.geometryObjects) if body.parentJoint != 0
         }
@@ -83,10 +99,12 @@ class CollisionChecker:
         self._apart = geometry.copy()
         self._apart.removeAllCollisionPairs()
         self._never_nearer: list[float] = []  # [m] than this do the bodies of each of these pairs come
-        for obstacle in obstacles:
+        for part in parts:
+            moves = self._names[part.index] in self.movable
             for body, reach in moving.items():
-                self._apart.addCollisionPair(pin.CollisionPair(body, obstacle))
-                self._never_nearer.append(_least_distance(reach, geometry.geometryObjects[obstacle]))
+                self._apart.addCollisionPair(pin.CollisionPair(body, part.index))
+                entry = geometry.geometryObjects[part.index]
+                self._never_nearer.append(0.0 if moves else _least_distance(reach, entry))
         self._apart_pairs = indices(self._apart)
         self._distances = fresh_data(self._apart)
         self._distance_data = robot.shared.model.createData()
@@ -96,8 +114,10 @@ class CollisionChecker:
                 self._touching.addCollisionPair(pin.CollisionPair(body, obstacle))
         self._pair_distances = fresh_data(self._touching)
         self._pair_results = list(self._pair_distances.distanceResults)
-        self._contact = Queries(robot.shared.model, self._touching, len(obstacles))
+        self._contact = Queries(robot.shared.model, self._touching, len(parts))
         prove_manager(robot, self._contact, 0.0)
+        self._obstacle_radii = np.full((len(self._names), robot.joint_radii.shape[1]), np.inf)
+        self._measure_from_axes(parts)
         self._pair_sets: dict[int, PairSet] = {}
         self.pairs = self.pairs_within(0.0)
 
@@ -143,14 +163,48 @@ class CollisionChecker:
             )
         return self._pair_sets[len(beyond)]
 
-    @cached_property
-    def _obstacle_radii(self) -> FloatArray:
-        """How far each obstacle is from the joints' axes at most; infinite for the robot's own bodies (G, m)."""
-        distances = np.full((len(self._touching.geometryObjects), self.robot.joint_radii.shape[1]), np.inf)
-        for k, part in list(enumerate(self._touching.geometryObjects))[len(self.links) :]:
-            hull = bounding_hull(part.geometry).moved(part.placement)
-            distances[k] = self.robot.shared.chain.axis_distances(hull)
-        return distances
+    # -------------------------------------------------------------------------------------------------- movement
+
+    @property
+    def movable(self) -> frozenset[str]:
+        """Names of the obstacles that may move."""
+        return self._placed.movable
+
+    def move(self, scene: Scene) -> None:
+        """Take the places of another scene, in which nothing but the places of movable obstacles differs.
+
+        Verdicts, distances and proofs are those of a checker made anew for that scene, from here on.
+
+        Parameters
+        ----------
+        scene : Scene
+            Such as `Scene.moved` makes.
+
+        Raises
+        ------
+        InputError
+            If anything else differs, or a movable obstacle would have other parts than before, such as a small cloud
+            with another number of points. Then nothing moves.
+        """
+        moved, replaced = self._placed.move(scene)
+        self.scene = scene
+        if not moved:
+            return
+        self.revision += 1
+        self._measure_from_axes(moved)
+        for geometry in (self._apart, self._touching):
+            for part in moved:
+                part.write(geometry)
+        if replaced:
+            self._contact.take_new_shapes()
+        for pairs in self._pair_sets.values():
+            pairs.follow(moved, self._obstacle_radii, new_shapes=replaced)
+
+    def _measure_from_axes(self, parts: Sequence[PlacedPart]) -> None:
+        """Note how far parts of obstacles are from the joints' axes at most; the robot's own are infinitely far."""
+        hulls = [part.hull for part in parts]
+        rows = [part.index for part in parts]
+        self._obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances(hulls)
 
     # -------------------------------------------------------------------------------------------------- queries
 
@@ -231,17 +285,6 @@ class CollisionChecker:
         nearest = int(distances.argmin())
         body, obstacle = self._apart_pairs[nearest]
         return Clearance(float(distances[nearest]), self._names[body], self._names[obstacle])
-
-
-def _with_obstacles(bodies: pin.GeometryModel, scene: Scene) -> tuple[pin.GeometryModel, list[str]]:
-    """Return a copy of the robot's bodies with the obstacles added, and a name for each of them."""
-    geometry = bodies.copy()
-    names = [body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects]
-    for obstacle in scene.obstacles:
-        for name, shape, placement in obstacle.geometries():
-            geometry.addGeometryObject(pin.GeometryObject(f"obstacle:{name}", 0, placement, shape))
-            names.append(obstacle.name)
-    return geometry, names
 
 
 def _reach(robot: Robot, body: pin.GeometryObject) -> coal.CollisionObject:

@@ -52,13 +52,17 @@ class Queries:
         self.no_margins: FloatArray = np.zeros(len(self._entries))
         self.no_margins.setflags(write=False)
         self.set_margins(self.no_margins)
-        kind = (
+        self._kind = (
             pin.BroadPhaseManager_SSaPCollisionManager
             if obstacles > _MANY_OBSTACLES
             else pin.BroadPhaseManager_NaiveCollisionManager
         )
-        self.manager = kind(model, geometry, self.data)
+        self.manager = self._kind(model, geometry, self.data)
         self.use_manager = True
+
+    def take_new_shapes(self) -> None:
+        """Look at the shapes that the geometry has now; where only places or sizes changed there is no need to."""
+        self.manager = self._kind(self.model, self.geometry, self.data)
 
     def touches(self, q: FloatArray, margins: FloatArray) -> bool:
         """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`."""

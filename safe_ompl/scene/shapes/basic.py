@@ -17,6 +17,8 @@ import pinocchio as pin
 
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError
+from safe_ompl.inputs import shown
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.surfaces import Triangles
@@ -64,6 +66,27 @@ class Shape(ABC):
     @abstractmethod
     def triangles(self, resolution: int) -> Triangles:
         """Return the surface for drawing, with `resolution` corners on every circle."""
+
+    def measured_anew(self, measured: Any, pose: Pose) -> Shape:
+        """Return the same shape as it was measured later, such as a person with other key points.
+
+        Parameters
+        ----------
+        measured : object
+            What the shape is known by, in the world frame.
+        pose : Pose
+            Where the frame of the shape is.
+
+        Raises
+        ------
+        InputError
+            If a shape of this kind never changes, or the measurement cannot be used.
+        """
+        raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(measured)}", "pose")
+
+    def same_body(self, other: Shape) -> bool:
+        """Return whether another shape is this one, or this one as it was measured at another time."""
+        return self == other
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path, pose: Pose) -> Shape:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -21,10 +22,11 @@ from safe_ompl.scene.surfaces import Triangles
 
 _DEFAULT_HEIGHT = 1.75  # [m]
 _HEIGHTS = (0.3, 2.8)  # [m] of people
+_SHORTEST = 1e-9  # [m] of a limb
 
 
 class Limb(NamedTuple):
-    """One capsule of a body, or a ball if both its ends are the same point."""
+    """One capsule of a body, or a ball if both its ends are the same key point."""
 
     name: str
     start: FloatArray
@@ -39,7 +41,10 @@ class Limb(NamedTuple):
     @property
     def shape(self) -> Shape:
         """The capsule or ball, centred at its origin, along z."""
-        return Capsule(self.radius, self.length) if self.length > 0 else Sphere(self.radius)
+        start, end, _ = LIMBS[self.name]
+        if start == end:
+            return Sphere(self.radius)
+        return Capsule(self.radius, max(self.length, _SHORTEST))  # a capsule stays one, wherever its ends go
 
     @property
     def placement(self) -> pin.SE3:
@@ -109,13 +114,27 @@ class Person(Shape):
         own = dict(data)
         world = document.mapping("world_keypoints", own.pop("world_keypoints", {}), STANDING)
         with document.within("world_keypoints"):
-            moved = {
-                name: tuple(pose.se3.actInv(np.array(document.numbers(name, point, 3))).tolist())
-                for name, point in world.items()
-            }
+            moved = {name: _in_frame(pose, name, point) for name, point in world.items()}
         if moved:
             own["keypoints"] = {**document.mapping("keypoints", own.get("keypoints", {})), **moved}
         return super().from_mapping(own, folder, pose)
+
+    def measured_anew(self, measured: Any, pose: Pose) -> Person:
+        """Return the person with these key points, in the world frame, in the place of those known before."""
+        points = document.mapping("keypoints", measured, STANDING)
+        own = {name: _in_frame(pose, name, point) for name, point in points.items()}
+        return Person(self.height, own, self.only)
+
+    def same_body(self, other: Shape) -> bool:
+        return (
+            isinstance(other, Person)
+            and other.height == self.height
+            and other._limb_names == self._limb_names
+        )
+
+    @cached_property
+    def _limb_names(self) -> tuple[str, ...]:
+        return tuple(limb.name for limb in self.limbs())
 
     def limbs(self) -> list[Limb]:
         """Return the capsules that make up the person, in its own frame."""
@@ -152,3 +171,8 @@ class Person(Shape):
         return surfaces.joined(
             [(placed(placement, vertices), faces) for placement, (vertices, faces) in pieces]
         )
+
+
+def _in_frame(pose: Pose, name: str, point: Any) -> tuple[float, ...]:
+    """Return where a key point of the world is in the frame of the person [m]."""
+    return tuple(pose.se3.actInv(np.array(document.numbers(name, point, 3))).tolist())
