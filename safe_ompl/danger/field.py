@@ -326,14 +326,15 @@ class DangerField:
             return self
         levels = self._levels(self._keypoints(self._batch(Q)), self.points)
         near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
-        return self if near.all() else self._of_points(np.flatnonzero(near))
+        weights = None if self._weights is None else self._weights[near]
+        return self if near.all() else self.with_points(self.points[near], weights)
 
-    def _of_points(self, chosen: IntArray) -> DangerField:
-        assert self.points is not None
+    def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
+        """Return the field at other danger points (M, 3) with weights (M,)."""
         return DangerField(
             self.robot,
-            self.points[chosen],
-            None if self._weights is None else self._weights[chosen],
+            points,
+            weights,
             aggregate=self.aggregate,
             weighting=self.weighting,
             k1=self.k1,

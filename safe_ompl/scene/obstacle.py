@@ -161,7 +161,7 @@ class Obstacle:
         """
         step = document.number("spacing", spacing, above=0.0)
         check_number(self.most_danger_points(step), step, repr(self.name))
-        return placed(self.pose.se3, self.shape.danger_points(step))
+        return placed(self.pose.se3, self.shape.kept_danger_points(step))
 
     def most_danger_points(self, spacing: float) -> float:
         """Return how many `danger_points` there are at most, without making them."""

@@ -65,7 +65,6 @@ class DangerDensity:
         self.weight = number("weight", weight, at_least=0.0)
         self.exponent = number("exponent", exponent, at_least=1.0)
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
-        self._revision = field.revision  # that `_last` is of
 
     def __repr__(self) -> str:
         return (
@@ -99,10 +98,8 @@ class DangerDensity:
 
     def _evaluated(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return danger and gradients at `Q: (B, n)`; asked for the same again, it remembers."""
-        known = self._last is not None and self._revision == self.field.revision
-        if self._last is None or not known or not np.array_equal(self._last[0], Q):
+        if self._last is None or not np.array_equal(self._last[0], Q):
             self._last = Q.copy(), *self.field.values_and_gradients(Q)
-            self._revision = self.field.revision
         return self._last[1:]
 
     def _of(self, relative: FloatArray) -> FloatArray:

@@ -59,6 +59,15 @@ class Shape(ABC):
     def danger_points(self, spacing: float) -> FloatArray:
         """Return points on the surface, shape (M, 3); all of the surface is within `spacing` of them [m]."""
 
+    def kept_danger_points(self, spacing: float) -> FloatArray:
+        """Return `danger_points`, read-only; asked for the same spacing again, the same ones."""
+        known: tuple[float, FloatArray] | None = vars(self).get("_points")
+        if known is None or known[0] != spacing:
+            known = spacing, self.danger_points(spacing)
+            known[1].setflags(write=False)
+            self._set("_points", known)
+        return known[1]
+
     @abstractmethod
     def most_danger_points(self, spacing: float) -> float:
         """Return how many `danger_points` there are at most, without making them."""
@@ -115,6 +124,10 @@ class Shape(ABC):
     def canonical(self) -> dict[str, Any]:
         """Return what decides how the shape collides and looks, free of file names."""
         return self.to_mapping()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave behind what is kept and can be made again, such as coal's trees, which do not pickle."""
+        return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

@@ -119,9 +119,6 @@ class PointCloud(Shape):
     def __hash__(self) -> int:
         return hash((self.radius, self.file, self.resolution, self.centres.tobytes()))
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in vars(self).items() if key != "_solid"}  # coal's trees stay here
-
     def measured_anew(self, measured: Any, pose: Pose) -> PointCloud:
         """Return the cloud of other points (N, 3) [m], given in the world frame."""
         points = _finite(_array(measured), "points")
