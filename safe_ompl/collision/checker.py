@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, log2
 
-import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.collision.approaches import Approaches
 from safe_ompl.collision.arguments import configuration, margins_of
 from safe_ompl.collision.pairs import PairSet
 from safe_ompl.collision.placed_bodies import PlacedBodies, PlacedPart
 from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR
-from safe_ompl.collision.queries import Queries, indices, prove_manager
-from safe_ompl.collision.queries import fresh_data as fresh_data
+from safe_ompl.collision.queries import Distances, Queries
 from safe_ompl.counts import Counts
-from safe_ompl.robot.bodies.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
@@ -89,35 +88,18 @@ class CollisionChecker:
         self.counts = Counts() if counts is None else counts
         bodies = robot.shared.collision_model
         self._placed = PlacedBodies(bodies, scene, movable)
-        self._names, parts, geometry = self._placed.names, self._placed.parts, self._placed.geometry
-        self.revision = 0
-        moving = {
-            k: _reach(robot, body) for k, body in enumerate(bodies.geometryObjects) if body.parentJoint != 0
-        }
+        self._names, parts = self._placed.names, self._placed.parts
         self.links = tuple(self._names[: len(bodies.geometryObjects)])
-
-        self._apart = geometry.copy()
-        self._apart.removeAllCollisionPairs()
-        self._never_nearer: list[float] = []  # [m] than this do the bodies of each of these pairs come
-        for part in parts:
-            moves = self._names[part.index] in self.movable
-            for body, reach in moving.items():
-                self._apart.addCollisionPair(pin.CollisionPair(body, part.index))
-                entry = geometry.geometryObjects[part.index]
-                self._never_nearer.append(0.0 if moves else _least_distance(reach, entry))
-        self._apart_pairs = indices(self._apart)
-        self._distances = fresh_data(self._apart)
-        self._distance_data = robot.shared.model.createData()
-        self._touching = geometry.copy()  # with the pairs that may touch
-        for (body, obstacle), least in zip(self._apart_pairs, self._never_nearer, strict=True):
-            if least < DISTANCE_ERROR:
-                self._touching.addCollisionPair(pin.CollisionPair(body, obstacle))
-        self._pair_distances = fresh_data(self._touching)
-        self._pair_results = list(self._pair_distances.distanceResults)
-        self._contact = Queries(robot.shared.model, self._touching, len(parts))
-        prove_manager(robot, self._contact, 0.0)
+        self.revision = 0
         self._obstacle_radii = np.full((len(self._names), robot.joint_radii.shape[1]), np.inf)
         self._measure_from_axes(parts)
+
+        reaches = robot.body_reaches
+        self._apart_pairs = [(body, part.index) for part in parts for body in reaches]
+        moves = np.array([self._names[part.index] in self.movable for part in parts], dtype=bool)
+        self._approaches = Approaches(list(reaches.values()), parts, moves)
+        self._touching = self._placed.with_pairs(self._nearer_than(DISTANCE_ERROR))
+        self._contact = Queries(robot, self._touching, len(parts), margin=0.0)
         self._pair_sets: dict[int, PairSet] = {}
         self.pairs = self.pairs_within(0.0)
 
@@ -149,19 +131,19 @@ class CollisionChecker:
         a few sets are ever made. Each is made once.
         """
         level = 0.0 if reach <= 0 else _REACH * 2.0 ** max(0, ceil(log2(reach / _REACH)))
-        beyond = [
-            pair
-            for pair, least in zip(self._apart_pairs, self._never_nearer, strict=True)
-            if DISTANCE_ERROR <= least < level + DISTANCE_ERROR
-        ]
+        touching = self._nearer_than(DISTANCE_ERROR)
+        beyond = [pair for pair in self._nearer_than(level + DISTANCE_ERROR) if pair not in touching]
         if len(beyond) not in self._pair_sets:
-            geometry = self._touching.copy()
-            for body, obstacle in beyond:
-                geometry.addCollisionPair(pin.CollisionPair(body, obstacle))
+            geometry = self._placed.with_pairs(beyond, self._touching) if beyond else self._touching
             self._pair_sets[len(beyond)] = PairSet(
                 self.robot, geometry, self._names, self._obstacle_radii, self.counts
             )
         return self._pair_sets[len(beyond)]
+
+    def _nearer_than(self, distance: float) -> dict[tuple[int, int], None]:
+        """Return the pairs of a moving body and an obstacle that can come nearer than a distance [m], in order."""
+        nearer = self._approaches.nearer_than(distance).ravel().tolist()
+        return dict.fromkeys(pair for pair, near in zip(self._apart_pairs, nearer, strict=True) if near)
 
     # -------------------------------------------------------------------------------------------------- movement
 
@@ -192,13 +174,10 @@ class CollisionChecker:
             return
         self.revision += 1
         self._measure_from_axes(moved)
-        for geometry in (self._apart, self._touching):
-            for part in moved:
-                part.write(geometry)
         if replaced:
             self._contact.take_new_shapes()
         for pairs in self._pair_sets.values():
-            pairs.follow(moved, self._obstacle_radii, new_shapes=replaced)
+            pairs.follow(self._obstacle_radii, new_shapes=replaced)
 
     def _measure_from_axes(self, parts: Sequence[PlacedPart]) -> None:
         """Note how far parts of obstacles are from the joints' axes at most; the robot's own are infinitely far."""
@@ -249,24 +228,30 @@ class CollisionChecker:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
         full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
         self.counts.distance_queries += 1
-        pin.computeDistances(self.robot.shared.model, self._distance_data, self._apart, self._distances, full)
-        return np.array([result.min_distance for result in self._distances.distanceResults])
+        return self._apart.at(full)
 
     def pair_distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance (P,) [m] of the pairs that may touch at `q: (n,)`, the robot's own pairs included."""
         full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
         self.counts.distance_queries += 1
-        pin.computeDistances(
-            self.robot.shared.model, self._distance_data, self._touching, self._pair_distances, full
-        )
-        return np.array([result.min_distance for result in self._pair_results])
+        return self._pair_distances.at(full)
+
+    @cached_property
+    def _apart(self) -> Distances:
+        """Every moving body against every obstacle."""
+        return Distances(self.robot.shared.model, self._placed.with_pairs(self._apart_pairs, own=False))
+
+    @cached_property
+    def _pair_distances(self) -> Distances:
+        """The pairs that may touch."""
+        return Distances(self.robot.shared.model, self._touching)
 
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, and dearer.
 
         They hold for motions that start at `q` (`docs/mathematics.md` §3).
         """
-        bodies = np.zeros((len(self._touching.geometryObjects), self.robot.n))
+        bodies = np.zeros((len(self._names), self.robot.n))
         bodies[: len(self.links)] = self.robot.displacement_radii_at(configuration(q, self.robot.n))
         first, second = self.pairs.bodies.T
         both: FloatArray = bodies[first] + bodies[second]
@@ -285,24 +270,3 @@ class CollisionChecker:
         nearest = int(distances.argmin())
         body, obstacle = self._apart_pairs[nearest]
         return Clearance(float(distances[nearest]), self._names[body], self._names[obstacle])
-
-
-def _reach(robot: Robot, body: pin.GeometryObject) -> coal.CollisionObject:
-    """Return a cylinder in the world that a moving body never leaves."""
-    reach = robot.shared.chain.reach(body.parentJoint, bounding_hull(body.geometry).moved(body.placement))
-    rotation = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach.axis).matrix()
-    return coal.CollisionObject(coal.Cylinder(reach.radius, 2 * reach.half_length), rotation, reach.center)
-
-
-def _least_distance(reach: coal.CollisionObject, obstacle: pin.GeometryObject) -> float:
-    """Return the distance [m] that a body with this reach keeps from an obstacle at least, whatever the joints do."""
-    place = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
-    distance = coal.distance(
-        reach.collisionGeometry(),
-        reach.getTransform(),
-        obstacle.geometry,
-        place,
-        coal.DistanceRequest(),
-        coal.DistanceResult(),
-    )
-    return float(distance)

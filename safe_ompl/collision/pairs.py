@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
-from safe_ompl.collision.placed_bodies import PlacedPart
-from safe_ompl.collision.queries import Queries, indices, prove_manager
+from safe_ompl.collision.queries import Queries, indices
 from safe_ompl.counts import Counts
 from safe_ompl.robot.robot import Robot
 
@@ -70,30 +69,23 @@ class PairSet:
         self.revision = 0
         self._take_radii(obstacle_radii)
         self._counts = counts
-        self._queries = Queries(robot.shared.model, geometry, len(geometry.geometryObjects) - links)
-        prove_manager(robot, self._queries)
+        self._queries = Queries(robot, geometry, len(geometry.geometryObjects) - links)
 
     def _take_radii(self, obstacle_radii: FloatArray) -> None:
         joint_radii = _pair_radii(self._robot.joint_radii, self.bodies, obstacle_radii)
         self.radii: FloatArray = self._robot.coupling.radii(joint_radii)
         self.radii.setflags(write=False)
 
-    def follow(
-        self, moved: Sequence[PlacedPart], obstacle_radii: FloatArray, *, new_shapes: bool = False
-    ) -> None:
-        """Take the places of parts of obstacles that have moved, and what follows from them; for `CollisionChecker`.
+    def follow(self, obstacle_radii: FloatArray, *, new_shapes: bool) -> None:
+        """Renew what follows from the places of obstacles, which have moved; for `CollisionChecker`.
 
         Parameters
         ----------
-        moved : sequence of PlacedPart
-            Those that have moved.
         obstacle_radii : ndarray, shape (G, m)
             As above, for the places that all have now.
         new_shapes : bool
-            Whether a shape among them is another object now.
+            Whether a shape is another object now.
         """
-        for part in moved:
-            part.write(self.geometry)
         if new_shapes:
             self._queries.take_new_shapes()
         self._take_radii(obstacle_radii)

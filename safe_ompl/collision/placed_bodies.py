@@ -14,6 +14,8 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Part
 
+_KEPT = (coal.Capsule, coal.Sphere)  # stay the same objects when they are measured anew
+
 
 @dataclass
 class PlacedPart:
@@ -48,7 +50,7 @@ class PlacedPart:
         A capsule takes the other's length, so that whoever holds it sees that; anything else is replaced.
         """
         self.local = local
-        replaced = not isinstance(self.shape, (coal.Capsule, coal.Sphere))
+        replaced = not isinstance(self.shape, _KEPT)
         if replaced:
             self.shape = shape
         elif isinstance(self.shape, coal.Capsule):
@@ -61,7 +63,7 @@ class PlacedPart:
         """Put the part where it is into a geometry model, and what it is."""
         entry = geometry.geometryObjects[self.index]
         entry.placement = self.world
-        if entry.geometry is not self.shape:
+        if not isinstance(self.shape, _KEPT):
             entry.geometry = self.shape
 
 
@@ -79,8 +81,6 @@ class PlacedBodies:
 
     Attributes
     ----------
-    geometry : pin.GeometryModel
-        All of them, with the pairs of the robot's own.
     names : list of str
         Link or obstacle of each.
     movable : frozenset of str
@@ -98,7 +98,7 @@ class PlacedBodies:
         if isinstance(movable, str) or not isinstance(movable, Iterable):
             raise InputError(f"movable must be a list of names of obstacles, got {movable!r}")
         self.movable = frozenset(scene[name].name for name in movable)
-        self.geometry = bodies.copy()
+        self._own_pairs = bodies.copy()  # and all bodies
         self.names = [body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects]
         self._parts: list[list[PlacedPart]] = []  # of each obstacle
         for obstacle in scene.obstacles:
@@ -106,11 +106,38 @@ class PlacedBodies:
             for part in obstacle.shape.parts():
                 world = obstacle.pose.se3 * part.placement
                 entry = pin.GeometryObject(f"obstacle:{obstacle.part_name(part)}", 0, world, part.geometry)
-                index = self.geometry.addGeometryObject(entry)
+                index = self._own_pairs.addGeometryObject(entry)
                 parts.append(PlacedPart(int(index), part.geometry, part.placement, world))
                 self.names.append(obstacle.name)
             self._parts.append(parts)
+        self._models = [self._own_pairs]
         self._scene = scene
+
+    def with_pairs(
+        self,
+        pairs: Iterable[tuple[int, int]],
+        geometry: pin.GeometryModel | None = None,
+        *,
+        own: bool = True,
+    ) -> pin.GeometryModel:
+        """Return all bodies with some pairs, and where they move that model follows.
+
+        Parameters
+        ----------
+        pairs : iterable of (int, int)
+            Bodies and parts, by their index.
+        geometry : pin.GeometryModel, optional
+            A model of this kind whose pairs come before them; default: one with the pairs of the robot's own.
+        own : bool
+            Whether there are such pairs.
+        """
+        model = (self._own_pairs if geometry is None else geometry).copy()
+        if not own:
+            model.removeAllCollisionPairs()
+        for first, second in pairs:
+            model.addCollisionPair(pin.CollisionPair(first, second))
+        self._models.append(model)
+        return model
 
     @property
     def parts(self) -> list[PlacedPart]:
@@ -134,6 +161,9 @@ class PlacedBodies:
             for part in self._parts[k]:
                 part.world = pose * part.local
                 moved.append(part)
+        for model in self._models:
+            for part in moved:
+                part.write(model)
         self._scene = scene
         return moved, replaced
 

@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, positive
-from safe_ompl.collision.checker import CollisionChecker, fresh_data
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.queries import fresh_data
 from safe_ompl.robot.robot import Robot
 
 
