@@ -50,6 +50,8 @@ class SafeSetup(SimplifyingSetup):
         Where no obstacle is dangerous, danger is zero. None plans without danger.
     floor : float
         [m] Motions with less clearance than about this stay undecided, and count as blocked.
+    movable : sequence of str
+        Names of obstacles that will move, so that `moveObstacle` is quick from the first time on.
 
     Attributes
     ----------
@@ -233,8 +235,9 @@ class SafeSetup(SimplifyingSetup):
             raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
         check_planner(planner, self.getSpaceInformation())
         self._adopt_plugins()
+        self._check_anew()  # draws random numbers, as the next line does, so they go before the seed
         if not self.getSpaceInformation().isSetup():
-            self.getSpaceInformation().setup()  # draws random numbers, so it goes before the seed
+            self.getSpaceInformation().setup()
         seed_ompl(int(seed))
         name = planner if isinstance(planner, str) else planner.getName()  # BITstar renames itself kBITstar
         if isinstance(planner, str):
