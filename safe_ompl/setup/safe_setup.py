@@ -203,6 +203,7 @@ class SafeSetup(SimplifyingSetup):
         setup_time = perf_counter() - begin - result.planning_time - result.simplification_time
         begin = perf_counter()
         path, short = result.path, result.approximate_path
+        speeds, duration = self.getMovingObstacles()
         if short is not None and not self.is_free(short):
             _log.warning("%s: the approximate solution is not proven free, and dropped", name)
             short = None
@@ -224,6 +225,7 @@ class SafeSetup(SimplifyingSetup):
             robot=self.robot,
             scene=self.scene,
             danger=self.danger_options,
+            moving_obstacles={"speeds": speeds, "time": duration} if speeds else None,
             motion=self._validator.motion,
         )
 
@@ -373,4 +375,7 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
                 setup.setToolConstraint(tool.axis, tool.direction, tool.angle)
             if scenario.limits.tip is not None:
                 setup.setTipBounds(*scenario.limits.tip.corners)
+            if scenario.limits.moving is not None:
+                with document.within("moving", ": "):
+                    setup.setMovingObstacles(scenario.limits.moving.speeds, scenario.limits.moving.time)
     return setup
