@@ -1,4 +1,4 @@
-"""What a setup costs, and what it costs that obstacles move: python bench/setup.py [--robot NAME] [--rounds N] [--moves N].
+"""What a setup costs, and that obstacles move: python bench/setup.py [--robot NAME] [--rounds N] [--moves N].
 
 Scenes of 12 obstacles and a person. CPU time of each part, in ms and as a ratio to one collision query of the same
 process. Bars: SafeSetup of a known robot 10 ms; moving one obstacle or the person 1 ms, with the checker and the danger

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import dist
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -38,7 +39,7 @@ class Limb(NamedTuple):
     @property
     def length(self) -> float:
         """Distance between the ends [m]."""
-        return float(np.linalg.norm(self.end - self.start))
+        return dist(self.start, self.end)
 
     @property
     def shape(self) -> Shape:
@@ -114,7 +115,7 @@ class Person(Shape):
         own = dict(data)
         world = document.mapping("world_keypoints", own.pop("world_keypoints", {}), STANDING)
         with document.within("world_keypoints"):
-            moved = {name: _in_frame(pose, name, point) for name, point in world.items()}
+            moved = _in_frame(pose, world)
         if moved:
             own["keypoints"] = {**document.mapping("keypoints", own.get("keypoints", {})), **moved}
         return super().from_mapping(own, folder, pose)
@@ -122,8 +123,7 @@ class Person(Shape):
     def measured_anew(self, measured: Any, pose: Pose) -> Person:
         """Return the person with these key points, in the world frame, in the place of those known before."""
         points = document.mapping("keypoints", measured, STANDING)
-        own = {name: _in_frame(pose, name, point) for name, point in points.items()}
-        return Person(self.height, own, self.only)
+        return Person(self.height, _in_frame(pose, points), self.only)
 
     def same_body(self, other: Shape) -> bool:
         """Return whether another person is as tall, and has the same limbs."""
@@ -171,6 +171,8 @@ class Person(Shape):
         )
 
 
-def _in_frame(pose: Pose, name: str, point: Any) -> tuple[float, ...]:
-    """Return where a key point of the world is in the frame of the person [m]."""
-    return tuple(pose.se3.actInv(np.array(document.numbers(name, point, 3))).tolist())
+def _in_frame(pose: Pose, points: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    """Return where key points of the world are in the frame of the person [m]."""
+    world = [document.numbers(name, point, 3) for name, point in points.items()]
+    own = placed(pose.se3.inverse(), np.reshape(world, (-1, 3))).tolist()
+    return {name: tuple(point) for name, point in zip(points, own, strict=True)}
