@@ -24,7 +24,7 @@ from _problems import positions
 from export import export
 from judge import read
 from processes import Runner, UnavailableError
-from systems import SYSTEMS
+from systems import SYSTEMS, System
 from table import Run, figure, markdown
 
 from safe_ompl.scenario.mbm import MbmFile
@@ -37,7 +37,9 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     environments = (options.environments or out / "environments").resolve()
     robot, problems = export(MbmFile.load(options.file), options.problems, out)
-    chosen = [s for s in SYSTEMS if _chosen(s.name, options.only, options.skip)]
+    named = {s.name for s in SYSTEMS if _chosen(s.name, options.only, options.skip)}
+    named |= {s.after for s in SYSTEMS if s.name in named}
+    chosen = [s for s in SYSTEMS if s.name in named]
     judge, runs, unavailable = read(robot), {s.name: [] for s in chosen}, {}
     runners: dict[str, Runner] = {}
     for system in chosen:
@@ -48,14 +50,15 @@ def main() -> None:
     for k, problem in enumerate(problems):
         for seed in range(options.seeds):
             asked = {**problem, "seed": seed, "time": options.time}
-            for name, runner in list(runners.items()):
+            answers: dict[str, dict[str, Any]] = {}
+            for system in [s for s in chosen if s.name in runners]:
                 try:
-                    answer = runner.ask(asked)
+                    answers[system.name] = _answer(system, runners[system.name], asked, answers)
                 except UnavailableError as reason:
-                    unavailable[name] = f"after {len(runs[name])} problems: {reason}"
-                    del runners[name]
+                    unavailable[system.name] = f"after {len(runs[system.name])} problems: {reason}"
+                    del runners[system.name]
                     continue
-                runs[name].append(_judged(answer, judge, problem, seed))
+                runs[system.name].append(_judged(answers[system.name], judge, problem, seed))
         print(f"{k + 1}/{len(problems)} {problem['name']}", file=sys.stderr)
     for runner in runners.values():
         runner.close()
@@ -67,10 +70,27 @@ def main() -> None:
     print(text)
 
 
+def _answer(
+    system: System, runner: Runner, problem: dict[str, Any], answers: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """Ask a system; one that improves another's path is given it, and the time that it took."""
+    if not system.after:
+        return runner.ask(problem)
+    given = answers[system.after]
+    if given["path"] is None:
+        return given
+    answer = runner.ask({**problem, "given": given["path"]})
+    return {**answer, "planning": answer["planning"] + given["planning"] + given["smoothing"]}
+
+
 def _judged(answer: dict[str, Any], judge: Any, problem: dict[str, Any], seed: int) -> Run:
     """Return the times of an answer and what the judge says; a path with wrong ends counts as none."""
     run: Run = {key: answer[key] for key in ("building", "planning", "smoothing")}
-    run |= {"problem": problem["name"], "seed": seed, "solved": answer["path"] is not None}
+    run |= {
+        "problem": problem["name"],
+        "seed": seed,
+        "solved": bool(answer["path"]),
+    }  # some return an empty path
     if run["solved"]:
         verdict = judge.verdict(problem, np.array(answer["path"]))
         run |= asdict(verdict)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -148,7 +150,7 @@ class Judge:
 def samples(path: np.ndarray, spacing: float) -> np.ndarray:
     """Return configurations along a path (N, n), no farther than a spacing [rad] apart."""
     rows = [path[:1]]
-    for start, end in zip(path, path[1:], strict=False):
+    for start, end in pairwise(path):
         count = max(1, int(np.ceil(np.linalg.norm(end - start) / spacing)))
         rows.append(start + np.linspace(0, 1, count + 1)[1:, None] * (end - start))
     return np.concatenate(rows)
@@ -156,6 +158,4 @@ def samples(path: np.ndarray, spacing: float) -> np.ndarray:
 
 def read(path: Path) -> Judge:
     """Return the judge for the robot that a file describes."""
-    import json
-
     return Judge(json.loads(path.read_text()))

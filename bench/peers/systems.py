@@ -31,8 +31,11 @@ class System:
     requirements: tuple[str, ...] = ()
     options: dict[str, object] = field(default_factory=dict)
     libraries: bool = False
+    after: str = ""
 
 
+_OMPL = "OMPL RRTConnect + simplifier, 0.02"
+_TESSERACT = ("tesseract-robotics",)
 _HPP = ("hpp-python", "hpp-manipulation")
 _ROBOPLAN = ("roboplan",)
 
@@ -40,7 +43,7 @@ SYSTEMS = (
     System("safe_ompl", "safe_ompl_"),
     System("safe_ompl, simplify 0.05 s", "safe_ompl_", options={"simplify": 0.05}),
     System("safe_ompl, raw", "safe_ompl_", options={"simplify": 0}),
-    System("OMPL RRTConnect + simplifier, 0.02", "ompl_", options={"resolution": 0.02}),
+    System(_OMPL, "ompl_", options={"resolution": 0.02}),
     System("roboplan, 0.05", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.05}),
     System("roboplan, 0.01", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.01}),
     System("pydynorrt, 0.05", "pydynorrt_", "pydynorrt", ("pydynorrt", "numpy<2"), {"resolution": 0.05}),
@@ -49,5 +52,9 @@ SYSTEMS = (
     System("PyRoboPlan, 0.05", "pyroboplan_", "pyroboplan", ("pyroboplan",), {"resolution": 0.05}),
     System("hpp-core, progressive", "hpp_", "hpp", _HPP, {"validation": "progressive"}, libraries=True),
     System("hpp-core, dichotomy", "hpp_", "hpp", _HPP, {"validation": "dichotomy"}, libraries=True),
+    System(
+        "TrajOpt after OMPL, 25 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.025}, after=_OMPL
+    ),
+    System("TrajOpt after OMPL, 50 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.05}, after=_OMPL),
     System("VAMP", "vamp_", "vamp", ("vamp-planner",)),
 )

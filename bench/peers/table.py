@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ COLUMNS: dict[str, Callable[[Run], float]] = {
     "danger integral": lambda run: run["integral_danger"],
     "length [rad]": lambda run: run["length"],
 }
+OURS, OTHERS = "#1b6ca8", "#7a7a7a"
 SPREAD = ("planning [ms]", "total [ms]")  # with their 90th percentiles in brackets
 
 
@@ -56,41 +57,38 @@ def _cell(numbers: list[float], spread: bool) -> str:
 
 
 def figure(runs: dict[str, list[Run]], file: Path) -> None:
-    """Draw time against mean clearance and against mean danger, one mark a system; open marks had contacts."""
+    """Draw time against mean clearance and against mean danger, one numbered mark a system; open marks had contacts."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    fig, axes = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True, sharex=True)
-    for axis, key, label, factor in zip(
-        axes,
-        ("mean_clearance", "mean_danger"),
-        ("mean clearance [mm] (more is safer)", "mean danger (less is safer)"),
-        (1e3, 1.0),
-        strict=True,
-    ):
-        for system, answers in runs.items():
-            solved = [run for run in answers if run["solved"]]
-            if not solved:
-                continue
-            x = np.median([COLUMNS["total [ms]"](run) for run in solved])
-            y = factor * np.median([run[key] for run in solved])
-            ours = system.startswith("safe_ompl")
-            color = "#1b6ca8" if ours else "#8a8a8a"
-            touching = any(run["touching"] for run in solved)
-            axis.plot(
-                x, y, "o" if not ours else "D", ms=8, mec=color, mfc="none" if touching else color, mew=1.6
+    solved = {name: [run for run in answers if run["solved"]] for name, answers in runs.items()}
+    shown = {name: answers for name, answers in solved.items() if answers}
+    fig, axes = plt.subplots(1, 2, figsize=(12, 4.8), layout="constrained", sharex=True)
+    labels = {
+        "mean clearance [mm]": "mean clearance [mm]: more is safer",
+        "mean danger": "mean danger: less is safer",
+    }
+    handles = []
+    for axis, (key, label) in zip(axes, labels.items(), strict=True):
+        handles = []
+        for number, (name, answers) in enumerate(shown.items(), 1):
+            x, y = (float(np.median([COLUMNS[k](run) for run in answers])) for k in ("total [ms]", key))
+            color = OURS if name.startswith("safe_ompl") else OTHERS
+            inside = "white" if any(run["touching"] for run in answers) else color
+            (mark,) = axis.plot(
+                x, y, "o", ms=15, mec=color, mfc=inside, mew=1.6, ls="none", label=f"{number}  {name}"
             )
-            axis.annotate(system, (x, y), xytext=(6, 5), textcoords="offset points", fontsize=8, color=color)
+            ink = color if inside == "white" else "white"
+            axis.annotate(str(number), (x, y), ha="center", va="center", fontsize=9, color=ink)
+            handles.append(mark)
         axis.set(xscale="log", xlabel="building + planning + smoothing, median CPU time [ms]", ylabel=label)
         axis.grid(alpha=0.25, which="both")
-        axis.margins(x=0.18, y=0.1)
-    fig.suptitle("Filled: no path touched anything at 0.005 rad. Open: some did.", fontsize=10)
-    fig.savefig(file, dpi=140)
+        axis.margins(0.1)
+    title = "Open marks: paths that\ntouched something"
+    fig.legend(
+        handles=handles, loc="outside right upper", fontsize=9, title=title, markerscale=0.6, frameon=False
+    )
+    fig.savefig(file, dpi=130)
     plt.close(fig)
-
-
-def columns(run: Run, names: Sequence[str]) -> list[float]:
-    """Return some columns of one run."""
-    return [COLUMNS[name](run) for name in names]
