@@ -14,6 +14,7 @@ from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.compiled import compiled, part
 from safe_ompl.maths.kernels.link import ZERO, dot, half_gap, log1p_each, norm, slopes
 
+_LANES = 16  # numbers that a processor works on at once, times what the compiler unrolls
 _BLOCK = 128  # points at once: what is known of them stays in the nearest cache
 _NEAR = 1e3  # 2ℓ/(S − ℓ) above which the difference has lost too many digits
 
@@ -24,16 +25,20 @@ def potentials(
 ) -> None:
     """Write the field Σ_l φ_l(p) at all points into `levels: (M,)`, eq. (5) and (7)."""
     M = points.shape[1]
-    distances, work = np.empty((len(places), _BLOCK)), np.empty((3, _BLOCK))
+    block, distances = np.empty((3, _BLOCK)), np.empty((len(places), _BLOCK))
+    theta, mantissa, power = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    bits = mantissa.view(np.int64)
     for begin in range(0, M, _BLOCK):
         number = min(_BLOCK, M - begin)
-        _rays(places, points, begin, number, distances)
+        lanes = _rays(places, points, begin, number, block, distances)
         levels[begin : begin + number] = 0.0
         for link in range(len(links)):
-            length = _theta(places, links[link], points, begin, number, distances, work)
+            start, end = links[link, 0], links[link, 1]
+            length = _link_length(places, start, end)
+            _angles(places, start, end, length, block, distances, lanes, theta, mantissa, bits, power)
             scale = 1.0 if by_length else 1.0 / length
             for j in range(number):
-                levels[begin + j] += scale * work[0, j]
+                levels[begin + j] += scale * theta[j]
 
 
 @part
@@ -42,98 +47,113 @@ def link_potentials(
 ) -> None:
     """Write the field of each link at all points into `out: (L, M)`, eq. (7)."""
     M = points.shape[1]
-    distances, work = np.empty((len(places), _BLOCK)), np.empty((3, _BLOCK))
+    block, distances = np.empty((3, _BLOCK)), np.empty((len(places), _BLOCK))
+    theta, mantissa, power = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    bits = mantissa.view(np.int64)
     for begin in range(0, M, _BLOCK):
         number = min(_BLOCK, M - begin)
-        _rays(places, points, begin, number, distances)
+        lanes = _rays(places, points, begin, number, block, distances)
         for link in range(len(links)):
-            length = _theta(places, links[link], points, begin, number, distances, work)
+            start, end = links[link, 0], links[link, 1]
+            length = _link_length(places, start, end)
+            _angles(places, start, end, length, block, distances, lanes, theta, mantissa, bits, power)
             scale = 1.0 if by_length else 1.0 / length
             for j in range(number):
-                out[link, begin + j] = scale * work[0, j]
+                out[link, begin + j] = scale * theta[j]
 
 
 @part
-def _rays(places: FloatArray, points: FloatArray, begin: int, number: int, distances: FloatArray) -> None:
-    """Write the distances (K, ·) of a block of points from all key points."""
-    for k in range(len(places)):
-        x, y, z = places[k]
+def _rays(
+    places: FloatArray, points: FloatArray, begin: int, number: int, block: FloatArray, distances: FloatArray
+) -> int:
+    """Copy a block of points, and write their distances (K, ·) from all key points.
+
+    The last point is repeated up to a whole number of lanes, which is returned: loops over what is left after these
+    would take as long as many lanes together.
+    """
+    lanes = min(_BLOCK, (number + _LANES - 1) // _LANES * _LANES)
+    for x in range(3):
         for j in range(number):
-            dx, dy, dz = points[0, begin + j] - x, points[1, begin + j] - y, points[2, begin + j] - z
+            block[x, j] = points[x, begin + j]
+        for j in range(number, lanes):
+            block[x, j] = block[x, number - 1]
+    for k in range(len(places)):
+        x0, y0, z0 = places[k, 0], places[k, 1], places[k, 2]
+        for j in range(lanes):
+            dx, dy, dz = block[0, j] - x0, block[1, j] - y0, block[2, j] - z0
             distances[k, j] = sqrt(dx * dx + dy * dy + dz * dz)
+    return lanes
 
 
 @part
-def _theta(
+def _angles(
     places: FloatArray,
-    link: IntArray,
+    start: int,
+    end: int,
+    length: float,
     points: FloatArray,
-    begin: int,
-    number: int,
     distances: FloatArray,
-    work: FloatArray,
-) -> float:
-    """Write θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points into the first row of `work`; return ℓ."""
-    a, b = places[link[0]], places[link[1]]
-    length = max(sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2), ZERO)
-    first, second, theta = distances[link[0]], distances[link[1]], work[0]
+    number: int,
+    theta: FloatArray,
+    mantissa: FloatArray,
+    bits: IntArray,
+    power: FloatArray,
+) -> None:
+    """Write θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points; the last three are room for the logarithm."""
     near = 0
     for j in range(number):
-        ratio = 2.0 * length / (first[j] + second[j] - length)
+        ratio = 2.0 * length / (distances[start, j] + distances[end, j] - length)
         theta[j] = ratio
         near += 0 if 0.0 <= ratio <= _NEAR else 1
     if near:
-        _restore_digits(a, b, length, points, begin, number, first, second, theta)
-    log1p_each(theta, work[1], work[2], number)
+        _restore_digits(places, start, end, length, points, distances, number, theta)
+    log1p_each(theta, mantissa, bits, power, number)
     if near:
-        _mark_contacts(a, b, points, begin, number, first, second, theta)
-    return length
+        _mark_contacts(start, end, distances, number, theta)
 
 
 @part
 def _restore_digits(
-    a: FloatArray,
-    b: FloatArray,
+    places: FloatArray,
+    start: int,
+    end: int,
     length: float,
     points: FloatArray,
-    begin: int,
+    distances: FloatArray,
     number: int,
-    first: FloatArray,
-    second: FloatArray,
-    ratio: FloatArray,
+    ratios: FloatArray,
 ) -> None:
-    """Replace what cancels in `ratio` = 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
+    """Replace what cancels in 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
+    u, v = np.empty(3), np.empty(3)
     for j in range(number):
-        if not 0.0 <= ratio[j] <= _NEAR:
-            half = _half_gap_at(a, b, points, begin + j, first[j], second[j])
-            ratio[j] = length * (first[j] + second[j] + length) / half if half > 0.0 else 0.0
+        if not 0.0 <= ratios[j] <= _NEAR:
+            d1, d2 = distances[start, j], distances[end, j]
+            for x in range(3):
+                u[x], v[x] = points[x, j] - places[start, x], points[x, j] - places[end, x]
+            half = half_gap(u, v, d1, d2)
+            ratios[j] = length * (d1 + d2 + length) / half if half > 0.0 else 0.0
 
 
 @part
-def _mark_contacts(
-    a: FloatArray,
-    b: FloatArray,
-    points: FloatArray,
-    begin: int,
-    number: int,
-    first: FloatArray,
-    second: FloatArray,
-    theta: FloatArray,
-) -> None:
+def _mark_contacts(start: int, end: int, distances: FloatArray, number: int, theta: FloatArray) -> None:
     """Let θ be infinite on the segment, and what is not a number stay none."""
     for j in range(number):
-        if theta[j] == 0.0:
-            theta[j] = inf if first[j] + second[j] < inf else 0.0
-        if not first[j] + second[j] >= 0.0:
+        S = distances[start, j] + distances[end, j]
+        if not S >= 0.0:
             theta[j] = nan
+        elif theta[j] == 0.0 and inf > S:
+            theta[j] = inf
 
 
 @part
-def _half_gap_at(a: FloatArray, b: FloatArray, points: FloatArray, m: int, d1: float, d2: float) -> float:
-    u, v = np.empty(3), np.empty(3)
-    for x in range(3):
-        u[x], v[x] = points[x, m] - a[x], points[x, m] - b[x]
-    return half_gap(u, v, d1, d2)
+def _link_length(places: FloatArray, start: int, end: int) -> float:
+    """Return ℓ > 0."""
+    x, y, z = (
+        places[end, 0] - places[start, 0],
+        places[end, 1] - places[start, 1],
+        places[end, 2] - places[start, 2],
+    )
+    return max(sqrt(x * x + y * y + z * z), ZERO)
 
 
 # ------------------------------------------------------------------------------------------------- gradients
@@ -156,11 +176,10 @@ def add_pull(
     L = len(links)
     pulls, u, v = np.empty((L, 2, 3)), np.empty(3), np.empty(3)
     for k in range(L):
-        a, b = places[links[k, 0]], places[links[k, 1]]
+        start, end = links[k, 0], links[k, 1]
         for x in range(3):
-            u[x], v[x] = points[x, m] - a[x], points[x, m] - b[x]
-        d1, d2 = norm(u), norm(v)
-        length = max(sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2), ZERO)
+            u[x], v[x] = points[x, m] - places[start, x], points[x, m] - places[end, x]
+        d1, d2, length = norm(u), norm(v), _link_length(places, start, end)
         half = half_gap(u, v, d1, d2)
         if half <= 0.0:
             return
@@ -170,7 +189,7 @@ def add_pull(
             scale *= length
             kappa += phi / (length * length)
         for x in range(3):
-            stretch = kappa * (b[x] - a[x])
+            stretch = kappa * (places[end, x] - places[start, x])
             pulls[k, 0, x] = scale * (c * u[x] / d1 - stretch)
             pulls[k, 1, x] = scale * (c * v[x] / d2 + stretch)
     for k in range(L):
@@ -187,16 +206,15 @@ def _space_slope(
     u, v = np.empty(3), np.empty(3)
     out[:] = 0.0
     for k in range(len(links)):
-        a, b = places[links[k, 0]], places[links[k, 1]]
+        start, end = links[k, 0], links[k, 1]
         for x in range(3):
-            u[x], v[x] = points[x, m] - a[x], points[x, m] - b[x]
+            u[x], v[x] = points[x, m] - places[start, x], points[x, m] - places[end, x]
         d1, d2 = norm(u), norm(v)
         half = half_gap(u, v, d1, d2)
         if half <= 0.0:
             out[:] = 0.0
             return
-        length = sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
-        scale = length / half if by_length else 1.0 / half
+        scale = _link_length(places, start, end) / half if by_length else 1.0 / half
         for x in range(3):
             out[x] -= scale * (u[x] / d1 + v[x] / d2)
 

@@ -6,7 +6,7 @@ from math import inf, sqrt
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.compiled import part
 
 ZERO = 1e-30  # [m] stands for a length of zero
@@ -51,21 +51,22 @@ def half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
 
 
 @part
-def log1p_each(x: FloatArray, work: FloatArray, power: FloatArray, number: int) -> None:
-    """Replace the first so many of `x: (N,)`, 0 ≤ x < ∞, by log(1 + x), which processors do four or eight at a time.
+def log1p_each(x: FloatArray, mantissa: FloatArray, bits: IntArray, power: FloatArray, number: int) -> None:
+    """Replace so many of `x: (N,)`, 0 ≤ x < ∞, by log(1 + x), in loops that processors run by lanes.
 
     With 1 + x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, and s = f/(2 + f) it is k log 2 + 2 atanh s, for which a polynomial in s²
     is good to the last digits (fdlibm's `e_log.c`). f is x itself where k = 0: small x lose nothing.
+
+    The rest is room (N,) for 1 + f and k; `bits` is the same memory as `mantissa`.
     """
-    bits = work.view(np.int64)
     for j in range(number):
-        work[j] = 1.0 + x[j]
+        mantissa[j] = 1.0 + x[j]
     for j in range(number):
         k = (bits[j] - 0x3FE6A09E00000000) >> 52
         bits[j] -= k << 52
         power[j] = float(k)
     for j in range(number):
-        f = x[j] if power[j] == 0.0 else work[j] - 1.0
+        f = x[j] if power[j] == 0.0 else mantissa[j] - 1.0
         s = f / (2.0 + f)
         z = s * s
         series = 1.531383769920937332e-01 + z * 1.479819860511658591e-01
