@@ -102,10 +102,13 @@ class Cell:
         self.another_scene()
         self.stranger = Robot.from_example(self.name)
 
+    def choose_places(self) -> None:
+        """Choose where all that moves goes next."""
+        self.places = {name: key_points(self.rng) if name == "person" else pose(self.rng) for name in MOVABLE}
+
     def move(self, name: str) -> None:
-        """Move an obstacle or the person, with checker and danger field."""
-        place = key_points(self.rng) if name == "person" else pose(self.rng)
-        scene = self.checker.scene.moved({name: place})
+        """Move an obstacle or the person there, with checker and danger field."""
+        scene = self.checker.scene.moved({name: self.places[name]})
         self.checker.move(scene)
         self.field.move(scene)
 
@@ -127,8 +130,8 @@ class Cell:
         yield Part("  CollisionChecker", lambda: CollisionChecker(robot, self.scene), self.another_scene)
         yield Part("  DangerField", lambda: DangerField.of_scene(robot, self.scene), self.another_scene)
         yield Part("simplifier of a setup", lambda: self.fresh.simplifier, self._fresh_setup)
-        yield Part("moving an obstacle", lambda: self.move("obstacle 3"))
-        yield Part("moving the person", lambda: self.move("person"))
+        yield Part("moving an obstacle", lambda: self.move("obstacle 3"), self.choose_places)
+        yield Part("moving the person", lambda: self.move("person"), self.choose_places)
         yield Part("moveObstacle of a setup", self.move_in_setup)
         yield Part("before planning after that", self.prepare, self.move_in_setup)
 
@@ -157,6 +160,7 @@ def differences(cell: Cell, moves: int) -> dict[str, float]:
     found = {"verdicts": 0.0, "proofs": 0.0, "radii": 0.0, "distances [m]": 0.0, "danger": 0.0}
     motion = CertifiedMotion(cell.checker)
     for _ in range(moves):
+        cell.choose_places()
         for name in rng.choice(MOVABLE, rng.integers(1, 3), replace=False):
             cell.move(str(name))
         checker = CollisionChecker(robot, cell.checker.scene, movable=MOVABLE)

@@ -25,6 +25,7 @@ from safe_ompl.scene.surfaces import Triangles
 
 _DEFAULT_HEIGHT = 1.75  # [m]
 _HEIGHTS = (0.3, 2.8)  # [m] of people
+_UP = np.array([0.0, 0.0, 1.0])
 _SHORTEST = 1e-9  # [m] of a limb
 
 
@@ -49,8 +50,8 @@ class Limb(NamedTuple):
     @property
     def placement(self) -> pin.SE3:
         """Where the shape is in the frame of the person."""
-        axis = self.end - self.start if self.length > 0 else np.array([0.0, 0.0, 1.0])
-        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis)
+        axis = self.end - self.start
+        turn = pin.Quaternion.FromTwoVectors(_UP, axis if axis.any() else _UP)
         return pin.SE3(turn.toRotationMatrix(), (self.start + self.end) / 2)
 
     @property
