@@ -174,6 +174,10 @@ class CertifiedMotion:
         """
         return self.with_separation(replace(self._separation, speeds=speeds, time=time))
 
+    def with_checker(self, checker: CollisionChecker, separation: Separation) -> CertifiedMotion:
+        """Return the same that asks another checker of the same robot, and proves a separation; errors as the class."""
+        return CertifiedMotion(checker, self._floor, separation=separation, limits=self._limits)
+
     def with_separation(self, separation: Separation) -> CertifiedMotion:
         """Return the same that proves another separation."""
         return CertifiedMotion(self._checker, self._floor, separation=separation, limits=self._limits)
