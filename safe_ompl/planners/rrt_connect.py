@@ -44,12 +44,12 @@ class SafeRRTConnect(WeighingPlanner):
         danger little; this is the null-space motion of the paper's JT-RRT (§4.3) for a step in C-space.
     threshold_rise : float
         No node is added that is more dangerous than its parent and than a threshold: at first the danger of the
-        more dangerous end, which no path can avoid; after every five refusals it rises by this share. It keeps
+        more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps
         the peak of the danger low. 0 for no threshold.
     short_steps : bool
         Where the step towards a random configuration is trapped, try a shorter one, of 5 to 100 % of the range: it
-        leads out of narrow places. While danger is heeded only nodes that trapped a step before get one: elsewhere
-        short steps double the checks, and make for paths that graze obstacles.
+        leads out of narrow places. While danger is heeded only nodes whose last step was trapped, too, get
+        one: elsewhere short steps double the checks, and make for paths that graze obstacles.
     patience : float
         After so many turns half of them ignore danger, after three times as many nearly all: where danger keeps the
         planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
@@ -94,7 +94,7 @@ class SafeRRTConnect(WeighingPlanner):
         short_steps: bool = True,
         raw_alpha: bool = False,
         patience: float = 100,
-        clearance: float = 0.02,
+        clearance: float = 0.05,
         iterations: int = 0,
     ) -> None:
         super().__init__(si, name)
@@ -126,7 +126,7 @@ class SafeRRTConnect(WeighingPlanner):
         return self._selection.nearest_fraction
 
     def setThresholdRise(self, share: float) -> None:
-        """Set by what share the adaptive threshold on danger rises after five refusals; 0 for no threshold."""
+        """Set by what share the adaptive threshold on danger rises after eight refusals; 0 for no threshold."""
         self._threshold.rise = number("threshold_rise", share, at_least=0)
 
     def getThresholdRise(self) -> float:

@@ -16,7 +16,7 @@ class ShortSteps:
     """Decides where a shorter step is tried after a whole one was trapped, and how long it is.
 
     It leads out of narrow places; elsewhere it would double the checks and make for paths that graze obstacles. So
-    where danger is heeded, and narrow places can be told by it, only nodes that trapped a step before get one.
+    where danger is heeded only nodes whose last step was trapped, too, get one.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ class Tree:
     Attributes
     ----------
     trapped : set of int
-        Nodes from which a step was trapped.
+        Nodes whose last step was trapped.
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, *, from_start: bool = True) -> None:
@@ -83,6 +83,7 @@ class Tree:
             self._grow()
         self._rows[self._size] = q
         self._parents[self._size] = parent
+        self.trapped.discard(parent)
         self._costs[self._size] = cost
         if gradient is not None:
             self._gradients[self._size] = gradient
