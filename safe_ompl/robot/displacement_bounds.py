@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
 from safe_ompl.maths.halton import halton_point
-from safe_ompl.robot.bodies.reach import Hull, bounding_hull
+from safe_ompl.robot.bodies.reach import Hull, ReachCylinder, bounding_hull
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
@@ -40,6 +40,15 @@ class DisplacementBounds(ForwardKinematics):
             for part in self._bodies
         ]
         return _frozen(np.array(radii).reshape(-1, self._model.nv))
+
+    @cached_property
+    def body_reaches(self) -> dict[int, ReachCylinder]:
+        """For each body that moves, by its index, a cylinder in the world that it never leaves."""
+        return {
+            k: self._chain.reach(part.parentJoint, bounding_hull(part.geometry).moved(part.placement))
+            for k, part in enumerate(self._bodies)
+            if part.parentJoint != 0
+        }
 
     @cached_property
     def keypoint_radii(self) -> FloatArray:
@@ -91,10 +100,11 @@ class DisplacementBounds(ForwardKinematics):
 
     def joint_radii_at(self, q: FloatArray) -> FloatArray:
         """Return the radii R (G, m) at `q: (n,)` by the joints of Pinocchio's model."""
-        rotation, translation = self._poses(q[None])
-        axes, origins = (a[0] for a in self._axes(q[None]))
+        rotation, origins, axes = (frames[0] for frames in self.kinematics.frames(self._values(q[None])))
         joints, corners, pads, support = self._body_corners
-        world = np.einsum("gij,gpj->gpi", rotation[0, joints], corners) + translation[0, joints][:, None]
+        fixed = (joints == 0)[:, None, None]  # to the base: no joint moves them
+        carried = np.einsum("gij,gpj->gpi", rotation[joints - 1], corners) + origins[joints - 1][:, None]
+        world = np.where(fixed, corners, carried)
         arms = world[:, None] - origins[:, None]
         along = np.einsum("gipc,ic->gip", arms, axes)
         squared = np.einsum("gipc,gipc->gip", arms, arms) - along**2
