@@ -47,7 +47,7 @@ def main() -> None:
     every = [name for pair in PAIRS.items() for name in pair] + list(ALONE)
     chosen = [name for name in every if not options.planners or name in options.planners]
     rows = []
-    for problem in list(hard_problems(_COUNT))[options.problems]:
+    for problem in hard_problems(range(_COUNT)[options.problems]):
         for seed in range(options.seeds):
             runs = dict(_runs(problem, chosen, seed, options.time))
             rows.append({"problem": problem.name, "kind": problem.kind, "seed": seed, "runs": runs})
@@ -134,6 +134,8 @@ def _compared(pairs: list[tuple[dict[str, Any], dict[str, Any]]], limit: float) 
     first, second = (sum(pair[k]["solved"] and not pair[1 - k]["solved"] for pair in pairs) for k in (0, 1))
     yield f"solved by the first only {first}, by the second only {second}"
     both = [pair for pair in pairs if pair[0]["solved"] and pair[1]["solved"]]
+    if not both:
+        return
     mean, avoidable = (
         np.array([[run[key] for run in pair] for pair in both]) for key in ("danger", "avoidable")
     )
