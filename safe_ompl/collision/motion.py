@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.collision.arguments import unchecked
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.distance_bounds import BoundsProof
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
 from safe_ompl.errors import InputError
 from safe_ompl.robot.joint_limits import JointLimits
@@ -266,6 +267,10 @@ class CertifiedMotion:
         refused = (found for found in verdicts if found.verdict is not Verdict.FREE)
         return next(refused, MotionVerdict(Verdict.FREE))
 
+    def _refused(self, q: FloatArray, t: float, required: RequiredDistances) -> bool:
+        """Return whether the robot touches something, or is nearer than it must be, at the fraction t of an edge."""
+        return self._checker.touches(q) or required.violated(q, t)
+
     def _subdivide(
         self, start: FloatArray, end: FloatArray, required: RequiredDistances
     ) -> tuple[Verdict, float | None]:
@@ -274,10 +279,15 @@ class CertifiedMotion:
         approach = pairs.radii @ np.abs(delta)
         if required.growth is not None:
             approach = approach + required.growth
+        known = pairs.bounds.prove(start, delta, approach, required.at_start, required.growth)
+        if known is not None and known.proven:
+            return Verdict.FREE, None
+        if known is not None and known.at is not None and self._refused(start + known.at * delta, known.at, required):
+            return Verdict.BLOCKED, known.at
         widest = float(approach.max(initial=0.0))
         count = max(1, ceil(0.5 * widest / _FIRST_REACH))
         half = 0.5 / count
-        centres = [(2 * k + 1) * half for k in range(count)]
+        centres = _unknown([(2 * k + 1) * half for k in range(count)], half, known)
         unproven: list[float] = []
         while True:
             known_free, unproven = set(unproven), []
@@ -301,4 +311,11 @@ class CertifiedMotion:
             if half * widest < self._floor:
                 return Verdict.UNDECIDED, unproven[0]
             half /= 3
-            centres = [t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)]
+            centres = _unknown([t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)], half, known)
+
+
+def _unknown(centres: list[float], half: float, known: BoundsProof | None) -> list[float]:
+    """Return the centres of those intervals that are not known to be free."""
+    if known is None:
+        return centres
+    return [t for t in centres if not known.covers(t - half, t + half)]

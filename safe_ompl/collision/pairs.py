@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
+from safe_ompl.collision.distance_bounds import DistanceBounds
 from safe_ompl.collision.queries import Queries, indices, prove_manager
 from safe_ompl.counts import Counts
 from safe_ompl.robot.robot import Robot
@@ -70,6 +72,11 @@ class PairSet:
 
     def __repr__(self) -> str:
         return f"PairSet({self._robot.name!r}, {len(self.names)} pairs)"
+
+    @cached_property
+    def bounds(self) -> DistanceBounds:
+        """Lower bounds of the distances of the pairs, which prove most motions without a query."""
+        return DistanceBounds(self._robot, self.geometry, self.bodies, self._counts)
 
     def margins(self, obstacles: float, links: float = 0.0) -> FloatArray:
         """Return margins (P,), read-only: one [m] for pairs with an obstacle, one for pairs of two links."""

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
 from safe_ompl.maths.halton import halton_point
+from safe_ompl.maths.kernels.edge_bounds import Chain
+from safe_ompl.robot.bodies.convex import ConvexBodies
 from safe_ompl.robot.bodies.reach import Hull, bounding_hull
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 
@@ -40,6 +42,23 @@ class DisplacementBounds(ForwardKinematics):
             for part in self._bodies
         ]
         return _frozen(np.array(radii).reshape(-1, self._model.nv))
+
+    @cached_property
+    def convex_bodies(self) -> ConvexBodies:
+        """The bodies of `collision_model`, in its order, as convex ones that hold them."""
+        return ConvexBodies.of(self._bodies)
+
+    @cached_property
+    def joint_chain(self) -> Chain:
+        """The joints of Pinocchio's model, as the kernels take them."""
+        chain = self._chain
+        return Chain(
+            np.array(chain.parents, dtype=np.intp),
+            np.array([placement.rotation for placement in chain.placements]).reshape(-1, 3, 3),
+            np.array([placement.translation for placement in chain.placements]).reshape(-1, 3),
+            np.ascontiguousarray(chain.axes),
+            np.ascontiguousarray(chain.prismatic),
+        )
 
     @cached_property
     def keypoint_radii(self) -> FloatArray:

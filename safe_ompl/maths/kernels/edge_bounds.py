@@ -7,27 +7,29 @@ c_p + t·g_p, g_p ≥ 0. If at t their distance is at least d_p, the pair keeps 
 
 The smallest s of all pairs is proven. Three bounds of d_p are tried in turn, each only where the one before would make s
 smaller: that of the balls about the bodies, that of the ball about one and the box about the other, and that of the
-supports of the bodies themselves along an axis (`support`), which begins with the way from the box to the ball and is
-kept for the next place on the edge.
+supports of the bodies themselves along an axis (`convex`). This begins with the way from the box to the ball, and is kept
+for the next place on the edge; nothing is kept from one edge to the next, so that an edge is always decided alike.
 """
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import inf, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
+from safe_ompl.maths.kernels.convex import POSE, Records, distance_bounds, from_box
 from safe_ompl.maths.kernels.joints import joint_frames
-from safe_ompl.maths.kernels.support import Bodies, Poses, distance_bound, from_box
 
-_DEEPEST = 64  # intervals that wait
+_WAITING = 64  # intervals at most, besides those of the beginning
+_ROUNDING = 1e-12  # of the length of an interval
+_NO_LENGTH = 1e-9  # [m]
 
 
 class Chain(NamedTuple):
-    """A tree of joints, as `joint_frames` takes it."""
+    """A tree of m joints, as `joint_frames` takes it."""
 
     parents: IntArray
     rotations: FloatArray
@@ -37,75 +39,74 @@ class Chain(NamedTuple):
 
 
 @njit(cache=True)
-def place(chain: Chain, bodies: Bodies, values: FloatArray, poses: Poses) -> None:
-    """Write the poses of the bodies while the joints have `values: (m,)`."""
+def place(chain: Chain, bodies: Records, values: FloatArray, poses: Records, moving: bool) -> None:
+    """Write the poses of the bodies that joints carry, while these have `values: (m,)`, or of those that none does."""
     rotation, origin, _ = joint_frames(
-        chain.parents,
-        chain.rotations,
-        chain.translations,
-        chain.axes,
-        chain.prismatic,
-        values.reshape((1, len(values))),
+        chain.parents, chain.rotations, chain.translations, chain.axes, chain.prismatic, values.reshape((1, -1))
     )
-    for g in range(len(bodies.joints)):
-        joint = bodies.joints[g] - 1
-        R, o, c = poses.rotations[g], poses.origins[g], poses.centres[g]
-        t, centre, own = bodies.translations[g], bodies.centres[g], bodies.rotations[g]
+    for g in range(len(bodies)):
+        joint = bodies[g].joint - 1
+        if (joint >= 0) != moving:
+            continue
+        R, o, c = poses[g].rotation, poses[g].origin, poses[g].centre
+        own, t, centre = bodies[g].rotation, bodies[g].translation, bodies[g].centre
         for x in range(3):
-            if joint < 0:
+            if moving:
+                r, s, u = rotation[0, joint, x, 0], rotation[0, joint, x, 1], rotation[0, joint, x, 2]
+                for y in range(3):
+                    R[x, y] = r * own[0, y] + s * own[1, y] + u * own[2, y]
+                o[x] = origin[0, joint, x] + r * t[0] + s * t[1] + u * t[2]
+            else:
                 for y in range(3):
                     R[x, y] = own[x, y]
                 o[x] = t[x]
-            else:
-                F = rotation[0, joint]
-                for y in range(3):
-                    R[x, y] = F[x, 0] * own[0, y] + F[x, 1] * own[1, y] + F[x, 2] * own[2, y]
-                o[x] = origin[0, joint, x] + F[x, 0] * t[0] + F[x, 1] * t[1] + F[x, 2] * t[2]
             c[x] = o[x] + R[x, 0] * centre[0] + R[x, 1] * centre[1] + R[x, 2] * centre[2]
 
 
 @njit(cache=True)
-def _pair_bound(
-    bodies: Bodies, poses: Poses, A: int, B: int, axis: FloatArray, known: bool, enough: float, least: float
+def _bounds(
+    body_a: Records,
+    pose_a: Records,
+    body_b: Records,
+    pose_b: Records,
+    starts: IntArray,
+    vertices: FloatArray,
+    axis: FloatArray,
+    known: bool,
+    enough: float,
+    least: float,
 ) -> tuple[float, float]:
     """Return bounds of the distance of two bodies, the lower one `enough` at the least cost; see the module."""
-    a, b = poses.centres[A], poses.centres[B]
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    between = sqrt(x * x + y * y + z * z)
-    lower = between - bodies.reaches[A] - bodies.reaches[B]
+    u, v, w = from_box(body_b, pose_b, pose_a.centre)
+    lower = sqrt(u * u + v * v + w * w) - body_a.reach
     if lower >= enough:
         return lower, inf
-    u, v, w = from_box(bodies, poses, B, a[0], a[1], a[2])
-    to_a = sqrt(u * u + v * v + w * w)
-    lower = max(lower, to_a - bodies.reaches[A])
-    if lower >= enough:
-        return lower, inf
-    p, q, r = from_box(bodies, poses, A, b[0], b[1], b[2])
-    to_b = sqrt(p * p + q * q + r * r)
-    lower = max(lower, to_b - bodies.reaches[B])
-    if lower >= enough:
-        return lower, inf
+    i, j, k = from_box(body_a, pose_a, pose_b.centre)
+    other = sqrt(i * i + j * j + k * k) - body_b.reach
+    if other >= enough:
+        return other, inf
     if not known:
-        if to_a - bodies.reaches[A] >= to_b - bodies.reaches[B] and to_a > 1e-9:
-            x, y, z = u, v, w
-        elif to_b > 1e-9:
-            x, y, z = -p, -q, -r
-        elif between <= 1e-9:
-            x, y, z = 1.0, 0.0, 0.0
-        axis[0], axis[1], axis[2] = x, y, z
-    found, upper = distance_bound(bodies, poses, A, B, axis, enough, least)
-    return max(lower, found), upper
+        if other > lower:
+            u, v, w = -i, -j, -k
+        if u * u + v * v + w * w < _NO_LENGTH**2:
+            a, b = pose_a.centre, pose_b.centre
+            u, v, w = a[0] - b[0], a[1] - b[1], a[2] - b[2] + _NO_LENGTH
+        axis[0], axis[1], axis[2] = u, v, w
+    found, upper = distance_bounds(
+        body_a, pose_a, body_b, pose_b, starts, vertices, axis, enough, least
+    )
+    return max(lower, other, found), upper
 
 
 @njit(cache=True)
-def _proven_at(
-    chain: Chain,
-    bodies: Bodies,
+def _half_length(
+    bodies: Records,
+    starts: IntArray,
+    vertices: FloatArray,
     pairs: IntArray,
-    values: FloatArray,
     rates: FloatArray,
     required: FloatArray,
-    poses: Poses,
+    poses: Records,
     axes: FloatArray,
     known: BoolArray,
     most: float,
@@ -113,22 +114,34 @@ def _proven_at(
 ) -> tuple[float, int]:
     """Return the half-length ≤ `most` that is proven about a place, and the pair that bounds it.
 
-    The half-length is negative if that pair is nearer than it must be. The pair `first` is looked at before the others.
+    The half-length is 0 where that pair cannot be told from one that is too near, and −1 where it is too near. The pair
+    `first` is looked at before the others.
     """
-    place(chain, bodies, values, poses)
     half, bounding = most, first
-    for n in range(-1, len(pairs)):
-        p = first if n < 0 else n
-        if n == first:
-            continue
+    for n in range(len(pairs)):
+        p = first if n == 0 else (n - 1 if n <= first else n)
+        A, B = pairs[p, 0], pairs[p, 1]
         enough = required[p] + half * rates[p]
-        lower, upper = _pair_bound(
-            bodies, poses, pairs[p, 0], pairs[p, 1], axes[p], known[p], enough, required[p]
+        a, b = poses[A].centre, poses[B].centre
+        x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+        far = enough + bodies[A].reach + bodies[B].reach
+        if x * x + y * y + z * z >= far * far:
+            continue
+        lower, upper = _bounds(
+            bodies[A],
+            poses[A],
+            bodies[B],
+            poses[B],
+            starts,
+            vertices,
+            axes[p],
+            known[p],
+            enough,
+            required[p],
         )
         if lower >= enough:
             continue
-        known[p] = True
-        bounding = p
+        known[p], bounding = True, p
         if not lower > required[p]:
             return -1.0 if upper <= required[p] else 0.0, p
         half = (lower - required[p]) / rates[p]
@@ -138,22 +151,25 @@ def _proven_at(
 @njit(cache=True)
 def prove_edge(
     chain: Chain,
-    bodies: Bodies,
+    bodies: Records,
+    starts: IntArray,
+    vertices: FloatArray,
     pairs: IntArray,
     values: FloatArray,
     motion: FloatArray,
     rates: FloatArray,
     required: FloatArray,
     growth: FloatArray,
-    parts: int,
     least: float,
 ) -> tuple[bool, float, int, FloatArray]:
     """Try to prove an edge, and stop where that fails.
 
     Parameters
     ----------
-    chain, bodies : Chain, Bodies
-        The robot and what it may meet.
+    chain : Chain
+        The joints.
+    bodies, starts, vertices : (G,), (C + 1,), (E, 3)
+        The bodies (`BODY`), and the lists of their vertices.
     pairs : (P, 2)
         The pairs.
     values, motion : (m,)
@@ -161,9 +177,7 @@ def prove_edge(
     rates : (P,)
         W_p + g_p.
     required, growth : (P,)
-        c_p with all allowances, and g_p; `growth` may be empty where nothing grows.
-    parts : int
-        In how many parts the edge is looked at first.
+        c_p with all allowances, and g_p; `growth` is empty where nothing grows.
     least : float
         Half-length below which an interval is given up.
 
@@ -173,36 +187,39 @@ def prove_edge(
         Whether all of the edge is.
     at : float
         Where a pair is nearer than it must be, or −1.
-    looked : int
+    places : int
         At how many places of the edge the bounds were looked at.
     left : (K, 2)
         Intervals that are not proven.
     """
-    G, P = len(bodies.joints), len(pairs)
-    poses = Poses(np.empty((G, 3, 3)), np.empty((G, 3)), np.empty((G, 3)))
+    P = len(pairs)
+    poses = np.empty(len(bodies), POSE)
     axes, known = np.empty((P, 3)), np.zeros(P, np.bool_)
-    waiting = np.empty((max(_DEEPEST, 2 * parts), 2))
-    for k in range(parts):
-        waiting[parts - 1 - k, 0], waiting[parts - 1 - k, 1] = k / parts, (k + 1) / parts
-    number, looked, first = parts, 0, 0
-    there, now = np.empty_like(values), required
-    if len(growth):
-        now = np.empty(P)
+    there, now = values.copy(), required.copy()
+    place(chain, bodies, there, poses, False)
+    waiting = np.empty((_WAITING, 2))
+    waiting[0, 0], waiting[0, 1] = 0.0, 1.0
+    number, places, first = 1, 0, 0
     while number > 0:
         low, high = waiting[number - 1]
-        t, most = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + 1e-12)
+        t, most = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + _ROUNDING)
         for i in range(len(values)):
             there[i] = values[i] + t * motion[i]
-        if len(growth):
-            for p in range(P):
-                now[p] = required[p] + t * growth[p]
-        half, first = _proven_at(chain, bodies, pairs, there, rates, now, poses, axes, known, most, first)
-        looked += 1
-        if half < most and (half < least or number + 1 > len(waiting)):
-            return False, t if half < 0.0 else -1.0, looked, waiting[:number].copy()
-        number -= 1
-        if half < most:
-            waiting[number, 0], waiting[number, 1] = t + half, high
-            waiting[number + 1, 0], waiting[number + 1, 1] = low, t - half
-            number += 2
-    return True, -1.0, looked, waiting[:0].copy()
+            if not isfinite(there[i]):
+                return False, -1.0, places, waiting[:number].copy()
+        for p in range(len(growth)):
+            now[p] = required[p] + t * growth[p]
+        place(chain, bodies, there, poses, True)
+        half, first = _half_length(
+            bodies, starts, vertices, pairs, rates, now, poses, axes, known, most, first
+        )
+        places += 1
+        if half >= most:
+            number -= 1
+        elif half < least or number + 1 > _WAITING:
+            return False, -1.0 if half > 0.0 else t, places, waiting[:number].copy()
+        else:
+            waiting[number - 1, 0], waiting[number - 1, 1] = t + half, high
+            waiting[number, 0], waiting[number, 1] = low, t - half
+            number += 1
+    return True, -1.0, places, waiting[:0].copy()
