@@ -19,6 +19,7 @@ from numba import njit
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.extreme_vertices import cell_of
+from safe_ompl.maths.kernels.simplex import nearest_in_simplex
 
 Records: TypeAlias = Any  # a structured array, or a row of one
 Vector = tuple[float, float, float]
@@ -48,9 +49,8 @@ POSE = np.dtype(
     align=True,
 )
 
-_STEPS = 12  # of the search for an axis
+_STEPS = 32  # of the search for an axis
 _TIGHT = 0.9  # of the distance: a bound as good as this is not improved any more
-_FLAT = 1e-12  # squared sine of an angle of triangles that count as segments
 _OVERLAPPING = 1e-12  # [m] between bodies that count as overlapping
 
 
@@ -106,41 +106,6 @@ def from_box(body: Records, pose: Records, point: FloatArray) -> Vector:
 
 
 @njit(cache=True)
-def _square(p: Vector) -> float:
-    return p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
-
-
-@njit(cache=True)
-def _nearest_on_segment(p: Vector, q: Vector) -> Vector:
-    """Return the point of the segment p → q that is nearest to the origin."""
-    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    square = dx * dx + dy * dy + dz * dz
-    if not square > 0.0:
-        return p
-    t = min(max(-(p[0] * dx + p[1] * dy + p[2] * dz) / square, 0.0), 1.0)
-    return p[0] + t * dx, p[1] + t * dy, p[2] + t * dz
-
-
-@njit(cache=True)
-def _nearest_on_triangle(p: Vector, q: Vector, r: Vector) -> Vector:
-    """Return the point of the triangle p, q, r that is nearest to the origin."""
-    ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
-    uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
-    pu, pv = p[0] * ux + p[1] * uy + p[2] * uz, p[0] * vx + p[1] * vy + p[2] * vz
-    area = uu * vv - uv * uv
-    if area > _FLAT * uu * vv:
-        s, t = (uv * pv - vv * pu) / area, (uv * pu - uu * pv) / area
-        if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
-            return p[0] + s * ux + t * vx, p[1] + s * uy + t * vy, p[2] + s * uz + t * vz
-    best = _nearest_on_segment(p, r)
-    for other in (_nearest_on_segment(q, r), _nearest_on_segment(p, q)):
-        if _square(other) < _square(best):
-            best = other
-    return best
-
-
-@njit(cache=True)
 def distance_bounds(
     body_a: Records,
     pose_a: Records,
@@ -149,39 +114,36 @@ def distance_bounds(
     starts: IntArray,
     vertices: FloatArray,
     axis: FloatArray,
+    simplex: FloatArray,
     enough: float,
     least: float,
 ) -> tuple[float, float]:
-    """Return a lower and an upper bound of the distance [m] of bodies a and b; both are ≤ 0 only if they overlap.
+    """Return a lower and an upper bound of the distance [m] of bodies a and b; −∞ as the upper one if they overlap.
 
-    Gilbert's algorithm on the difference of the two, with the support point before the last one as a third corner. It
-    begins with an `axis: (3,)` from b to a, and ends as soon as the lower bound is `enough`, or tight, or the upper one
-    shows that `least` cannot be reached; the best axis is left in `axis`.
+    The algorithm of Gilbert, Johnson and Keerthi. It begins with an `axis: (3,)` from b to a, and ends as soon as the
+    lower bound is `enough`, or tight, or the upper one shows that `least` cannot be reached; the best axis is left in
+    `axis`. `simplex: (4, 3)` is working memory.
     """
     balls = body_a.ball + body_b.ball
     x, y, z = axis[0], axis[1], axis[2]
     lower, upper = -inf, inf
-    nearest = last = (0.0, 0.0, 0.0)
-    for step in range(_STEPS):
+    corners = 0
+    for _ in range(_STEPS):
         p = support(body_a, pose_a, starts, vertices, -x, -y, -z)
         q = support(body_b, pose_b, starts, vertices, x, y, z)
-        new = p[0] - q[0], p[1] - q[1], p[2] - q[2]
-        bound = (new[0] * x + new[1] * y + new[2] * z) / sqrt(x * x + y * y + z * z) - balls
+        u, v, w = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+        bound = (u * x + v * y + w * z) / sqrt(x * x + y * y + z * z) - balls
         if bound > lower:
             lower = bound
             axis[0], axis[1], axis[2] = x, y, z
         if lower >= enough or lower >= _TIGHT * upper:
             break
-        if step == 0:
-            nearest = new
-        elif step == 1:
-            nearest = _nearest_on_segment(nearest, new)
-        else:
-            nearest = _nearest_on_triangle(nearest, last, new)
-        last = new
-        between = sqrt(_square(nearest))
+        simplex[corners, 0], simplex[corners, 1], simplex[corners, 2] = u, v, w
+        x, y, z, corners = nearest_in_simplex(simplex, corners + 1)
+        between = sqrt(x * x + y * y + z * z)
+        if corners == 4 or between < _OVERLAPPING:
+            return lower, -inf
         upper = between - balls
-        if upper <= least or between < _OVERLAPPING:
+        if upper <= least:
             break
-        x, y, z = nearest
     return lower, upper

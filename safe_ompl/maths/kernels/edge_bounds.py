@@ -72,6 +72,7 @@ def _bounds(
     starts: IntArray,
     vertices: FloatArray,
     axis: FloatArray,
+    simplex: FloatArray,
     known: bool,
     enough: float,
     least: float,
@@ -93,7 +94,7 @@ def _bounds(
             u, v, w = a[0] - b[0], a[1] - b[1], a[2] - b[2] + _NO_LENGTH
         axis[0], axis[1], axis[2] = u, v, w
     found, upper = distance_bounds(
-        body_a, pose_a, body_b, pose_b, starts, vertices, axis, enough, least
+        body_a, pose_a, body_b, pose_b, starts, vertices, axis, simplex, enough, least
     )
     return max(lower, other, found), upper
 
@@ -108,6 +109,7 @@ def _half_length(
     required: FloatArray,
     poses: Records,
     axes: FloatArray,
+    simplex: FloatArray,
     known: BoolArray,
     most: float,
     first: int,
@@ -135,6 +137,7 @@ def _half_length(
             starts,
             vertices,
             axes[p],
+            simplex,
             known[p],
             enough,
             required[p],
@@ -194,7 +197,7 @@ def prove_edge(
     """
     P = len(pairs)
     poses = np.empty(len(bodies), POSE)
-    axes, known = np.empty((P, 3)), np.zeros(P, np.bool_)
+    axes, simplex, known = np.empty((P, 3)), np.empty((4, 3)), np.zeros(P, np.bool_)
     there, now = values.copy(), required.copy()
     place(chain, bodies, there, poses, False)
     waiting = np.empty((_WAITING, 2))
@@ -211,7 +214,7 @@ def prove_edge(
             now[p] = required[p] + t * growth[p]
         place(chain, bodies, there, poses, True)
         half, first = _half_length(
-            bodies, starts, vertices, pairs, rates, now, poses, axes, known, most, first
+            bodies, starts, vertices, pairs, rates, now, poses, axes, simplex, known, most, first
         )
         places += 1
         if half >= most:
