@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -10,34 +10,36 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.counts import Counts
-from safe_ompl.maths.kernels.edge_bounds import Chain, prove_edge
+from safe_ompl.maths.kernels.edge_bounds import Pairs, prove_edge
 from safe_ompl.robot.bodies.convex import ConvexBodies
 from safe_ompl.robot.robot import Robot
 
 # [m] What is proven is so much farther apart than it must be that coal, which is at most DISTANCE_ERROR off, never calls
 # a configuration of the motion nearer than that, and that a certificate of it can be issued. Rounding is far below.
-_ALLOWANCE = 2 * DISTANCE_ERROR
+ALLOWANCE = 2 * DISTANCE_ERROR
 
 _LEAST = 2e-5  # [m] Bodies that move less than this in half of an interval are left to coal.
 _NOTHING = np.zeros(0)
 
 
-@dataclass(frozen=True)
-class BoundsProof:
+class BoundsProof(NamedTuple):
     """What lower bounds of distances prove of an edge.
 
     Attributes
     ----------
     proven : bool
         Whether the whole edge keeps the distances required.
-    at : float or None
-        A fraction of the edge where the convex bodies that hold some pair are nearer than required.
+    at : float
+        A fraction of the edge where the convex bodies that hold some pair seem to be nearer than required, or −1.
+    places : int
+        At how many places of the edge the bounds were looked at.
     left : ndarray, shape (K, 2)
         Parts of the edge, from one fraction to another, that are not proven.
     """
 
     proven: bool
-    at: float | None
+    at: float
+    places: int
     left: FloatArray
 
     def covers(self, low: float, high: float) -> bool:
@@ -45,10 +47,14 @@ class BoundsProof:
         return not ((self.left[:, 0] < high) & (self.left[:, 1] > low)).any()
 
 
+_UNKNOWN = BoundsProof(False, -1.0, 0, np.array([[0.0, 1.0]]))
+
+
 class DistanceBounds:
     """Lower bounds of the distances of pairs of bodies, by the convex bodies that hold them.
 
-    Every bound holds, whatever the configuration. Nothing is kept from one question to the next.
+    Every bound holds, whatever the configuration. Nothing is kept from one question to the next: an edge is always
+    decided alike.
 
     Parameters
     ----------
@@ -58,17 +64,33 @@ class DistanceBounds:
         Its bodies and, after them, the parts of the obstacles.
     pairs : ndarray of int, shape (P, 2)
         The pairs.
+    radii : ndarray, shape (P, m)
+        Their displacement radii by the joints of Pinocchio's model.
     counts : Counts
         Counts the places at which bounds are looked at.
     """
 
-    def __init__(self, robot: Robot, geometry: pin.GeometryModel, pairs: IntArray, counts: Counts) -> None:
-        parts = list(geometry.geometryObjects)
+    def __init__(
+        self,
+        robot: Robot,
+        geometry: pin.GeometryModel,
+        pairs: IntArray,
+        radii: FloatArray,
+        counts: Counts,
+    ) -> None:
         own = robot.convex_bodies
         self._first_obstacle = len(own.bodies)
-        bodies = own.joined(ConvexBodies.of(parts[self._first_obstacle :]))
+        bodies = own.joined(ConvexBodies.of(list(geometry.geometryObjects)[self._first_obstacle :]))
+        moved = np.zeros((len(bodies.bodies), robot.joint_radii.shape[1]), dtype=bool)
+        moved[: self._first_obstacle] = robot.joint_radii > 0
         self._bodies = bodies.bodies
-        self._data = (robot.joint_chain, self._bodies, bodies.starts, bodies.vertices, pairs)
+        self._data = (
+            robot.joint_chain,
+            self._bodies,
+            bodies.starts,
+            bodies.vertices,
+            Pairs(pairs, np.ascontiguousarray(radii), moved),
+        )
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
 
     def place_obstacles(self, geometry: pin.GeometryModel) -> None:
@@ -79,42 +101,28 @@ class DistanceBounds:
             self._bodies["translation"][k] = placement.translation
 
     def prove(
-        self,
-        start: FloatArray,
-        delta: FloatArray,
-        approach: FloatArray,
-        required: FloatArray,
-        growth: FloatArray | None,
-    ) -> BoundsProof | None:
+        self, start: FloatArray, delta: FloatArray, required: FloatArray, growth: FloatArray | None = None
+    ) -> BoundsProof:
         """Try to prove an edge.
 
         Parameters
         ----------
         start, delta : ndarray, shape (n,)
             Its start, and the motion to its end.
-        approach : ndarray, shape (P,)
-            [m] By how much the bodies of each pair approach each other at most, and what they must keep grows.
         required : ndarray, shape (P,)
-            [m] What pairs must keep at the start.
+            [m] What pairs must keep at the start. `ALLOWANCE` should be in it.
         growth : ndarray, shape (P,), optional
             [m] How much more at the end.
-
-        Returns
-        -------
-        BoundsProof or None
-            None where a body has no end.
         """
         if not self._bounded:
-            return None
-        widest = float(approach.max(initial=0.0))
-        proven, at, places, left = prove_edge(
+            return _UNKNOWN
+        found = prove_edge(
             *self._data,
             self._coupling.values(start),
             self._coupling.motions(delta),
-            approach,
-            required + _ALLOWANCE,
+            required,
             _NOTHING if growth is None else growth,
-            _LEAST / max(widest, _LEAST),
+            _LEAST,
         )
-        self._counts.bound_queries += places
-        return BoundsProof(proven, at if at >= 0 else None, left)
+        self._counts.bound_queries += found[2]
+        return BoundsProof(*found)

@@ -276,14 +276,14 @@ class CertifiedMotion:
     ) -> tuple[Verdict, float | None]:
         checker, pairs = self._checker, required.pairs
         delta = checker.robot.difference(start, end)
+        known = pairs.bounds.prove(start, delta, required.allowed_for, required.growth)
+        if known.proven:
+            return Verdict.FREE, None
+        if known.at >= 0 and self._refused(start + known.at * delta, known.at, required):
+            return Verdict.BLOCKED, known.at
         approach = pairs.radii @ np.abs(delta)
         if required.growth is not None:
             approach = approach + required.growth
-        known = pairs.bounds.prove(start, delta, approach, required.at_start, required.growth)
-        if known is not None and known.proven:
-            return Verdict.FREE, None
-        if known is not None and known.at is not None and self._refused(start + known.at * delta, known.at, required):
-            return Verdict.BLOCKED, known.at
         widest = float(approach.max(initial=0.0))
         count = max(1, ceil(0.5 * widest / _FIRST_REACH))
         half = 0.5 / count
@@ -314,8 +314,6 @@ class CertifiedMotion:
             centres = _unknown([t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)], half, known)
 
 
-def _unknown(centres: list[float], half: float, known: BoundsProof | None) -> list[float]:
+def _unknown(centres: list[float], half: float, known: BoundsProof) -> list[float]:
     """Return the centres of those intervals that are not known to be free."""
-    if known is None:
-        return centres
     return [t for t in centres if not known.covers(t - half, t + half)]

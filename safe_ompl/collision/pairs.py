@@ -61,7 +61,8 @@ class PairSet:
         self.geometry = geometry
         self.names = tuple((names[a], names[b]) for a, b in pairs)
         self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        self.radii = robot.coupling.radii(_pair_radii(robot.joint_radii, self.bodies, obstacle_radii))
+        self._joint_radii = _pair_radii(robot.joint_radii, self.bodies, obstacle_radii)
+        self.radii = robot.coupling.radii(self._joint_radii)
         self.meets_obstacle: BoolArray = self.bodies.max(axis=1, initial=-1) >= links
         for array in (self.bodies, self.radii, self.meets_obstacle):
             array.setflags(write=False)
@@ -76,7 +77,7 @@ class PairSet:
     @cached_property
     def bounds(self) -> DistanceBounds:
         """Lower bounds of the distances of the pairs, which prove most motions without a query."""
-        return DistanceBounds(self._robot, self.geometry, self.bodies, self._counts)
+        return DistanceBounds(self._robot, self.geometry, self.bodies, self._joint_radii, self._counts)
 
     def margins(self, obstacles: float, links: float = 0.0) -> FloatArray:
         """Return margins (P,), read-only: one [m] for pairs with an obstacle, one for pairs of two links."""

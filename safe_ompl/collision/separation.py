@@ -12,6 +12,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.distance_bounds import ALLOWANCE
 from safe_ompl.collision.min_clearance import MinClearance
 from safe_ompl.collision.pairs import PairSet
 from safe_ompl.errors import InputError
@@ -141,6 +142,8 @@ class RequiredDistances:
 
     Attributes
     ----------
+    allowed_for : ndarray, shape (P,)
+        [m] `at_start` with what distance bounds keep besides, so that coal agrees.
     any : bool
         Whether any pair must keep more than not touching.
     """
@@ -150,6 +153,7 @@ class RequiredDistances:
         self.pairs = pairs
         self.at_start = at_start
         self.growth = growth if growth is not None and growth.any() else None
+        self.allowed_for = at_start + ALLOWANCE
         self.any = self.growth is not None or bool(at_start.any())
 
     def at(self, t: float) -> FloatArray:

@@ -9,11 +9,14 @@ The smallest s of all pairs is proven. Three bounds of d_p are tried in turn, ea
 smaller: that of the balls about the bodies, that of the ball about one and the box about the other, and that of the
 supports of the bodies themselves along an axis (`convex`). This begins with the way from the box to the ball, and is kept
 for the next place on the edge; nothing is kept from one edge to the next, so that an edge is always decided alike.
+
+R_pi is a constant at first. Where that would make s smaller it is also bounded at q(t): no point of a body is farther from
+the axis of joint i than the centre of its ball is, plus the radius.
 """
 
 from __future__ import annotations
 
-from math import inf, isfinite, sqrt
+from math import isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +26,8 @@ from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.maths.kernels.convex import POSE, Records, distance_bounds, from_box
 from safe_ompl.maths.kernels.joints import joint_frames
 
-_WAITING = 64  # intervals at most, besides those of the beginning
-_ROUNDING = 1e-12  # of the length of an interval
+_WAITING = 64  # intervals at most
+_ROUNDING = 1e-12  # of the length of an interval, and of rates
 _NO_LENGTH = 1e-9  # [m]
 
 
@@ -38,12 +41,19 @@ class Chain(NamedTuple):
     prismatic: BoolArray
 
 
+class Pairs(NamedTuple):
+    """Pairs of bodies: `bodies` (P, 2), their constant radii R (P, m), and which joints move each body, (G, m)."""
+
+    bodies: IntArray
+    radii: FloatArray
+    moved: BoolArray
+
+
 @njit(cache=True)
-def place(chain: Chain, bodies: Records, values: FloatArray, poses: Records, moving: bool) -> None:
-    """Write the poses of the bodies that joints carry, while these have `values: (m,)`, or of those that none does."""
-    rotation, origin, _ = joint_frames(
-        chain.parents, chain.rotations, chain.translations, chain.axes, chain.prismatic, values.reshape((1, -1))
-    )
+def _place(
+    bodies: Records, poses: Records, rotations: FloatArray, origins: FloatArray, moving: bool
+) -> None:
+    """Write the poses of the bodies that joints with these frames carry, or of those that none does."""
     for g in range(len(bodies)):
         joint = bodies[g].joint - 1
         if (joint >= 0) != moving:
@@ -52,10 +62,10 @@ def place(chain: Chain, bodies: Records, values: FloatArray, poses: Records, mov
         own, t, centre = bodies[g].rotation, bodies[g].translation, bodies[g].centre
         for x in range(3):
             if moving:
-                r, s, u = rotation[0, joint, x, 0], rotation[0, joint, x, 1], rotation[0, joint, x, 2]
+                r, s, u = rotations[joint, x, 0], rotations[joint, x, 1], rotations[joint, x, 2]
                 for y in range(3):
                     R[x, y] = r * own[0, y] + s * own[1, y] + u * own[2, y]
-                o[x] = origin[0, joint, x] + r * t[0] + s * t[1] + u * t[2]
+                o[x] = origins[joint, x] + r * t[0] + s * t[1] + u * t[2]
             else:
                 for y in range(3):
                     R[x, y] = own[x, y]
@@ -64,39 +74,31 @@ def place(chain: Chain, bodies: Records, values: FloatArray, poses: Records, mov
 
 
 @njit(cache=True)
-def _bounds(
-    body_a: Records,
-    pose_a: Records,
-    body_b: Records,
-    pose_b: Records,
-    starts: IntArray,
-    vertices: FloatArray,
-    axis: FloatArray,
-    simplex: FloatArray,
-    known: bool,
-    enough: float,
-    least: float,
-) -> tuple[float, float]:
-    """Return bounds of the distance of two bodies, the lower one `enough` at the least cost; see the module."""
-    u, v, w = from_box(body_b, pose_b, pose_a.centre)
-    lower = sqrt(u * u + v * v + w * w) - body_a.reach
-    if lower >= enough:
-        return lower, inf
-    i, j, k = from_box(body_a, pose_a, pose_b.centre)
-    other = sqrt(i * i + j * j + k * k) - body_b.reach
-    if other >= enough:
-        return other, inf
-    if not known:
-        if other > lower:
-            u, v, w = -i, -j, -k
-        if u * u + v * v + w * w < _NO_LENGTH**2:
-            a, b = pose_a.centre, pose_b.centre
-            u, v, w = a[0] - b[0], a[1] - b[1], a[2] - b[2] + _NO_LENGTH
-        axis[0], axis[1], axis[2] = u, v, w
-    found, upper = distance_bounds(
-        body_a, pose_a, body_b, pose_b, starts, vertices, axis, simplex, enough, least
-    )
-    return max(lower, other, found), upper
+def _rate_here(
+    p: int,
+    pairs: Pairs,
+    bodies: Records,
+    poses: Records,
+    prismatic: BoolArray,
+    origins: FloatArray,
+    axes: FloatArray,
+    motion: FloatArray,
+) -> float:
+    """Return W_p for motions that start here, with radii no larger than the constant ones."""
+    rate = 0.0
+    for i in range(len(motion)):
+        radius = pairs.radii[p, i]
+        if radius == 0.0 or motion[i] == 0.0:
+            continue
+        if not prismatic[i]:
+            g = pairs.bodies[p, 0] if pairs.moved[pairs.bodies[p, 0], i] else pairs.bodies[p, 1]
+            at = poses[g].centre
+            x, y, z = at[0] - origins[i, 0], at[1] - origins[i, 1], at[2] - origins[i, 2]
+            a, b, c = axes[i, 0], axes[i, 1], axes[i, 2]
+            u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
+            radius = min(radius, sqrt(u * u + v * v + w * w) + bodies[g].reach)
+        rate += radius * abs(motion[i])
+    return rate * (1.0 + _ROUNDING)
 
 
 @njit(cache=True)
@@ -104,8 +106,13 @@ def _half_length(
     bodies: Records,
     starts: IntArray,
     vertices: FloatArray,
-    pairs: IntArray,
+    pairs: Pairs,
+    prismatic: BoolArray,
+    origins: FloatArray,
+    joint_axes: FloatArray,
+    motion: FloatArray,
     rates: FloatArray,
+    growth: FloatArray,
     required: FloatArray,
     poses: Records,
     axes: FloatArray,
@@ -116,20 +123,40 @@ def _half_length(
 ) -> tuple[float, int]:
     """Return the half-length ≤ `most` that is proven about a place, and the pair that bounds it.
 
-    The half-length is 0 where that pair cannot be told from one that is too near, and −1 where it is too near. The pair
-    `first` is looked at before the others.
+    The half-length is 0 where that pair cannot be told from one that is too near. The pair `first` is looked at before
+    the others.
     """
     half, bounding = most, first
-    for n in range(len(pairs)):
+    for n in range(len(rates)):
         p = first if n == 0 else (n - 1 if n <= first else n)
-        A, B = pairs[p, 0], pairs[p, 1]
+        A, B = pairs.bodies[p, 0], pairs.bodies[p, 1]
         enough = required[p] + half * rates[p]
         a, b = poses[A].centre, poses[B].centre
         x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
         far = enough + bodies[A].reach + bodies[B].reach
         if x * x + y * y + z * z >= far * far:
             continue
-        lower, upper = _bounds(
+        u, v, w = from_box(bodies[B], poses[B], a)
+        lower = sqrt(u * u + v * v + w * w) - bodies[A].reach
+        if lower >= enough:
+            continue
+        i, j, k = from_box(bodies[A], poses[A], b)
+        other = sqrt(i * i + j * j + k * k) - bodies[B].reach
+        if other >= enough:
+            continue
+        rate = _rate_here(p, pairs, bodies, poses, prismatic, origins, joint_axes, motion)
+        if len(growth):
+            rate += growth[p]
+        enough = required[p] + half * rate
+        if other > lower:
+            lower, u, v, w = other, -i, -j, -k
+        if lower >= enough:
+            continue
+        if not known[p]:
+            if u * u + v * v + w * w < _NO_LENGTH**2:
+                u, v, w = x, y, z + _NO_LENGTH
+            axes[p, 0], axes[p, 1], axes[p, 2] = u, v, w
+        found, _ = distance_bounds(
             bodies[A],
             poses[A],
             bodies[B],
@@ -138,16 +165,17 @@ def _half_length(
             vertices,
             axes[p],
             simplex,
-            known[p],
             enough,
             required[p],
         )
+        known[p] = True
+        lower = max(lower, found)
         if lower >= enough:
             continue
-        known[p], bounding = True, p
+        bounding = p
         if not lower > required[p]:
-            return -1.0 if upper <= required[p] else 0.0, p
-        half = (lower - required[p]) / rates[p]
+            return 0.0, p
+        half = (lower - required[p]) / rate
     return half, bounding
 
 
@@ -157,10 +185,9 @@ def prove_edge(
     bodies: Records,
     starts: IntArray,
     vertices: FloatArray,
-    pairs: IntArray,
+    pairs: Pairs,
     values: FloatArray,
     motion: FloatArray,
-    rates: FloatArray,
     required: FloatArray,
     growth: FloatArray,
     least: float,
@@ -173,53 +200,77 @@ def prove_edge(
         The joints.
     bodies, starts, vertices : (G,), (C + 1,), (E, 3)
         The bodies (`BODY`), and the lists of their vertices.
-    pairs : (P, 2)
+    pairs : Pairs
         The pairs.
     values, motion : (m,)
         Values of the joints at the start, and how they change.
-    rates : (P,)
-        W_p + g_p.
     required, growth : (P,)
         c_p with all allowances, and g_p; `growth` is empty where nothing grows.
     least : float
-        Half-length below which an interval is given up.
+        [m] Intervals in whose halves no two bodies approach each other by more are given up.
 
     Returns
     -------
     proven : bool
         Whether all of the edge is.
     at : float
-        Where a pair is nearer than it must be, or −1.
+        Where some pair cannot be told from one that is too near, or −1.
     places : int
         At how many places of the edge the bounds were looked at.
     left : (K, 2)
         Intervals that are not proven.
     """
-    P = len(pairs)
+    P, m = pairs.radii.shape
+    rates, widest = np.zeros(P), 0.0
+    for p in range(P):
+        for i in range(m):
+            rates[p] += pairs.radii[p, i] * abs(motion[i])
+        rates[p] += growth[p] if len(growth) else 0.0
+        widest = max(widest, rates[p])
     poses = np.empty(len(bodies), POSE)
     axes, simplex, known = np.empty((P, 3)), np.empty((4, 3)), np.zeros(P, np.bool_)
-    there, now = values.copy(), required.copy()
-    place(chain, bodies, there, poses, False)
+    there, now = np.empty((1, m)), required.copy()
     waiting = np.empty((_WAITING, 2))
     waiting[0, 0], waiting[0, 1] = 0.0, 1.0
     number, places, first = 1, 0, 0
     while number > 0:
         low, high = waiting[number - 1]
         t, most = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + _ROUNDING)
-        for i in range(len(values)):
-            there[i] = values[i] + t * motion[i]
-            if not isfinite(there[i]):
+        for i in range(m):
+            there[0, i] = values[i] + t * motion[i]
+            if not isfinite(there[0, i]):
                 return False, -1.0, places, waiting[:number].copy()
         for p in range(len(growth)):
             now[p] = required[p] + t * growth[p]
-        place(chain, bodies, there, poses, True)
+        rotations, origins, joint_axes = joint_frames(
+            chain.parents, chain.rotations, chain.translations, chain.axes, chain.prismatic, there
+        )
+        if places == 0:
+            _place(bodies, poses, rotations[0], origins[0], False)
+        _place(bodies, poses, rotations[0], origins[0], True)
         half, first = _half_length(
-            bodies, starts, vertices, pairs, rates, now, poses, axes, simplex, known, most, first
+            bodies,
+            starts,
+            vertices,
+            pairs,
+            chain.prismatic,
+            origins[0],
+            joint_axes[0],
+            motion,
+            rates,
+            growth,
+            now,
+            poses,
+            axes,
+            simplex,
+            known,
+            most,
+            first,
         )
         places += 1
         if half >= most:
             number -= 1
-        elif half < least or number + 1 > _WAITING:
+        elif half * widest < least or number + 1 > _WAITING:
             return False, -1.0 if half > 0.0 else t, places, waiting[:number].copy()
         else:
             waiting[number - 1, 0], waiting[number - 1, 1] = t + half, high
