@@ -75,7 +75,7 @@ def _facts(result: PlanResult) -> dict[str, Any]:
     facts = {
         "solved": bool(result),
         "time": result.planning_time,
-        "queries": counts.collision_queries + counts.margin_queries,
+        "queries": counts.queries,
     }
     if result and result.report is not None and result.report.danger is not None:
         facts |= {"danger": result.report.danger.mean, "avoidable": result.report.danger.avoidable}

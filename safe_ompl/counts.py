@@ -35,6 +35,11 @@ class Counts:
     field_configurations: int = 0
     field_points: int = 0
 
+    @property
+    def queries(self) -> int:
+        """How often the whole robot was looked at for collisions at some configuration, in whatever way."""
+        return self.collision_queries + self.margin_queries + self.bound_queries
+
     def reset(self) -> None:
         """Set every counter to zero."""
         for field in fields(self):

@@ -14,8 +14,8 @@ from safe_ompl.maths.kernels.edge_bounds import Pairs, prove_edge
 from safe_ompl.robot.bodies.convex import ConvexBodies
 from safe_ompl.robot.robot import Robot
 
-# [m] What is proven is so much farther apart than it must be that coal, which is at most DISTANCE_ERROR off, never calls
-# a configuration of the motion nearer than that, and that a certificate of it can be issued. Rounding is far below.
+# [m] By this much more than it must, everything that is proven is apart: coal, at most DISTANCE_ERROR off, then never
+# calls a configuration of the motion too near, and its certificate can be issued. Rounding is far below.
 ALLOWANCE = 2 * DISTANCE_ERROR
 
 _LEAST = 2e-5  # [m] Bodies that move less than this in half of an interval are left to coal.
@@ -31,23 +31,21 @@ class BoundsProof(NamedTuple):
         Whether the whole edge keeps the distances required.
     at : float
         A fraction of the edge where the convex bodies that hold some pair seem to be nearer than required, or −1.
-    places : int
-        At how many places of the edge the bounds were looked at.
-    left : ndarray, shape (K, 2)
+    left : list of [float, float]
         Parts of the edge, from one fraction to another, that are not proven.
     """
 
     proven: bool
     at: float
-    places: int
-    left: FloatArray
+    left: list[list[float]]
 
     def covers(self, low: float, high: float) -> bool:
         """Return whether the edge is proven from one fraction to another."""
-        return not ((self.left[:, 0] < high) & (self.left[:, 1] > low)).any()
+        return not any(first < high and last > low for first, last in self.left)
 
 
-_UNKNOWN = BoundsProof(False, -1.0, 0, np.array([[0.0, 1.0]]))
+_UNKNOWN = BoundsProof(False, -1.0, [[0.0, 1.0]])
+_FREE = BoundsProof(True, -1.0, [])
 
 
 class DistanceBounds:
@@ -116,7 +114,7 @@ class DistanceBounds:
         """
         if not self._bounded:
             return _UNKNOWN
-        found = prove_edge(
+        proven, at, places, left = prove_edge(
             *self._data,
             self._coupling.values(start),
             self._coupling.motions(delta),
@@ -124,5 +122,5 @@ class DistanceBounds:
             _NOTHING if growth is None else growth,
             _LEAST,
         )
-        self._counts.bound_queries += found[2]
-        return BoundsProof(*found)
+        self._counts.bound_queries += places
+        return _FREE if proven else BoundsProof(False, at, left.tolist())

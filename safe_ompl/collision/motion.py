@@ -311,7 +311,9 @@ class CertifiedMotion:
             if half * widest < self._floor:
                 return Verdict.UNDECIDED, unproven[0]
             half /= 3
-            centres = _unknown([t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)], half, known)
+            centres = _unknown(
+                [t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)], half, known
+            )
 
 
 def _unknown(centres: list[float], half: float, known: BoundsProof) -> list[float]:

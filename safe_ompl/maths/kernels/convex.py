@@ -5,8 +5,8 @@ own: so are boxes, spheres, capsules, cylinders and polytopes. Its support in a 
 
     h(n) = max_k n·v_k + Σ_i |n_i| b_i + ρ √(n_x² + n_y²) + r.
 
-For any unit axis n that points from body B to body A their distance is at least −h_A(−n) − h_B(n), the width of the slab
-that separates them. A search only decides how good that bound is, never whether it holds.
+For any unit axis n that points from body B to body A their distance is at least −h_A(−n) − h_B(n), the width of the
+slab that separates them. A search only decides how good that bound is, never whether it holds.
 """
 
 from __future__ import annotations

@@ -5,13 +5,14 @@ c_p + t·g_p, g_p ≥ 0. If at t their distance is at least d_p, the pair keeps 
 
     s ≤ (d_p − c_p − t·g_p)/(W_p + g_p).
 
-The smallest s of all pairs is proven. Three bounds of d_p are tried in turn, each only where the one before would make s
-smaller: that of the balls about the bodies, that of the ball about one and the box about the other, and that of the
-supports of the bodies themselves along an axis (`convex`). This begins with the way from the box to the ball, and is kept
-for the next place on the edge; nothing is kept from one edge to the next, so that an edge is always decided alike.
+The smallest s of all pairs is proven. Three bounds of d_p are tried in turn, each only where the one before would make
+s smaller: that of the balls about the bodies, that of the ball about one and the box about the other, and that of the
+supports of the bodies themselves along an axis (`convex`). The axis is at first the way from the box to the ball, and
+is kept for the next place on the edge; nothing is kept from one edge to the next, so that an edge is always decided
+alike.
 
-R_pi is a constant at first. Where that would make s smaller it is also bounded at q(t): no point of a body is farther from
-the axis of joint i than the centre of its ball is, plus the radius.
+R_pi is a constant at first. Where that would make s smaller it is also bounded at q(t): no point of a body is farther
+from the axis of joint i than the centre of its ball is, plus the radius.
 """
 
 from __future__ import annotations
@@ -50,9 +51,7 @@ class Pairs(NamedTuple):
 
 
 @njit(cache=True)
-def _place(
-    bodies: Records, poses: Records, rotations: FloatArray, origins: FloatArray, moving: bool
-) -> None:
+def _place(bodies: Records, poses: Records, rotations: FloatArray, origins: FloatArray, moving: bool) -> None:
     """Write the poses of the bodies that joints with these frames carry, or of those that none does."""
     for g in range(len(bodies)):
         joint = bodies[g].joint - 1

@@ -1,8 +1,8 @@
 """Which vertices of a convex hull may be extreme in a direction, found ahead for all directions.
 
 The cube about the origin is divided into cells, g × g on each side. The directions through a cell are the cone of its
-corners c_1 … c_4; a vertex v that another one w beats in all of them, c_j·w ≥ c_j·v, need not be looked at there. The few
-that remain are kept cell by cell: whatever the direction, the extreme vertex is in the list of its cell.
+corners c_1 … c_4; a vertex v that another one w beats in all of them, c_j·w ≥ c_j·v, need not be looked at there. The
+few that remain are kept cell by cell: whatever the direction, the extreme vertex is in the list of its cell.
 """
 
 from __future__ import annotations
@@ -45,12 +45,14 @@ def _corner(side: int, u: float, v: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _beats(heights: FloatArray, k: int, other: int) -> bool:
+def _beats(heights: FloatArray, k: int, other: int) -> bool | np.bool_:
     """Return whether vertex k is as high as another one, or higher, in the directions of all corners."""
-    for j in range(4):
-        if heights[k, j] < heights[other, j]:
-            return False
-    return True
+    return (
+        heights[k, 0] >= heights[other, 0]
+        and heights[k, 1] >= heights[other, 1]
+        and heights[k, 2] >= heights[other, 2]
+        and heights[k, 3] >= heights[other, 3]
+    )
 
 
 @njit(cache=True)

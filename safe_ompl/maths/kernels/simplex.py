@@ -7,11 +7,13 @@ from numba import njit
 
 from safe_ompl.arrays import FloatArray
 
+Found = tuple[float, float, float, int]
+
 _FLAT = 1e-12  # squared sine of an angle of triangles that count as segments
 
 
 @njit(cache=True)
-def _in_segment(S: FloatArray, i: int, j: int) -> tuple[float, float, float, int]:
+def _in_segment(S: FloatArray, i: int, j: int) -> Found:
     """Return the nearest point of the segment of corners i and j, and the corners it lies between as bits."""
     x, y, z = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
     square = x * x + y * y + z * z
@@ -25,7 +27,7 @@ def _in_segment(S: FloatArray, i: int, j: int) -> tuple[float, float, float, int
 
 
 @njit(cache=True)
-def _in_triangle(S: FloatArray, i: int, j: int, k: int) -> tuple[float, float, float, int]:
+def _in_triangle(S: FloatArray, i: int, j: int, k: int) -> Found:
     """Return the nearest point of the triangle of corners i, j and k, and the corners it lies between as bits."""
     ux, uy, uz = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
     vx, vy, vz = S[k, 0] - S[i, 0], S[k, 1] - S[i, 1], S[k, 2] - S[i, 2]
@@ -38,17 +40,18 @@ def _in_triangle(S: FloatArray, i: int, j: int, k: int) -> tuple[float, float, f
         if s > 0.0 and t > 0.0 and s + t < 1.0:
             x, y, z = S[i, 0] + s * ux + t * vx, S[i, 1] + s * uy + t * vy, S[i, 2] + s * uz + t * vz
             return x, y, z, (1 << i) | (1 << j) | (1 << k)
-    best = _in_segment(S, i, j)
-    for n in range(2):
-        other = _in_segment(S, i, k) if n == 0 else _in_segment(S, j, k)
-        if other[0] ** 2 + other[1] ** 2 + other[2] ** 2 < best[0] ** 2 + best[1] ** 2 + best[2] ** 2:
-            best = other
+    best, least = _in_segment(S, i, j), np.inf
+    for n in range(3):
+        found = best if n == 0 else (_in_segment(S, i, k) if n == 1 else _in_segment(S, j, k))
+        square = found[0] ** 2 + found[1] ** 2 + found[2] ** 2
+        if square < least:
+            best, least = found, square
     return best
 
 
 @njit(cache=True)
 def _hides(S: FloatArray, i: int, j: int, k: int, opposite: int) -> bool:
-    """Return whether the origin is not on the side of a face, of corners i, j and k, where the fourth corner is."""
+    """Return whether the origin is not strictly on the side of a face, of corners i, j and k, where the fourth corner is."""
     ux, uy, uz = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
     vx, vy, vz = S[k, 0] - S[i, 0], S[k, 1] - S[i, 1], S[k, 2] - S[i, 2]
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -58,7 +61,7 @@ def _hides(S: FloatArray, i: int, j: int, k: int, opposite: int) -> bool:
 
 
 @njit(cache=True)
-def nearest_in_simplex(S: FloatArray, corners: int) -> tuple[float, float, float, int]:
+def nearest_in_simplex(S: FloatArray, corners: int) -> Found:
     """Return the point of a simplex that is nearest to the origin, and how many corners it lies between.
 
     Parameters
