@@ -87,8 +87,10 @@ class DistanceBounds:
             self._bodies,
             bodies.starts,
             bodies.vertices,
-            Pairs(pairs, np.ascontiguousarray(radii), moved),
+            Pairs(np.array(pairs), np.array(radii), moved),
         )
+        # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
+        self._edge = np.empty((2, radii.shape[1]))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
 
     def place_obstacles(self, geometry: pin.GeometryModel) -> None:
@@ -114,10 +116,11 @@ class DistanceBounds:
         """
         if not self._bounded:
             return _UNKNOWN
+        self._edge[0] = self._coupling.values(start)
+        self._edge[1] = self._coupling.motions(delta)
         proven, at, places, left = prove_edge(
             *self._data,
-            self._coupling.values(start),
-            self._coupling.motions(delta),
+            self._edge,
             required,
             _NOTHING if growth is None else growth,
             _LEAST,

@@ -185,8 +185,7 @@ def prove_edge(
     starts: IntArray,
     vertices: FloatArray,
     pairs: Pairs,
-    values: FloatArray,
-    motion: FloatArray,
+    edge: FloatArray,
     required: FloatArray,
     growth: FloatArray,
     least: float,
@@ -201,7 +200,7 @@ def prove_edge(
         The bodies (`BODY`), and the lists of their vertices.
     pairs : Pairs
         The pairs.
-    values, motion : (m,)
+    edge : (2, m)
         Values of the joints at the start, and how they change.
     required, growth : (P,)
         c_p with all allowances, and g_p; `growth` is empty where nothing grows.
@@ -220,6 +219,7 @@ def prove_edge(
         Intervals that are not proven.
     """
     P, m = pairs.radii.shape
+    values, motion = edge[0], edge[1]
     rates, widest = np.zeros(P), 0.0
     for p in range(P):
         for i in range(m):

@@ -45,9 +45,9 @@ def _corner(side: int, u: float, v: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _beats(heights: FloatArray, k: int, other: int) -> bool | np.bool_:
+def _beats(heights: FloatArray, k: int, other: int) -> bool:
     """Return whether vertex k is as high as another one, or higher, in the directions of all corners."""
-    return (
+    return bool(
         heights[k, 0] >= heights[other, 0]
         and heights[k, 1] >= heights[other, 1]
         and heights[k, 2] >= heights[other, 2]

@@ -40,7 +40,8 @@ def _in_triangle(S: FloatArray, i: int, j: int, k: int) -> Found:
         if s > 0.0 and t > 0.0 and s + t < 1.0:
             x, y, z = S[i, 0] + s * ux + t * vx, S[i, 1] + s * uy + t * vy, S[i, 2] + s * uz + t * vz
             return x, y, z, (1 << i) | (1 << j) | (1 << k)
-    best, least = _in_segment(S, i, j), np.inf
+    best: Found = _in_segment(S, i, j)
+    least = np.inf
     for n in range(3):
         found = best if n == 0 else (_in_segment(S, i, k) if n == 1 else _in_segment(S, j, k))
         square = found[0] ** 2 + found[1] ** 2 + found[2] ** 2
@@ -51,7 +52,7 @@ def _in_triangle(S: FloatArray, i: int, j: int, k: int) -> Found:
 
 @njit(cache=True)
 def _hides(S: FloatArray, i: int, j: int, k: int, opposite: int) -> bool:
-    """Return whether the origin is not strictly on the side of a face, of corners i, j and k, where the fourth corner is."""
+    """Return whether the origin is not on the same side of the face of corners i, j and k as the fourth corner."""
     ux, uy, uz = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
     vx, vy, vz = S[k, 0] - S[i, 0], S[k, 1] - S[i, 1], S[k, 2] - S[i, 2]
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx

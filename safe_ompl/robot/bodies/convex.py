@@ -49,7 +49,8 @@ class ConvexBodies:
             summands = _summands(part.geometry)
             bounded &= summands.bounded
             grid, own_starts, own_vertices = _listed(summands.vertices)
-            _fill(body, part, summands)
+            if summands.bounded:
+                _fill(body, part, summands)
             body["grid"], body["first_cell"] = grid, cells
             starts.append(own_starts[1:] + entries)
             lists.append(own_vertices)
@@ -98,7 +99,8 @@ def _summands(geometry: coal.CollisionGeometry) -> _Summands:
     if isinstance(geometry, coal.Cylinder):
         along = np.array([0.0, 0.0, geometry.halfLength])
         return _Summands(_POINT, along, disc=geometry.radius, ball=swept)
-    hull = bounding_hull(geometry)
+    with np.errstate(over="ignore"):  # of planes
+        hull = bounding_hull(geometry)
     if len(hull.points) > _MOST:
         hull = bounding_hull(geometry, coarse=True)
     return _Summands(hull.points, np.zeros(3), ball=hull.radius + swept)
