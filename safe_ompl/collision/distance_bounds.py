@@ -18,7 +18,7 @@ from safe_ompl.robot.robot import Robot
 # calls a configuration of the motion too near, and its certificate can be issued. Rounding is far below.
 ALLOWANCE = 2 * DISTANCE_ERROR
 
-_LEAST = 2e-5  # [m] Bodies that move less than this in half of an interval are left to coal.
+_INTERVALS = 64  # that wait to be proven, at most
 _NOTHING = np.zeros(0)
 
 
@@ -90,7 +90,7 @@ class DistanceBounds:
             Pairs(np.array(pairs), np.array(radii), moved),
         )
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
-        self._edge = np.empty((2, radii.shape[1]))
+        self._edge, self._left = np.empty((2, radii.shape[1])), np.empty((_INTERVALS, 2))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
 
     def place_obstacles(self, geometry: pin.GeometryModel) -> None:
@@ -101,7 +101,12 @@ class DistanceBounds:
             self._bodies["translation"][k] = placement.translation
 
     def prove(
-        self, start: FloatArray, delta: FloatArray, required: FloatArray, growth: FloatArray | None = None
+        self,
+        start: FloatArray,
+        delta: FloatArray,
+        required: FloatArray,
+        growth: FloatArray | None,
+        floor: float,
     ) -> BoundsProof:
         """Try to prove an edge.
 
@@ -111,19 +116,22 @@ class DistanceBounds:
             Its start, and the motion to its end.
         required : ndarray, shape (P,)
             [m] What pairs must keep at the start. `ALLOWANCE` should be in it.
-        growth : ndarray, shape (P,), optional
+        growth : ndarray, shape (P,), or None
             [m] How much more at the end.
+        floor : float
+            [m] Give up on an interval in whose halves the bodies move less than this.
         """
         if not self._bounded:
             return _UNKNOWN
         self._edge[0] = self._coupling.values(start)
         self._edge[1] = self._coupling.motions(delta)
-        proven, at, places, left = prove_edge(
+        number, at, places = prove_edge(
             *self._data,
             self._edge,
             required,
             _NOTHING if growth is None else growth,
-            _LEAST,
+            floor,
+            self._left,
         )
         self._counts.bound_queries += places
-        return _FREE if proven else BoundsProof(False, at, left.tolist())
+        return BoundsProof(False, at, self._left[:number].tolist()) if number else _FREE

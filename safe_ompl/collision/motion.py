@@ -276,7 +276,7 @@ class CertifiedMotion:
     ) -> tuple[Verdict, float | None]:
         checker, pairs = self._checker, required.pairs
         delta = checker.robot.difference(start, end)
-        known = pairs.bounds.prove(start, delta, required.allowed_for, required.growth)
+        known = pairs.bounds.prove(start, delta, required.allowed_for, required.growth, self._floor)
         if known.proven:
             return Verdict.FREE, None
         if known.at >= 0 and self._refused(start + known.at * delta, known.at, required):

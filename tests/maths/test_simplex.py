@@ -28,7 +28,7 @@ def nearest(corners):
 def test_the_nearest_point(rng, corners, away):
     between = set()
     for _ in range(300):
-        simplex = rng.normal(size=(4, 3)) + [away, 0.0, 0.0]
+        simplex = rng.normal((away, 0.0, 0.0), size=(4, 3))
         given = simplex[:corners].copy()
         *point, kept = nearest_in_simplex(simplex, corners)
         np.testing.assert_allclose(point, nearest(given), atol=1e-10)

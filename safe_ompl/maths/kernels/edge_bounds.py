@@ -27,7 +27,6 @@ from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.maths.kernels.convex import POSE, Records, distance_bounds, from_box
 from safe_ompl.maths.kernels.joints import joint_frames
 
-_WAITING = 64  # intervals at most
 _ROUNDING = 1e-12  # of the length of an interval, and of rates
 _NO_LENGTH = 1e-9  # [m]
 
@@ -189,7 +188,8 @@ def prove_edge(
     required: FloatArray,
     growth: FloatArray,
     least: float,
-) -> tuple[bool, float, int, FloatArray]:
+    left: FloatArray,
+) -> tuple[int, float, int]:
     """Try to prove an edge, and stop where that fails.
 
     Parameters
@@ -206,17 +206,18 @@ def prove_edge(
         c_p with all allowances, and g_p; `growth` is empty where nothing grows.
     least : float
         [m] Intervals in whose halves no two bodies approach each other by more are given up.
+    left : (M, 2)
+        Intervals that are not proven are written here; more than M cannot wait. (An array that is returned would be
+        made by Python code, where a Ctrl-C becomes a SystemError.)
 
     Returns
     -------
-    proven : bool
-        Whether all of the edge is.
+    number : int
+        How many these are; none: the edge is proven.
     at : float
         Where some pair cannot be told from one that is too near, or −1.
     places : int
         At how many places of the edge the bounds were looked at.
-    left : (K, 2)
-        Intervals that are not proven.
     """
     P, m = pairs.radii.shape
     values, motion = edge[0], edge[1]
@@ -229,16 +230,15 @@ def prove_edge(
     poses = np.empty(len(bodies), POSE)
     axes, simplex, known = np.empty((P, 3)), np.empty((4, 3)), np.zeros(P, np.bool_)
     there, now = np.empty((1, m)), required.copy()
-    waiting = np.empty((_WAITING, 2))
-    waiting[0, 0], waiting[0, 1] = 0.0, 1.0
+    left[0, 0], left[0, 1] = 0.0, 1.0
     number, places, first = 1, 0, 0
     while number > 0:
-        low, high = waiting[number - 1]
+        low, high = left[number - 1, 0], left[number - 1, 1]
         t, most = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + _ROUNDING)
         for i in range(m):
             there[0, i] = values[i] + t * motion[i]
             if not isfinite(there[0, i]):
-                return False, -1.0, places, waiting[:number].copy()
+                return number, -1.0, places
         for p in range(len(growth)):
             now[p] = required[p] + t * growth[p]
         rotations, origins, joint_axes = joint_frames(
@@ -269,10 +269,10 @@ def prove_edge(
         places += 1
         if half >= most:
             number -= 1
-        elif half * widest < least or number + 1 > _WAITING:
-            return False, -1.0 if half > 0.0 else t, places, waiting[:number].copy()
+        elif half * widest < least or number == len(left):
+            return number, -1.0 if half > 0.0 else t, places
         else:
-            waiting[number - 1, 0], waiting[number - 1, 1] = t + half, high
-            waiting[number, 0], waiting[number, 1] = low, t - half
+            left[number - 1, 0], left[number - 1, 1] = t + half, high
+            left[number, 0], left[number, 1] = low, t - half
             number += 1
-    return True, -1.0, places, waiting[:0].copy()
+    return 0, -1.0, places
