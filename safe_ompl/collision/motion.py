@@ -291,11 +291,11 @@ class CertifiedMotion:
         unproven: list[float] = []
         while True:
             known_free, unproven = set(unproven), []
-            margins = half * approach + required.at_start
+            margins = half * approach + required.provable(0.0)
             margins.setflags(write=False)  # so that queries see that it does not change
             for t in centres:
                 if required.growth is not None:
-                    margins = half * approach + required.at(t)
+                    margins = half * approach + required.provable(t)
                 q = start + t * delta
                 if pairs.within_margins(q, margins):
                     if t not in known_free and checker.touches(q):
@@ -303,11 +303,10 @@ class CertifiedMotion:
                     unproven.append(t)
             if not unproven:
                 return Verdict.FREE, None
-            if required.any:
-                unknown = (t for t in unproven if t not in known_free)
-                blocked = next((t for t in unknown if required.violated(start + t * delta, t)), None)
-                if blocked is not None:
-                    return Verdict.BLOCKED, blocked
+            for t in unproven:
+                q = start + t * delta
+                if t not in known_free and pairs.within_margins(q, required.provable(t)):
+                    return Verdict.BLOCKED if required.violated(q, t) else Verdict.UNDECIDED, t
             if half * widest < self._floor:
                 return Verdict.UNDECIDED, unproven[0]
             half /= 3
