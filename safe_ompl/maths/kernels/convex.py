@@ -54,7 +54,7 @@ _TIGHT = 0.9  # of the distance: a bound as good as this is not improved any mor
 _OVERLAPPING = 1e-12  # [m] between bodies that count as overlapping
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def support(
     body: Records, pose: Records, starts: IntArray, vertices: FloatArray, x: float, y: float, z: float
 ) -> Vector:

@@ -15,7 +15,7 @@ from safe_ompl.arrays import FloatArray, IntArray
 _OVERLAP = 1e-9  # of cells, so that a direction on their border may be looked up in either
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def cell_of(x: float, y: float, z: float, grid: int) -> int:
     """Return the cell of a direction: six sides (±x, ±y, ±z) of grid × grid cells; 0 where there is no grid."""
     if grid == 0:
