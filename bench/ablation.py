@@ -43,7 +43,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any], bool]] = {
 
 COLUMNS: dict[str, Callable[[SafeSetup, PlanResult], float]] = {
     "ms": lambda setup, result: 1e3 * (result.planning_time + result.simplification_time),
-    "checks": lambda setup, result: result.counts.margin_queries + result.counts.collision_queries,
+    "checks": lambda setup, result: result.counts.queries,
     "length": lambda setup, result: result.report.length,
     "mean": lambda setup, result: result.report.danger.mean,
     "peak": lambda setup, result: result.report.danger.max,

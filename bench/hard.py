@@ -90,7 +90,7 @@ def _run(setup: SafeSetup, name: str, seed: int, limit: float) -> dict[str, Any]
     run = {
         "solved": bool(setup.haveExactSolutionPath()),
         "time": process_time() - begin,
-        "queries": counts.collision_queries + counts.margin_queries + counts.distance_queries,
+        "queries": counts.queries,
     }
     if run["solved"]:
         report = setup.report(setup.solution())

@@ -65,7 +65,7 @@ def show(results: dict[str, list[PlanResult]], touching: dict[str, int] | None) 
     both = [k for k in range(len(results[PLANNERS[0]])) if all(runs[k] for runs in results.values())]
     rows = {
         "planning time [ms]": lambda r: 1e3 * r.planning_time,
-        "margin + collision queries": lambda r: r.counts.margin_queries + r.counts.collision_queries,
+        "queries": lambda r: r.counts.queries,
         "field evaluations": lambda r: r.counts.field_configurations,
         "nodes": lambda r: r.counts.nodes,
         "length [rad]": lambda r: r.report.length,

@@ -118,7 +118,7 @@ def count_queries(setups: list[SafeSetup], action: Callable[[], object]) -> int:
     for setup in setups:
         setup.counts.reset()
     action()
-    return sum(setup.counts.collision_queries + setup.counts.margin_queries for setup in setups)
+    return sum(setup.counts.queries for setup in setups)
 
 
 def main() -> None:

@@ -17,6 +17,8 @@ class Counts:
         Whole-robot boolean collision queries without margin.
     margin_queries : int
         Whole-robot boolean collision queries with security margins (certified motions).
+    bound_queries : int
+        Places of motions at which lower bounds of distances were looked at (certified motions); no query of coal's.
     distance_queries : int
         Whole-robot distance queries.
     field_configurations : int
@@ -28,9 +30,15 @@ class Counts:
     nodes: int = 0
     collision_queries: int = 0
     margin_queries: int = 0
+    bound_queries: int = 0
     distance_queries: int = 0
     field_configurations: int = 0
     field_points: int = 0
+
+    @property
+    def queries(self) -> int:
+        """How often the whole robot was looked at for collisions at some configuration, in whatever way."""
+        return self.collision_queries + self.margin_queries + self.bound_queries
 
     def reset(self) -> None:
         """Set every counter to zero."""

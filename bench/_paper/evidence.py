@@ -16,9 +16,7 @@ from safe_ompl.setup.safe_setup import PlanResult
 COLUMNS: Mapping[str, Callable[[PlanResult], float]] = {
     "time": lambda result: result.planning_time,
     "nodes": lambda result: result.counts.nodes,
-    "checks": lambda result: (
-        result.counts.collision_queries + result.counts.margin_queries + result.counts.distance_queries
-    ),
+    "checks": lambda result: result.counts.queries + result.counts.distance_queries,
     "field": lambda result: result.counts.field_configurations,
 }
 

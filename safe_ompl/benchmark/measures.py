@@ -66,7 +66,7 @@ SUMMARISED: Mapping[str, tuple[str, ...]] = {
     "clearance_min": ("clearance min",),
     "clearance_mean": ("clearance mean",),
     "length_below_50mm": ("length below 50mm",),
-    "queries": ("collision queries", "margin queries"),
+    "queries": ("collision queries", "margin queries", "bound queries"),
     "field_configurations": ("field configurations",),
 }
 

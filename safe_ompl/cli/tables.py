@@ -148,8 +148,8 @@ def _facts(result: PlanResult) -> Iterator[tuple[str, str]]:
     yield (
         "work",
         f"{counts.nodes} nodes; {counts.collision_queries} collision, {counts.margin_queries} margin, "
-        f"{counts.distance_queries} distance queries; field at {counts.field_configurations} configurations "
-        f"({counts.field_points} points)",
+        f"{counts.bound_queries} bound, {counts.distance_queries} distance queries; "
+        f"field at {counts.field_configurations} configurations ({counts.field_points} points)",
     )
 
 

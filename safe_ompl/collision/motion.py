@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.collision.arguments import unchecked
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.distance_bounds import BoundsProof
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
 from safe_ompl.errors import InputError
 from safe_ompl.robot.joint_limits import JointLimits
@@ -284,26 +285,35 @@ class CertifiedMotion:
         refused = (found for found in verdicts if found.verdict is not Verdict.FREE)
         return next(refused, MotionVerdict(Verdict.FREE))
 
+    def _refused(self, q: FloatArray, t: float, required: RequiredDistances) -> bool:
+        """Return whether the robot touches something, or is nearer than it must be, at the fraction t of an edge."""
+        return self._checker.touches(q) or required.violated(q, t)
+
     def _subdivide(
         self, start: FloatArray, end: FloatArray, required: RequiredDistances
     ) -> tuple[Verdict, float | None]:
         checker, pairs = self._checker, required.pairs
         delta = checker.robot.difference(start, end)
+        known = pairs.bounds.prove(start, delta, required.allowed_for, required.growth, self._floor)
+        if known.proven:
+            return Verdict.FREE, None
+        if known.at >= 0 and self._refused(start + known.at * delta, known.at, required):
+            return Verdict.BLOCKED, known.at
         approach = pairs.radii @ np.abs(delta)
         if required.growth is not None:
             approach = approach + required.growth
         widest = float(approach.max(initial=0.0))
         count = max(1, ceil(0.5 * widest / _FIRST_REACH))
         half = 0.5 / count
-        centres = [(2 * k + 1) * half for k in range(count)]
+        centres = _unknown([(2 * k + 1) * half for k in range(count)], half, known)
         unproven: list[float] = []
         while True:
             known_free, unproven = set(unproven), []
-            margins = half * approach + required.at_start
+            margins = half * approach + required.provable(0.0)
             margins.setflags(write=False)  # so that queries see that it does not change
             for t in centres:
                 if required.growth is not None:
-                    margins = half * approach + required.at(t)
+                    margins = half * approach + required.provable(t)
                 q = start + t * delta
                 if pairs.within_margins(q, margins):
                     if t not in known_free and checker.touches(q):
@@ -311,12 +321,18 @@ class CertifiedMotion:
                     unproven.append(t)
             if not unproven:
                 return Verdict.FREE, None
-            if required.any:
-                unknown = (t for t in unproven if t not in known_free)
-                blocked = next((t for t in unknown if required.violated(start + t * delta, t)), None)
-                if blocked is not None:
-                    return Verdict.BLOCKED, blocked
+            for t in unproven:
+                q = start + t * delta
+                if t not in known_free and pairs.within_margins(q, required.provable(t)):
+                    return Verdict.BLOCKED if required.violated(q, t) else Verdict.UNDECIDED, t
             if half * widest < self._floor:
                 return Verdict.UNDECIDED, unproven[0]
             half /= 3
-            centres = [t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)]
+            centres = _unknown(
+                [t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)], half, known
+            )
+
+
+def _unknown(centres: list[float], half: float, known: BoundsProof) -> list[float]:
+    """Return the centres of those intervals that are not known to be free."""
+    return [t for t in centres if not known.covers(t - half, t + half)]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
+from safe_ompl.collision.distance_bounds import DistanceBounds
 from safe_ompl.collision.queries import Queries, indices
 from safe_ompl.counts import Counts
 from safe_ompl.robot.robot import Robot
@@ -72,8 +74,8 @@ class PairSet:
         self._queries = Queries(robot, geometry, len(geometry.geometryObjects) - links)
 
     def _take_radii(self, obstacle_radii: FloatArray) -> None:
-        joint_radii = _pair_radii(self._robot.joint_radii, self.bodies, obstacle_radii)
-        self.radii: FloatArray = self._robot.coupling.radii(joint_radii)
+        self._joint_radii = _pair_radii(self._robot.joint_radii, self.bodies, obstacle_radii)
+        self.radii: FloatArray = self._robot.coupling.radii(self._joint_radii)
         self.radii.setflags(write=False)
 
     def follow(self, obstacle_radii: FloatArray, *, new_shapes: bool) -> None:
@@ -89,10 +91,16 @@ class PairSet:
         if new_shapes:
             self._queries.take_new_shapes()
         self._take_radii(obstacle_radii)
+        vars(self).pop("bounds", None)
         self.revision += 1
 
     def __repr__(self) -> str:
         return f"PairSet({self._robot.name!r}, {len(self.names)} pairs)"
+
+    @cached_property
+    def bounds(self) -> DistanceBounds:
+        """Lower bounds of the distances of the pairs, which prove most motions without a query."""
+        return DistanceBounds(self._robot, self.geometry, self.bodies, self._joint_radii, self._counts)
 
     def margins(self, obstacles: float, links: float = 0.0) -> FloatArray:
         """Return margins (P,), read-only: one [m] for pairs with an obstacle, one for pairs of two links."""

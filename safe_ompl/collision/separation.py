@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.checker import DISTANCE_ERROR, CollisionChecker
+from safe_ompl.collision.distance_bounds import ALLOWANCE
 from safe_ompl.collision.min_clearance import MinClearance
 from safe_ompl.collision.pairs import PairSet
 from safe_ompl.errors import InputError
@@ -126,6 +127,7 @@ class Separation:
 
 
 TOUCHING_ONLY = Separation()
+_SPARE = ALLOWANCE - DISTANCE_ERROR  # [m] Queries add the latter; together it is what distance bounds keep.
 
 
 class RequiredDistances:
@@ -142,6 +144,8 @@ class RequiredDistances:
 
     Attributes
     ----------
+    allowed_for : ndarray, shape (P,)
+        [m] `at_start` with what distance bounds keep besides, so that coal agrees.
     any : bool
         Whether any pair must keep more than not touching.
     """
@@ -151,11 +155,18 @@ class RequiredDistances:
         self.pairs = pairs
         self.at_start = at_start
         self.growth = growth if growth is not None and growth.any() else None
+        self.allowed_for = at_start + ALLOWANCE
+        self._provable = at_start + _SPARE
+        self._provable.setflags(write=False)
         self.any = self.growth is not None or bool(at_start.any())
 
     def at(self, t: float) -> FloatArray:
         """Return the distances (P,) [m] at a fraction t ∈ [0, 1] of the edge."""
         return self.at_start if self.growth is None else self.at_start + t * self.growth
+
+    def provable(self, t: float) -> FloatArray:
+        """Return the least margins (P,) [m] of queries that prove anything at a fraction t ∈ [0, 1] of the edge."""
+        return self._provable if self.growth is None else self._provable + t * self.growth
 
     def violated(self, q: FloatArray, t: float = 0.0) -> bool:
         """Return whether a pair is nearer than it must be at `q: (n,)`; pairs that need only not touch do not count."""

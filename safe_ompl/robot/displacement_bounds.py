@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
 from safe_ompl.maths.halton import halton_point
+from safe_ompl.robot.bodies.convex import ConvexBodies
 from safe_ompl.robot.bodies.reach import Hull, ReachCylinder, bounding_hull
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 
@@ -49,6 +50,11 @@ class DisplacementBounds(ForwardKinematics):
             for k, part in enumerate(self._bodies)
             if part.parentJoint != 0
         }
+
+    @cached_property
+    def convex_bodies(self) -> ConvexBodies:
+        """The bodies of `collision_model`, in its order, as convex ones that hold them."""
+        return ConvexBodies.of(self._bodies)
 
     @cached_property
     def keypoint_radii(self) -> FloatArray:

@@ -64,7 +64,7 @@ def test_measurements_reach_the_database(setup: SafeSetup, tmp_path: Path) -> No
         assert 0 < run["danger_mean"] < run["danger_max"]
         assert 0 < run["danger_integral"] > run["danger_avoidable"]
         assert 0 < run["clearance_min"] < run["clearance_mean"]
-        assert run["margin_queries"] > 0
+        assert run["bound_queries"] > 0
         assert run["time"] > 0
         assert run["memory"] >= 0
         assert run["simplified_solution_length"] > 0
@@ -81,7 +81,7 @@ def test_a_run_is_what_plan_does_with_the_same_seed_in_any_process(setup: SafeSe
         (planner,) = benchmark.getRecordedExperimentData().planners
         for run, plan in zip(planner.runs, plans, strict=True):
             assert run["danger integral"] == plan.report.danger.integral
-            assert run["margin queries"] == plan.counts.margin_queries
+            assert run["bound queries"] == plan.counts.bound_queries
 
 
 def test_goals_in_the_workspace_start_anew_in_every_run(tmp_path: Path) -> None:

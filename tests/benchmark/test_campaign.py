@@ -198,7 +198,7 @@ def test_summaries(results: list[PlanResult]) -> None:
     assert summary.profiles.shape == (5, 101)
     assert summary.typical is mine[int(np.argsort(dangers)[2])]
     for result, queries in zip(mine, summary.metrics["queries"], strict=True):
-        assert queries == result.counts.collision_queries + result.counts.margin_queries
+        assert queries == result.counts.queries
 
 
 def test_summary_as_plain_data(results: list[PlanResult]) -> None:

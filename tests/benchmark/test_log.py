@@ -61,6 +61,7 @@ def test_results_reach_the_database(results: list[PlanResult], tmp_path: Path) -
         assert run["time"] == result.planning_time
         assert run["graph_states"] == result.counts.nodes
         assert run["margin_queries"] == result.counts.margin_queries
+        assert run["bound_queries"] == result.counts.bound_queries
         if result.report is None:
             assert run["solution_length"] is run["danger_mean"] is None
         else:

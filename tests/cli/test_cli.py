@@ -48,6 +48,7 @@ COUNTS = [
     "nodes",
     "collision_queries",
     "margin_queries",
+    "bound_queries",
     "distance_queries",
     "field_configurations",
     "field_points",
@@ -150,7 +151,7 @@ def assert_solved_record(record: dict[str, Any]) -> None:
     assert 0 <= clearance["at"] <= 1
     assert 0 <= clearance["length_below_50mm"] <= record["length"] + 1e-9
     assert all(isinstance(number, int) and number >= 0 for number in record["counts"].values())
-    assert record["counts"]["margin_queries"] > 0
+    assert record["counts"]["bound_queries"] > 0
 
 
 # ---------------------------------------------------------------------------------------------------- plan

@@ -8,8 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.distance_bounds import BoundsProof, DistanceBounds
 from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict, Verdict
+from safe_ompl.counts import Counts
 from safe_ompl.errors import InputError
+from safe_ompl.paths.certificate.issue import certificate
+from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -200,8 +204,8 @@ def test_a_large_floor_asks_little(ball_on_a_crank):
         CertifiedMotion(checker, floor).check(np.array([-0.51]), np.array([0.5]))
         work.append(checker.counts.margin_queries + checker.counts.distance_queries)
     assert work == sorted(work)
-    assert work[0] <= 10
-    assert work[-1] < 300
+    assert work[0] <= 14
+    assert work[-1] < 400
 
 
 def test_a_motion_of_no_length(ball_on_a_crank):
@@ -216,12 +220,11 @@ def test_a_robot_alone_in_the_world_moves_freely(ball_on_a_crank):
     assert motion.check(np.array([-3.0]), np.array([3.0])) == MotionVerdict(Verdict.FREE)
 
 
-def test_short_edges_far_from_everything_cost_one_query(ur5):
+def test_short_edges_far_from_everything_cost_one_look(ur5):
     checker = CollisionChecker(ur5, Scene((Obstacle("ball", Sphere(0.1), Pose((0.0, 0.9, 0.9))),)))
     start = np.array([0.0, -1.5, 0.5, -0.5, 0.3, 0.0])
     assert CertifiedMotion(checker).is_free(start, start + 0.05)
-    assert checker.counts.margin_queries == 1
-    assert checker.counts.collision_queries == 0
+    assert checker.counts == Counts(bound_queries=1)
 
 
 # ---------------------------------------------------------------------------------------------- continuous joints
@@ -344,3 +347,16 @@ def test_motions_as_people_write_them(ball_on_a_crank):
         for ask in (motion.is_free, motion.check):
             with pytest.raises(InputError, match=r"(start|end) of a motion must"):
                 ask(start, end)
+
+
+@pytest.mark.parametrize("gap", [5e-6, 1.1e-5, 1.3e-5, 1.6e-5, 1.9e-5, 2.6e-5, 5e-5])
+@pytest.mark.parametrize("by_bounds", [True, False])
+def test_what_is_proven_can_be_certified(ball_on_a_crank, monkeypatch, gap, by_bounds):
+    """On a tiago without an SRDF, links of a finger passed each other at 10 to 12 µm: proven, but not certified."""
+    scene, path = beside(gap), [[-0.51], [0.5]]
+    if not by_bounds:
+        monkeypatch.setattr(DistanceBounds, "prove", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
+    free = CertifiedMotion(CollisionChecker(ball_on_a_crank, scene)).is_free(*np.array(path))
+    assert free is (gap > 2e-5)
+    if free:
+        verify(certificate(path, ball_on_a_crank, scene), ball_on_a_crank, scene)

@@ -292,5 +292,5 @@ def test_the_clearance_of_every_obstacle(crank):
 def test_in_one_line(crank):
     assert repr(report(crank, [[-1], [1]])) == "PathReport(2 rad, certified: collision)"
     text = repr(report(crank, [[-1], [1]], balls(0.55)))
-    assert text.startswith("PathReport(2 rad, not proven free; edge 0 is blocked at 0.4")
+    assert text.startswith("PathReport(2 rad, not proven free; edge 0 is blocked at 0.5")
     assert text.endswith("'ball' and 'ball0')")

@@ -37,7 +37,7 @@ def test_a_plan_simplified(setup):
     assert simple.report.certified
     np.testing.assert_allclose(simple.path[[0, -1]], raw.path[[0, -1]])
     assert setup.simplifier.cost.of(simple.path) < setup.simplifier.cost.of(raw.path)
-    assert simple.counts.margin_queries > raw.counts.margin_queries
+    assert simple.counts.bound_queries > raw.counts.bound_queries
     assert simple.counts.nodes == raw.counts.nodes
 
 

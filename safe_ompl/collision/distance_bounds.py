@@ -1,0 +1,137 @@
+"""Proofs of motions by lower bounds of distances, without coal (`safe_ompl.maths.kernels.edge_bounds`)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.collision.queries import DISTANCE_ERROR
+from safe_ompl.counts import Counts
+from safe_ompl.maths.kernels.edge_bounds import Pairs, prove_edge
+from safe_ompl.robot.bodies.convex import ConvexBodies
+from safe_ompl.robot.robot import Robot
+
+# [m] By this much more than it must, everything that is proven is apart: coal, at most DISTANCE_ERROR off, then never
+# calls a configuration of the motion too near, and its certificate can be issued. Rounding is far below.
+ALLOWANCE = 2 * DISTANCE_ERROR
+
+_INTERVALS = 64  # that wait to be proven, at most
+_NOTHING = np.zeros(0)
+
+
+class BoundsProof(NamedTuple):
+    """What lower bounds of distances prove of an edge.
+
+    Attributes
+    ----------
+    proven : bool
+        Whether the whole edge keeps the distances required.
+    at : float
+        A fraction of the edge where the convex bodies that hold some pair seem to be nearer than required, or −1.
+    left : list of [float, float]
+        Parts of the edge, from one fraction to another, that are not proven.
+    """
+
+    proven: bool
+    at: float
+    left: list[list[float]]
+
+    def covers(self, low: float, high: float) -> bool:
+        """Return whether the edge is proven from one fraction to another."""
+        return not any(first < high and last > low for first, last in self.left)
+
+
+_UNKNOWN = BoundsProof(False, -1.0, [[0.0, 1.0]])
+_FREE = BoundsProof(True, -1.0, [])
+
+
+class DistanceBounds:
+    """Lower bounds of the distances of pairs of bodies, by the convex bodies that hold them.
+
+    Every bound holds, whatever the configuration. Nothing is kept from one question to the next: an edge is always
+    decided alike.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    geometry : pin.GeometryModel
+        Its bodies and, after them, the parts of the obstacles.
+    pairs : ndarray of int, shape (P, 2)
+        The pairs.
+    radii : ndarray, shape (P, m)
+        Their displacement radii by the joints of Pinocchio's model.
+    counts : Counts
+        Counts the places at which bounds are looked at.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        geometry: pin.GeometryModel,
+        pairs: IntArray,
+        radii: FloatArray,
+        counts: Counts,
+    ) -> None:
+        own = robot.convex_bodies
+        self._first_obstacle = len(own.bodies)
+        bodies = own.joined(ConvexBodies.of(list(geometry.geometryObjects)[self._first_obstacle :]))
+        moved = np.zeros((len(bodies.bodies), robot.joint_radii.shape[1]), dtype=bool)
+        moved[: self._first_obstacle] = robot.joint_radii > 0
+        self._bodies = bodies.bodies
+        self._data = (
+            robot.kinematics.joints,
+            self._bodies,
+            bodies.starts,
+            bodies.vertices,
+            Pairs(np.array(pairs), np.array(radii), moved),
+        )
+        # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
+        self._edge, self._left = np.empty((2, radii.shape[1])), np.empty((_INTERVALS, 2))
+        self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
+
+    def place_obstacles(self, geometry: pin.GeometryModel) -> None:
+        """Take over where the obstacles of a geometry model with the same bodies are now."""
+        for k in range(self._first_obstacle, len(self._bodies)):
+            placement = geometry.geometryObjects[k].placement
+            self._bodies["rotation"][k] = placement.rotation
+            self._bodies["translation"][k] = placement.translation
+
+    def prove(
+        self,
+        start: FloatArray,
+        delta: FloatArray,
+        required: FloatArray,
+        growth: FloatArray | None,
+        floor: float,
+    ) -> BoundsProof:
+        """Try to prove an edge.
+
+        Parameters
+        ----------
+        start, delta : ndarray, shape (n,)
+            Its start, and the motion to its end.
+        required : ndarray, shape (P,)
+            [m] What pairs must keep at the start. `ALLOWANCE` should be in it.
+        growth : ndarray, shape (P,), or None
+            [m] How much more at the end.
+        floor : float
+            [m] Give up on an interval in whose halves the bodies move less than this.
+        """
+        if not self._bounded:
+            return _UNKNOWN
+        self._edge[0] = self._coupling.values(start)
+        self._edge[1] = self._coupling.motions(delta)
+        number, at, places = prove_edge(
+            *self._data,
+            self._edge,
+            required,
+            _NOTHING if growth is None else growth,
+            floor,
+            self._left,
+        )
+        self._counts.bound_queries += places
+        return BoundsProof(False, at, self._left[:number].tolist()) if number else _FREE

@@ -1,0 +1,149 @@
+"""Bounds of the distance of two convex bodies, from their supports along an axis.
+
+A body is the Minkowski sum of the convex hull of vertices, a box, a disc about its z axis and a ball, in a frame of its
+own: so are boxes, spheres, capsules, cylinders and polytopes. Its support in a direction n is the sum of theirs,
+
+    h(n) = max_k n·v_k + Σ_i |n_i| b_i + ρ √(n_x² + n_y²) + r.
+
+For any unit axis n that points from body B to body A their distance is at least −h_A(−n) − h_B(n), the width of the
+slab that separates them. A search only decides how good that bound is, never whether it holds.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.maths.kernels.compiled import compiled
+from safe_ompl.maths.kernels.extreme_vertices import cell_of
+from safe_ompl.maths.kernels.simplex import nearest_in_simplex
+
+Records: TypeAlias = Any  # a structured array, or a row of one
+Vector = tuple[float, float, float]
+
+BODY = np.dtype(
+    [
+        ("joint", np.intp),  # number of the joint that carries it; 0: the world
+        ("rotation", np.float64, (3, 3)),  # of its frame in that of the joint
+        ("translation", np.float64, (3,)),
+        ("centre", np.float64, (3,)),  # in its frame, of a ball that holds it,
+        ("reach", np.float64),  # of this radius,
+        ("extent", np.float64, (3,)),  # and of a box that holds it, of these half sides
+        ("box", np.float64, (3,)),  # b
+        ("disc", np.float64),  # ρ
+        ("ball", np.float64),  # r
+        ("grid", np.intp),  # of the lists of its vertices: see `extreme_vertices`
+        ("first_cell", np.intp),  # its first list
+    ],
+    align=True,
+)
+POSE = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),  # of a body in the world
+        ("origin", np.float64, (3,)),
+        ("centre", np.float64, (3,)),  # of the ball that holds it
+    ],
+    align=True,
+)
+
+_STEPS = 32  # of the search for an axis
+_TIGHT = 0.9  # of the distance: a bound as good as this is not improved any more
+_OVERLAPPING = 1e-12  # [m] between bodies that count as overlapping
+
+
+@compiled
+def support(
+    body: Records, pose: Records, starts: IntArray, vertices: FloatArray, x: float, y: float, z: float
+) -> Vector:
+    """Return the point of a body, without its ball, that is farthest in the direction (x, y, z) of the world."""
+    R = pose.rotation
+    a = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+    b = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+    c = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+    cell = body.first_cell + cell_of(a, b, c, body.grid)
+    best = starts[cell]
+    most = a * vertices[best, 0] + b * vertices[best, 1] + c * vertices[best, 2]
+    for k in range(best + 1, starts[cell + 1]):
+        height = a * vertices[k, 0] + b * vertices[k, 1] + c * vertices[k, 2]
+        if height > most:
+            best, most = k, height
+    box, disc = body.box, body.disc
+    u = vertices[best, 0] + (box[0] if a >= 0 else -box[0])
+    v = vertices[best, 1] + (box[1] if b >= 0 else -box[1])
+    w = vertices[best, 2] + (box[2] if c >= 0 else -box[2])
+    if disc > 0:
+        across = sqrt(a * a + b * b)
+        if across > 0:
+            u += disc * a / across
+            v += disc * b / across
+    o = pose.origin
+    return (
+        R[0, 0] * u + R[0, 1] * v + R[0, 2] * w + o[0],
+        R[1, 0] * u + R[1, 1] * v + R[1, 2] * w + o[1],
+        R[2, 0] * u + R[2, 1] * v + R[2, 2] * w + o[2],
+    )
+
+
+@compiled
+def from_box(body: Records, pose: Records, point: FloatArray) -> Vector:
+    """Return the way, in the world, from the box that holds a body to a point (3,)."""
+    R, o, half = pose.rotation, pose.centre, body.extent
+    x, y, z = point[0] - o[0], point[1] - o[1], point[2] - o[2]
+    a = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+    b = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+    c = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+    a -= min(max(a, -half[0]), half[0])
+    b -= min(max(b, -half[1]), half[1])
+    c -= min(max(c, -half[2]), half[2])
+    return (
+        R[0, 0] * a + R[0, 1] * b + R[0, 2] * c,
+        R[1, 0] * a + R[1, 1] * b + R[1, 2] * c,
+        R[2, 0] * a + R[2, 1] * b + R[2, 2] * c,
+    )
+
+
+@compiled
+def distance_bounds(
+    body_a: Records,
+    pose_a: Records,
+    body_b: Records,
+    pose_b: Records,
+    starts: IntArray,
+    vertices: FloatArray,
+    axis: FloatArray,
+    simplex: FloatArray,
+    enough: float,
+    least: float,
+) -> tuple[float, float]:
+    """Return a lower and an upper bound of the distance [m] of bodies a and b; −∞ as the upper one if they overlap.
+
+    The algorithm of Gilbert, Johnson and Keerthi. It begins with an `axis: (3,)` from b to a, and ends as soon as the
+    lower bound is `enough`, or tight, or the upper one shows that `least` cannot be reached; the best axis is left in
+    `axis`. `simplex: (4, 3)` is working memory.
+    """
+    balls = body_a.ball + body_b.ball
+    x, y, z = axis[0], axis[1], axis[2]
+    lower, upper = -inf, inf
+    corners = 0
+    for _ in range(_STEPS):
+        p = support(body_a, pose_a, starts, vertices, -x, -y, -z)
+        q = support(body_b, pose_b, starts, vertices, x, y, z)
+        u, v, w = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+        bound = (u * x + v * y + w * z) / sqrt(x * x + y * y + z * z) - balls
+        if bound > lower:
+            lower = bound
+            axis[0], axis[1], axis[2] = x, y, z
+        if lower >= enough or lower >= _TIGHT * upper:
+            break
+        simplex[corners, 0], simplex[corners, 1], simplex[corners, 2] = u, v, w
+        x, y, z, corners = nearest_in_simplex(simplex, corners + 1)
+        between = sqrt(x * x + y * y + z * z)
+        if corners == 4 or between < _OVERLAPPING:
+            return lower, -inf
+        upper = between - balls
+        if upper <= least:
+            break
+    return lower, upper

@@ -1,0 +1,196 @@
+"""Proofs of edges by distance bounds: what they prove is free, and they change no verdict."""
+
+from functools import cache
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.distance_bounds import ALLOWANCE, BoundsProof, DistanceBounds
+from safe_ompl.collision.motion import FLOOR, CertifiedMotion, Verdict
+from safe_ompl.collision.separation import Separation
+from safe_ompl.counts import Counts
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box
+from safe_ompl.scene.shapes.cloud import PointCloud
+
+ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
+STEP = 0.01  # [rad]
+
+
+def edges(robot, number, longest=1.2, seed=0):
+    """Return random edges within the limits, and the motions along them."""
+    rng = np.random.default_rng(seed)
+    for _ in range(number):
+        start = rng.uniform(robot.lower, robot.upper)
+        end = start + rng.uniform(0, longest) * rng.normal(size=robot.n) / np.sqrt(robot.n)
+        end = np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
+        yield start, robot.difference(start, end)
+
+
+def along(delta):
+    return np.linspace(0, 1, 2 + int(np.linalg.norm(delta) / STEP))
+
+
+def proof(pairs, start, delta, required=0.0, growth=None):
+    return pairs.bounds.prove(start, delta, np.zeros(len(pairs.names)) + required + ALLOWANCE, growth, FLOOR)
+
+
+# --------------------------------------------------------------------------------------------------- what is proven
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_is_proven_is_free_everywhere(robot_named, clutter, name):
+    robot = robot_named(name)
+    checker, proven = CollisionChecker(robot, clutter), 0
+    for start, delta in edges(robot, 150):
+        found = proof(checker.pairs, start, delta)
+        proven += found.proven
+        for t in along(delta):
+            if found.covers(t - 1e-9, t + 1e-9):
+                assert not checker.touches(start + t * delta)
+    assert 10 < proven < 140
+
+
+@cache
+def far_pairs(robot, scene):
+    return CollisionChecker(robot, scene).pairs_within(0.4)
+
+
+@pytest.mark.parametrize("name", ["panda", "twin_arm"])
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**32 - 1), margin=st.floats(0.0, 0.2), later=st.floats(0.0, 0.2))
+def test_what_must_be_kept_is_kept(robot_named, clutter, name, seed, margin, later):
+    robot = robot_named(name)
+    pairs = far_pairs(robot, clutter)
+    required, growth = pairs.margins(margin), pairs.margins(later)
+    for start, delta in edges(robot, 4, seed=seed):
+        found = proof(pairs, start, delta, required, growth.copy())
+        for t in np.linspace(0, 1, 25):
+            if found.covers(t - 1e-9, t + 1e-9):
+                assert not pairs.within_margins(start + t * delta, required + t * growth)
+
+
+def test_a_cloud_is_seen(ur5, rng):
+    points = np.array([0.5, 0.0, 0.4]) + rng.uniform(-0.1, 0.1, (60, 3))
+    checker = CollisionChecker(ur5, Scene((Obstacle("cloud", PointCloud(0.02, points=points)),)))
+    proven = 0
+    for start, delta in edges(ur5, 80):
+        if proof(checker.pairs, start, delta).proven:
+            proven += 1
+            assert not any(checker.touches(start + t * delta) for t in along(delta))
+    assert proven > 10
+
+
+def test_where_it_fails_a_pair_is_near(ur5, clutter):
+    checker = CollisionChecker(ur5, clutter)
+    failed = [
+        (start, delta, found)
+        for start, delta in edges(ur5, 200)
+        if not (found := proof(checker.pairs, start, delta)).proven
+    ]
+    touching = [checker.touches(start + found.at * delta) for start, delta, found in failed if found.at >= 0]
+    assert len(touching) > 0.9 * len(failed) > 50
+    assert np.mean(touching) > 0.95
+
+
+# ------------------------------------------------------------------------------------------------- what it changes
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("margin", [0.0, 0.03])
+def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, name, margin):
+    robot = robot_named(name)
+    checker = CollisionChecker(robot, clutter)
+    motion = CertifiedMotion(checker, separation=Separation(margin=margin))
+    asked = [(start, start + delta) for start, delta in edges(robot, 60)]
+    found = [motion.check(*edge).verdict for edge in asked]
+    by_bounds = checker.counts.copy()
+    checker.counts.reset()
+    monkeypatch.setattr(DistanceBounds, "prove", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
+    assert [motion.check(*edge).verdict for edge in asked] == found
+    assert {Verdict.FREE, Verdict.BLOCKED} <= set(found)
+    assert by_bounds.margin_queries + by_bounds.collision_queries < 0.5 * checker.counts.queries
+
+
+def test_free_edges_hardly_need_coal(ur5, clutter):
+    checker = CollisionChecker(ur5, clutter)
+    motion, work, free = CertifiedMotion(checker), Counts(), 0
+    for start, delta in edges(ur5, 300):
+        checker.counts.reset()
+        if motion.is_free(start, start + delta):
+            free += 1
+            work.bound_queries += checker.counts.bound_queries
+            work.margin_queries += checker.counts.margin_queries
+    assert free > 50
+    assert work.margin_queries < 0.1 * free
+    assert work.bound_queries < 6 * free
+
+
+def test_nothing_is_kept_from_one_edge_to_the_next(ur5, clutter):
+    checker = CollisionChecker(ur5, clutter)
+    asked = list(edges(ur5, 30))
+    first = [proof(checker.pairs, *edge) for edge in asked]
+    again = [proof(checker.pairs, *edge) for edge in reversed(asked)]
+    assert first == again[::-1]
+    assert first == [proof(CollisionChecker(ur5, clutter).pairs, *edge) for edge in asked]
+
+
+# --------------------------------------------------------------------------------------------------- special cases
+
+
+def test_obstacles_can_be_placed_anew(ur5):
+    def scene(place):
+        return Scene((Obstacle("post", Box((0.1, 0.1, 0.8)), Pose(place, (0.6, 0.0, 0.0, 0.8))),))
+
+    here, there = (
+        CollisionChecker(ur5, scene((0.5, 0.1, 0.4))),
+        CollisionChecker(ur5, scene((-0.3, 0.4, 0.5))),
+    )
+    asked = list(edges(ur5, 60))
+    before = [proof(here.pairs, *edge).proven for edge in asked]
+    wanted = [proof(there.pairs, *edge).proven for edge in asked]
+    assert before != wanted
+    here.pairs.bounds.place_obstacles(there.geometry)
+    assert [proof(here.pairs, *edge).proven for edge in asked] == wanted
+
+
+def test_without_pairs_everything_is_free(ur5):
+    nothing = np.zeros((0, 2), np.intp), np.zeros((0, ur5.n))
+    bounds = DistanceBounds(ur5, ur5.shared.collision_model, *nothing, Counts())
+    assert bounds.prove(*next(edges(ur5, 1)), np.zeros(0), None, FLOOR).proven
+
+
+def test_what_has_no_end_is_left_to_coal(ur5):
+    geometry = ur5.collision_model
+    plane = pin.GeometryObject(
+        "plane", 0, pin.SE3.Identity(), coal.Halfspace(np.array([0.0, 0.0, 1.0]), -9.0)
+    )
+    number = geometry.addGeometryObject(plane)
+    bounds = DistanceBounds(ur5, geometry, np.array([[3, number]]), np.ones((1, ur5.n)), Counts())
+    found = bounds.prove(*next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
+    assert not found.proven
+    assert not found.covers(0.4, 0.6)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_not_proven(ur5, clutter, bad):
+    pairs = CollisionChecker(ur5, clutter).pairs
+    start, delta = next(edges(ur5, 1))
+    for k in range(ur5.n):
+        broken = start.copy()
+        broken[k] = bad
+        assert not proof(pairs, broken, delta).proven
+        assert not proof(pairs, start, broken - start).proven
+
+
+def test_a_motion_of_no_length_is_proven_where_it_is_free(ur5, clutter):
+    checker = CollisionChecker(ur5, clutter)
+    for start, delta in edges(ur5, 40):
+        assert proof(checker.pairs, start, 0.0 * delta).proven is not checker.touches(start)
