@@ -18,7 +18,8 @@ import numpy as np
 
 from safe_ompl import DangerField, Robot
 from safe_ompl.arrays import FloatArray
-from safe_ompl.maths.field import Segments, field, keypoint_gradient
+from safe_ompl.maths.field import field, keypoint_gradient
+from safe_ompl.maths.segments import Segments
 
 PATH = (60, 16)
 SIZES = ((1, 10), (1, 100), (1, 500), (50, 10), (50, 100), (60, 500))
@@ -75,9 +76,7 @@ def path_gradient(rounds: int) -> float:
     """Return the best time [µs] of danger and C-space gradients at `PATH` configurations × points of a UR5."""
     robot, rng = Robot.from_example("ur5"), np.random.default_rng(0)
     danger = DangerField(robot, rng.normal(size=(PATH[1], 3)) * 0.3 + [0.5, 0.0, 0.5])
-    batches = iter(
-        rng.uniform(robot.lower, robot.upper, (rounds, PATH[0], robot.n))
-    )  # kinematics are remembered
+    batches = iter(rng.uniform(robot.lower, robot.upper, (rounds, PATH[0], robot.n)))  # never the same twice
     return best_times({"": lambda: danger.values_and_gradients(next(batches))}, rounds)[""]
 
 

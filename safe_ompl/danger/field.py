@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike
 from safe_ompl.arrays import FloatArray, IntArray, positive
 from safe_ompl.counts import Counts
 from safe_ompl.danger.obstacles import DangerousObstacles
+from safe_ompl.danger.point_groups import PointGroups
 from safe_ompl.danger.points import DangerPoints, PointSource
 from safe_ompl.danger.robot_field import RobotField
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import field as maths
 from safe_ompl.maths.kernels import danger as kernel
 from safe_ompl.maths.kernels import field as field_kernel
+from safe_ompl.maths.kernels import groups as group_kernel
 from safe_ompl.maths.segments import Weighting
 from safe_ompl.robot.joints.kinematic_tree import plain
 from safe_ompl.robot.robot import Robot
@@ -216,7 +218,7 @@ class DangerField(RobotField):
         points, charges = self._prepared(Q)
         if not points.size:
             return np.zeros(len(Q)), np.zeros(Q.shape)
-        return self._sloped(Q, points, charges)
+        return self._sloped(Q, points, charges, self._groups)
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the terms of the danger that are above a level at `Q: (B, n)`.
@@ -379,19 +381,47 @@ class DangerField(RobotField):
         points, charges = self._prepared(Q)
         if not points.size:
             return np.zeros(len(Q))
-        return self._evaluated(plain(self.robot.coupling.values(Q)), points, charges, self._no_gradients)
+        values = plain(self.robot.coupling.values(Q))
+        if self._groups is not None:
+            return self._peak(values, self._groups, self._no_gradients)
+        return self._evaluated(values, points, charges, self._no_gradients)
 
     def _sloped(
-        self, Q: FloatArray, points: FloatArray, charges: FloatArray
+        self, Q: FloatArray, points: FloatArray, charges: FloatArray, groups: PointGroups | None = None
     ) -> tuple[FloatArray, FloatArray]:
         values = plain(self.robot.coupling.values(Q))
         gradients = np.empty(values.shape)
-        dangers = self._evaluated(values, points, charges, gradients)
+        if groups is not None:
+            dangers = self._peak(values, groups, gradients)
+        else:
+            dangers = self._evaluated(values, points, charges, gradients)
         return dangers, self.robot.coupling.columns(gradients)
+
+    @property
+    def _groups(self) -> PointGroups | None:
+        """The danger points in groups, where a maximum is sought."""
+        return self._danger_points.groups if self.aggregate == "max" else None
+
+    def _peak(self, values: FloatArray, groups: PointGroups, gradients: FloatArray) -> FloatArray:
+        """Return what `_evaluated` does, without looking at all the points."""
+        return group_kernel.peak_dangers(
+            *self._skeleton,
+            values,
+            groups.points,
+            groups.charges,
+            groups.centres,
+            groups.radii,
+            groups.tops,
+            groups.spans,
+            groups.blocks,
+            self._by_length,
+            gradients,
+        )
 
     def _evaluated(
         self, values: FloatArray, points: FloatArray, charges: FloatArray, gradients: FloatArray
     ) -> FloatArray:
+        """Return the danger (B,) at `values: (B, m)`, and write its gradients (B or 0, m)."""
         by_length, kind, sharpness = self._by_length, self._kind, self.sharpness
         return kernel.dangers(*self._skeleton, values, points, charges, by_length, kind, sharpness, gradients)
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sized
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray, IntArray, finite_array
+from safe_ompl.danger.point_groups import PointGroups
 from safe_ompl.errors import InputError
 from safe_ompl.maths.field import columns
+
+_MANY = 400  # points that are worth grouping
 
 PointSource: TypeAlias = Callable[[FloatArray], ArrayLike]
 
@@ -77,6 +81,13 @@ class DangerPoints:
         charges = self._charges if self._charges is not None else self._charged(turned.shape[2])
         assert charges is not None
         return turned, charges
+
+    @cached_property
+    def groups(self) -> PointGroups | None:
+        """The points in groups of neighbours; None where they are few, or a callable gives them."""
+        if self.fixed is None or self._charges is None or len(self.fixed) <= _MANY:
+            return None
+        return PointGroups.of(self.fixed, self._charges[0])
 
     def chosen(self, points: FloatArray, rows: IntArray, terms: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return points (C, 1, 3) and weights (C, 1): for each of `rows: (C,)` the one of `terms: (C,)`."""

@@ -80,3 +80,37 @@ def test_a_batch_is_one_by_one(robot_named, rng, aggregate, number):
     for q, value, gradient in zip(Q, values, gradients, strict=True):
         assert danger.value(q) == value
         np.testing.assert_array_equal(danger.gradient(q), gradient)
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**6), number=st.integers(401, 3000), weighting=st.sampled_from(WEIGHTINGS))
+def test_groups_of_many_points_change_nothing(robot_named, seed, number, weighting):
+    """Parts of the points, too few to be grouped, against all of them together."""
+    rng = np.random.default_rng(seed)
+    robot = robot_named("panda")
+    points = rng.normal(size=(number, 3)) * rng.choice([0.0, 0.3, 1.0], 3) + [0.5, 0.0, 0.4]
+    weights = rng.choice([0.5, 1.0, 3.0], number)
+    many = DangerField(robot, points, weights, weighting=weighting)
+    Q = some(robot, rng, 3)
+    expected = numpy_danger.danger_and_gradient(many, Q)
+    values, gradients = many.values_and_gradients(Q)
+    np.testing.assert_allclose(values, expected[0], rtol=1e-12)
+    np.testing.assert_array_equal(many.values(Q), values)
+    few = [
+        DangerField(robot, points[k : k + 400], weights[k : k + 400], weighting=weighting)
+        for k in range(0, number, 400)
+    ]
+    np.testing.assert_array_equal(values, np.max([field.values(Q) for field in few], axis=0))
+    for q, value, gradient in zip(Q, values, gradients, strict=True):
+        alone = next(field for field in few if field.value(q) == value)
+        np.testing.assert_array_equal(gradient, alone.gradient(q))
+
+
+def test_a_point_on_a_link_among_many(robot_named, rng):
+    robot = robot_named("panda")
+    q = some(robot, rng, 1)
+    met = robot.keypoints(q[0])[robot.segments[0, 1]]
+    danger = DangerField(robot, np.vstack([rng.normal(size=(1000, 3)), met]))
+    values, gradients = danger.values_and_gradients(q)
+    assert values == [np.inf]
+    assert not gradients.any()

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 
 from safe_ompl.maths import field as static_field
-from safe_ompl.maths.field import Segments
 from safe_ompl.maths.kinetostatic import gradients, isotropic_bracket, terms
+from safe_ompl.maths.segments import Segments
 
 LINK = Segments([[0, 1]])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.maths.neighbours import NearestNode
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import StateBridge
 
@@ -40,7 +41,9 @@ class Tree:
         self._costs: FloatArray = np.full(64, np.nan)  # NaN: not evaluated yet
         self._gradients: dict[int, FloatArray] = {}
         self.trapped: set[int] = set()
+        self._nearest = NearestNode(bridge.circular)
         self._size = 0
+        self._asked = 0  # nodes whose costs are known
 
     def __len__(self) -> int:
         return self._size
@@ -64,15 +67,19 @@ class Tree:
     @property
     def costs(self) -> FloatArray:
         """The cost of each node (N,)."""
-        new = np.flatnonzero(np.isnan(self._costs[: self._size]))
-        if len(new):
-            self._costs[new] = self._cost.values(self._rows[new])
+        if self._asked < self._size:
+            new = self._asked + np.flatnonzero(np.isnan(self._costs[self._asked : self._size]))
+            if len(new):
+                self._costs[new] = self._cost.values(self._rows[new])
+            self._asked = self._size
         return self._costs[: self._size]
 
     def gradient(self, node: int) -> FloatArray:
         """Return the gradient (n,) of the cost at `node`; only for costs with gradients."""
         if node not in self._gradients:
-            self._costs[node], self._gradients[node] = self._cost.value_and_gradient(self._rows[node])
+            value, self._gradients[node] = self._cost.value_and_gradient(self._rows[node])
+            if np.isnan(self._costs[node]):
+                self._costs[node] = value
         return self._gradients[node]
 
     def add(
@@ -98,10 +105,9 @@ class Tree:
 
     def best(self, q: FloatArray, alpha: float) -> int:
         """Return argmin of ρ(node, q) + α·cost(node); the nearest node for α = 0."""
-        score = self.distances(q)
         if alpha:
-            score += alpha * self.costs
-        return int(score.argmin())
+            return self._nearest.find(self.configurations, q, alpha, self.costs)
+        return self._nearest.find(self.configurations, q)
 
     def as_driven(self, near: FloatArray, far: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the ends of an edge, `near` the root and `far` from it, in the order in which a path drives them."""

@@ -1,0 +1,213 @@
+"""How time grows with size: python bench/scaling.py [--quick] [--markdown] [--nodes N …] [--obstacles N …] ….
+
+One table for each kind of size: nodes of a tree, obstacles of a scene, danger points, joints of an arm. Times are CPU
+times per item [µs], medians of some rounds; the last row is the exponent p of time ~ sizeᵖ, fitted to all rows. Nodes:
+`node` is what a planner does for one, the choice of the node to grow from (by distance, and by distance and danger), a
+step, the proof of its edge, and its danger. Points lie on the surfaces of boxes about the arm. `--quick` takes seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from _scenes import scattered
+
+from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Robot
+from safe_ompl.arrays import FloatArray
+from safe_ompl.planners.parts.tree import Tree
+from safe_ompl.plugins.objective import DangerObjective, StateCost
+from safe_ompl.plugins.states import StateBridge
+from safe_ompl.setup.safe_setup import SafeSetup
+
+ROUNDS, ITEMS = 5, 80  # configurations in all
+SIZES = {
+    "nodes": (100, 1000, 10_000, 100_000),
+    "obstacles": (1, 10, 100, 1000),
+    "points": (1, 10, 100, 1000, 10_000, 100_000),
+    "joints": (2, 4, 7, 10, 14),
+}
+QUICK = {
+    "nodes": (100, 1000, 10_000),
+    "obstacles": (1, 10, 50),
+    "points": (10, 1000, 100_000),
+    "joints": (2, 7, 14),
+}
+Row = dict[str, float]
+
+LINK = """<link name="link{k}"><collision><origin xyz="0 0 {middle}"/><geometry><box size="0.04 0.04 {length}"/>
+</geometry></collision></link>"""
+JOINT = """<joint name="joint{k}" type="revolute"><parent link="link{k}"/><child link="link{next}"/>
+<origin xyz="0 0 {length}"/><axis xyz="{axis}"/><limit lower="-2.5" upper="2.5" effort="1" velocity="1"/></joint>"""
+
+
+def snake(joints: int) -> Robot:
+    """Return an arm 1 m long of so many joints that turn about x and y by turns."""
+    length = 1.0 / (joints + 1)
+    parts = [LINK.format(k=k, length=0.8 * length, middle=0.5 * length) for k in range(joints + 1)]
+    parts += [
+        JOINT.format(k=k, next=k + 1, length=length, axis="0 1 0" if k % 2 else "1 0 0")
+        for k in range(joints)
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "snake.urdf"
+        file.write_text(f'<robot name="snake">{"".join(parts)}</robot>', encoding="utf-8")
+        return Robot.from_urdf(file)
+
+
+def surfaces(number: int) -> FloatArray:
+    """Return points (number, 3) on six boxes about an arm."""
+    rng = np.random.default_rng(0)
+    centers = rng.uniform([0.3, -0.6, 0.0], [0.8, 0.6, 0.9], (6, 3))
+    points = rng.uniform(-0.2, 0.2, (number, 3))
+    points[np.arange(number), rng.integers(3, size=number)] = rng.choice([-0.2, 0.2], number)
+    return points + centers[rng.integers(6, size=number)]
+
+
+def timed(call: Callable[[FloatArray], object], Q: FloatArray) -> float:
+    """Return the CPU time [µs] of a call, the median over rounds, each with its share of configurations `Q: (B, n)`."""
+    call(Q[0])
+    taken = []
+    for share in np.array_split(Q, ROUNDS):
+        begin = time.process_time()
+        for q in share:
+            call(q)
+        taken.append((time.process_time() - begin) / len(share))
+    return 1e6 * float(np.median(taken))
+
+
+def some(robot: Robot, number: int = ITEMS) -> FloatArray:
+    """Return random configurations (number, n)."""
+    return np.random.default_rng(0).uniform(robot.lower, robot.upper, (number, robot.n))
+
+
+def nodes(size: int) -> Row:
+    """Return times at a tree of so many nodes."""
+    setup = SafeSetup(Robot.from_example("panda"), scattered(6))
+    robot, field, motion = setup.robot, setup.field, CertifiedMotion(setup.checker)
+    bridge = StateBridge(setup.getStateSpace())
+    cost = StateCost(DangerObjective(setup.getSpaceInformation(), field), bridge)
+    tree, alpha = Tree(bridge, cost), 0.1
+    tree.add((robot.lower + robot.upper) / 2)
+    targets, others = np.split(some(robot, size + 2 * ITEMS), [size - 1])
+
+    def step(q: FloatArray, alpha: float) -> tuple[FloatArray, int]:
+        near = tree.best(q, alpha)
+        delta = q - tree.configurations[near]
+        return tree.configurations[near] + delta * min(1.0, 0.2 / np.linalg.norm(delta)), near
+
+    def grow(q: FloatArray) -> None:
+        new, near = step(q, alpha)
+        motion.is_free(tree.configurations[near], new)
+        tree.add(new, near)
+
+    for q in targets[:-ITEMS]:
+        tree.add(*step(q, 0.0))
+    whole = timed(grow, targets[-ITEMS:])
+    return {
+        "nearest": timed(lambda q: tree.best(q, 0.0), others),
+        "nearest and safest": timed(lambda q: tree.best(q, alpha), others),
+        "node": whole,
+    }
+
+
+def obstacles(size: int) -> Row:
+    """Return times in a scene of so many obstacles, that of making its checker too."""
+    robot, scene = Robot.from_example("panda"), scattered(size)
+    begin = time.process_time()
+    checker = CollisionChecker(robot, scene)
+    making = 1e6 * (time.process_time() - begin)
+    Q = some(robot, 20)
+    return {
+        "collision query": timed(checker.in_collision, Q),
+        "all distances": timed(checker.distances, Q[:5]),
+        "making the checker": making,
+    }
+
+
+def points(size: int) -> Row:
+    """Return times of the danger at so many points: the highest, the mean, and the first call, which groups them."""
+    robot, places = Robot.from_example("panda"), surfaces(size)
+    field, mean = DangerField(robot, places), DangerField(robot, places, aggregate="mean")
+    Q = some(robot)
+    begin = time.process_time()
+    field.value(Q[0])
+    first = 1e6 * (time.process_time() - begin)
+    return {
+        "danger": timed(field.value, Q),
+        "with gradient": timed(lambda q: field.values_and_gradients(q[None]), Q),
+        "mean danger": timed(mean.value, Q[:5]),
+        "first call": first,
+    }
+
+
+def joints(size: int) -> Row:
+    """Return times for an arm of so many joints."""
+    robot = snake(size)
+    field, checker = DangerField(robot, surfaces(10)), CollisionChecker(robot, scattered(6))
+    Q = some(robot)
+    return {
+        "key points": timed(robot.keypoints, Q),
+        "danger": timed(field.value, Q),
+        "with gradient": timed(lambda q: field.values_and_gradients(q[None]), Q),
+        "collision query": timed(checker.in_collision, Q),
+    }
+
+
+STUDIES: dict[str, Callable[[int], Row]] = {
+    "nodes": nodes,
+    "obstacles": obstacles,
+    "points": points,
+    "joints": joints,
+}
+
+
+def exponent(sizes: list[int], times: list[float]) -> float:
+    """Return p of the least-squares fit of time ~ sizeᵖ."""
+    return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
+
+
+def table(kind: str, rows: dict[int, Row], *, markdown: bool) -> str:
+    """Return the times of one kind of size, and their exponents."""
+    names = list(next(iter(rows.values())))
+    body = [[f"{size:,}", *(f"{row[name]:.3g}" for name in names)] for size, row in rows.items()]
+    if len(rows) > 1:
+        fits = (exponent(list(rows), [row[name] for row in rows.values()]) for name in names)
+        body.append(["exponent", *(f"{fit:.2f}" for fit in fits)])
+    lines = [[kind, *(f"{name} [µs]" for name in names)], *body]
+    if markdown:
+        lines.insert(1, ["---"] + ["---:"] * len(names))
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
+    return "\n".join(
+        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in lines
+    )
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for kind, sizes in SIZES.items():
+        parser.add_argument(
+            f"--{kind}", type=int, nargs="*", metavar="N", help=f"default: {' '.join(map(str, sizes))}"
+        )
+    parser.add_argument("--quick", action="store_true", help="fewer sizes, where none are given")
+    parser.add_argument("--markdown", action="store_true", help="print the tables as docs have them")
+    options = parser.parse_args()
+    chosen = {kind: getattr(options, kind) for kind in SIZES}
+    if all(sizes is None for sizes in chosen.values()):
+        chosen = {kind: list(sizes) for kind, sizes in (QUICK if options.quick else SIZES).items()}
+    for kind, sizes in chosen.items():
+        if sizes:
+            rows = {size: STUDIES[kind](size) for size in sorted(sizes)}
+            print(table(kind, rows, markdown=options.markdown), end="\n\n", flush=True)
+
+
+if __name__ == "__main__":
+    main()
