@@ -1,0 +1,88 @@
+"""Distances of pairs of link and obstacle along configurations: exact where they may be small, else bounded below."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.collision.checker import CollisionChecker, fresh_data
+
+
+class PairDistances:
+    """Distances of the K pairs of a link and an obstacle that may come nearer to each other than a reach.
+
+    While the joints move by Δ, the bodies of pair k approach each other by at most Σ_i R_ki·|Δ_i|. So a distance that
+    is known at one configuration bounds that at others, and coal is asked only about pairs whose bound is small. What
+    is found does not depend on what was asked before.
+
+    Parameters
+    ----------
+    checker : CollisionChecker
+        Robot and scene.
+    reach : float
+        [m]
+
+    Attributes
+    ----------
+    radii : ndarray, shape (K, n)
+        Displacement radii R of the pairs.
+    """
+
+    def __init__(self, checker: CollisionChecker, reach: float) -> None:
+        pairs = checker.pairs_within(reach)
+        self._robot, self._counts = checker.robot, checker.counts
+        self._geometry = pairs.geometry  # not a copy: obstacles are where the checker has them
+        self._data = fresh_data(self._geometry)
+        self._kinematics = self._robot.shared.model.createData()
+        self._pairs = np.flatnonzero(pairs.meets_obstacle)
+        self._indices: list[int] = self._pairs.tolist()
+        results = list(self._data.distanceResults)
+        self._results = [results[k] for k in self._indices]
+        self._joints = [
+            self._geometry.geometryObjects[link].parentJoint for link, _ in pairs.bodies[self._pairs].tolist()
+        ]
+        self.radii = pairs.radii[self._pairs]
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    def __repr__(self) -> str:
+        return f"PairDistances({self._robot.name!r}, {len(self)} pairs)"
+
+    def moved(self, bounds: FloatArray, step: FloatArray) -> FloatArray:
+        """Return lower bounds (…, K) [m] after the joints have moved by `step: (…, n)`."""
+        found: FloatArray = bounds - np.abs(step) @ self.radii.T
+        return found
+
+    def refine(self, q: FloatArray, bounds: FloatArray, within: float) -> IntArray:
+        """Return the pairs that are nearer than a distance [m] at `q: (n,)`.
+
+        Lower bounds (K,) [m] that hold at `q` are given; those below the distance are replaced by exact distances.
+        """
+        close = np.flatnonzero(bounds < within)
+        if not len(close):
+            return close
+        self._counts.distance_queries += 1
+        geometry, data, indices = self._geometry, self._data, self._indices
+        full = self._robot.pinocchio_configuration(q)
+        pin.updateGeometryPlacements(self._robot.shared.model, self._kinematics, geometry, data, full)
+        exact = np.array(
+            [pin.computeDistance(geometry, data, indices[k]).min_distance for k in close.tolist()]
+        )
+        bounds[close] = exact
+        return close[exact < within]
+
+    def witness(self, pair: int) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+        """Return the nearest points of a pair where its distance was found last.
+
+        Returns
+        -------
+        joint : int
+            Pinocchio's number of the joint that carries the link.
+        local, on_link, on_obstacle : ndarray, shape (3,)
+            Nearest point of the link in the frame of that joint and in the world, and that of the obstacle [m].
+        """
+        result, joint = self._results[pair], self._joints[pair]
+        on_link = result.getNearestPoint1()
+        return joint, self._kinematics.oMi[joint].actInv(on_link), on_link, result.getNearestPoint2()
