@@ -64,6 +64,11 @@ class Proximity:
     within : float
         [m], > 0
 
+    Attributes
+    ----------
+    distances : PairDistances
+        Of all pairs that may come as near.
+
     Raises
     ------
     InputError
@@ -73,7 +78,7 @@ class Proximity:
     def __init__(self, checker: CollisionChecker, within: float) -> None:
         self.checker = checker
         self.within = positive(within, "distance to obstacles", "length [m]")
-        self._distances = PairDistances(checker, self.within)
+        self.distances = PairDistances(checker, self.within)
         self._known: tuple[FloatArray, FloatArray] | None = None  # configurations (B, n), bounds there (B, K)
 
     def near(self, Q: FloatArray) -> BoolArray:
@@ -87,7 +92,7 @@ class Proximity:
         """Return the witnesses of all pairs that are nearer than `within` at the configurations `Q: (B, n)`."""
         bounds = self._bounds(Q)
         found = [
-            (row, *self._distances.witness(pair))
+            (row, *self.distances.witness(pair))
             for row, pair in self._near_pairs(Q, bounds)
             if bounds[row, pair] > 0  # in contact there is no way from one to the other
         ]
@@ -107,7 +112,7 @@ class Proximity:
 
     def _near_pairs(self, Q: FloatArray, bounds: FloatArray) -> Iterator[tuple[int, int]]:
         """Yield row and pair of what is near at `Q: (B, n)`; its lower bounds (B, K) become distances."""
-        distances = self._distances
+        distances = self.distances
         for row in np.flatnonzero((bounds < self.within).any(axis=1)).tolist():
             here = bounds[row]
             if row:  # configurations that follow each other are near each other, as a rule
@@ -119,7 +124,7 @@ class Proximity:
         """Return the lower bounds (B, K) of distances at `Q: (B, n)` that are known beforehand."""
         if self._known is None or len(self._known[0]) != len(Q):
             return self._nothing(len(Q))
-        return self._distances.moved(self._known[1], Q - self._known[0])
+        return self.distances.moved(self._known[1], Q - self._known[0])
 
     def _nothing(self, count: int) -> FloatArray:
-        return np.full((count, len(self._distances)), -np.inf)
+        return np.full((count, len(self.distances)), -np.inf)

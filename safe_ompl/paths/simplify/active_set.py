@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.paths.simplify.cost import DangerDensity, PathCost
+from safe_ompl.paths.simplify.cost import DangerDensity, PathCost, QuadraticModel
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.resampling import divided, path_length
 
@@ -54,15 +54,23 @@ class ActiveSetCost:
         """Return J of a path (N, n), without obstacle cost."""
         return self.danger.of(path)
 
-    def level(self, path: FloatArray) -> float:
-        """Return what a path (N, n) costs, obstacle cost included; it is anchored then."""
-        if self._obstacles is None:
-            return self.of(path)
+    def near(self, path: FloatArray) -> float:
+        """Return the obstacle cost of a path (N, n); it is anchored then."""
+        if self._obstacles is None or len(path) < 2:
+            return 0.0
         self.anchor(path)
-        near = PathCost(self.total.robot, [self._obstacles]).value_and_gradient(path)[0]
-        return self.of(path) + near - path_length(path)
+        lone = PathCost(self.total.robot, [self._obstacles])
+        return lone.value_and_gradient(path)[0] - path_length(path)
 
     def anchor(self, path: FloatArray) -> None:
         """From here on take the witnesses of obstacles along a path (N, n)."""
         if self._obstacles is not None:
             self._obstacles.anchor(self.total.nodes(path))
+
+    def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
+        """Return value and gradient (N, n) of both costs together at a path (N, n), by the witnesses."""
+        return self.total.value_and_gradient(path)
+
+    def model(self, path: FloatArray) -> QuadraticModel:
+        """Return the same, and about the Hessian."""
+        return self.total.model(path)

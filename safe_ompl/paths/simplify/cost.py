@@ -250,7 +250,7 @@ def _integrated(path: FloatArray, values: FloatArray, slopes: FloatArray) -> tup
 
 
 def _springs(stiffness: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return the Hessian of springs between way points, one of each stiffness (N − 1,): on the diagonal and beside it."""
+    """Return the Hessian of springs of stiffness (N − 1,) between way points: on the diagonal and beside it."""
     blocks, beside = np.zeros((len(stiffness) + 1, n, n)), np.zeros((len(stiffness), n, n))
     joint = np.arange(n)
     blocks[:-1, joint, joint] += stiffness[:, None]

@@ -11,12 +11,14 @@ import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.pair_distances import PairDistances
 from safe_ompl.collision.witnesses import Proximity, Witnesses
 from safe_ompl.inputs import number
 from safe_ompl.paths.simplify.cost import Expansion
 
 OBSTACLE_WEIGHT = 20.0
 _STEEPNESS = 10.0
+_STEP = 0.03  # [rad] between the samples at which the least clearance along a path is looked for
 
 
 class ObstacleCost:
@@ -58,15 +60,25 @@ class ObstacleCost:
     def __repr__(self) -> str:
         return f"ObstacleCost({self._proximity.checker!r}, {self.distance:g}, {self.weight:g})"
 
-    def afresh(self) -> ObstacleCost:
-        """Return the same without d₀ and witnesses, for another path."""
+    def afresh(self, allowed: float) -> ObstacleCost:
+        """Return the same for another path, without witnesses; `allowed` is its d₀ [m], at most D."""
         other = copy(self)
-        other.allowed, other._anchored = 0.0, None
+        other._anchored = None
+        other.allow(allowed)
         return other
 
     def allow(self, distance: float) -> None:
         """Set d₀ to a distance [m], no larger than D."""
         self.allowed = max(0.0, min(self.distance, distance))
+
+    def clearances(self, path: FloatArray) -> tuple[float, float]:
+        """Return the least clearance [m] of the ends of an unrolled path (N, n), and along it; ≥ 0."""
+        checker = self._proximity.checker
+        ends = max(0.0, min(checker.clearance(q).distance for q in path[[0, -1]]))
+        if not 0 < ends < np.inf:
+            return ends, ends
+        distances = self._proximity.distances if ends <= self.distance else PairDistances(checker, ends)
+        return ends, max(0.0, distances.least_along(path, ends, _STEP))
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.simplify.active_set import ActiveSetCost
 from safe_ompl.paths.simplify.constraints import FeasibleSet, FreeGoal, GoalSet
 from safe_ompl.paths.simplify.cost import DangerDensity
 from safe_ompl.paths.simplify.descent import LARGEST, Descent
-from safe_ompl.paths.simplify.edge_proofs import EdgeProofs, least_clearance
+from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.peaks import peaks_beside_ends
 from safe_ompl.paths.simplify.resampling import divided, path_length, refined, with_way_points
@@ -89,9 +89,9 @@ class SimplificationRun:
         proven: bool,
     ) -> None:
         self.best = path
-        self._path = path  # between the retreats: proven, too
+        self._path = path  # between the retreats
         self._retreats = path[:1], path[-1:]
-        self._pending = False  # nothing with these retreats is as cheap as the given path
+        self._pending = False  # nothing with these retreats is as cheap as the best path
         self._settings = settings
         self._robot = settings.danger.field.robot
         self._stop = stop
@@ -99,31 +99,56 @@ class SimplificationRun:
         self._goal_is_free = goal is not None
         self._feasible = FeasibleSet(self._robot) if goal is None else FreeGoal(goal)
         self._longest = settings.length_factor * path_length(path)
-        self._obstacles: ObstacleCost | None = None
-        margin = 0.0
-        if settings.obstacle_cost is not None:
-            checker = settings.motion.checker
-            margin = least_clearance(path, checker) - _SAME
-            self._obstacles = settings.obstacle_cost.afresh()
-            self._obstacles.allow(_ALLOWANCE * min(checker.clearance(q).distance for q in path[[0, -1]]))
-        self._proofs = EdgeProofs.of(path, settings.motion, margin, proven=proven)
-        self._cost = ActiveSetCost(settings.danger, self._obstacles, path)
-        self._ceiling = self._cost.of(path)
-        self._level = np.inf
+        self._proofs = EdgeProofs(settings.motion, stop)
+        if proven:
+            self._proofs.accept(path)
+        else:
+            self._proofs.check(path)
 
     # -------------------------------------------------------------------------------------- what becomes of it
 
     def improve(self) -> None:
-        """Make the path cheaper until the cost falls no more."""
-        given = self.best
+        """Make the path cheaper until the cost falls no more, the cheapest gains first."""
+        if self._stop() or not path_length(self.best):
+            return  # where the start is the goal, nothing is shorter
+        self._look_around()
+        self._shorten()
+        self._divide()
+        shortened = self._path
+        self._known, self._nearby = self.best, 0.0
+        self._bound = self._level = self._costs(shortened)[1]
         if self._take_retreats():
             self._descend()
-            if self.best is not given:
+            if not self._pending:
                 return
-        self._path, self._retreats, self._pending = given, (given[:1], given[-1:]), False
-        self._cost.look_at(given)
-        self._shorten()
+            self._path, self._retreats, self._pending = shortened, (shortened[:1], shortened[-1:]), False
+            self._nearby = 0.0
+            self._cost.look_at(shortened)
+            self._bound = self._level = self._costs(shortened)[1]
         self._descend()
+
+    def _look_around(self) -> None:
+        """Find out what the given path keeps from obstacles, and what it costs."""
+        self._obstacles = self._settings.obstacle_cost
+        if self._obstacles is not None:
+            ends, least = self._obstacles.clearances(self.best)
+            self._obstacles = self._obstacles.afresh(_ALLOWANCE * ends)
+            self._proofs.keep(max(0.0, least - _SAME) if np.isfinite(least) else 0.0)
+        self._cost = ActiveSetCost(self._settings.danger, self._obstacles, self.best)
+        self._ceiling = self._cost.of(self.best)
+
+    def _shorten(self) -> None:
+        """Take shortcuts between the way points of the given path."""
+        shorter = self._shortcut(self._path)
+        if shorter is None or path_length(shorter) > self._longest:
+            return
+        self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
+        cost = self._cost.of(shorter)
+        if cost <= self._ceiling:
+            self._path = shorter
+            self._publish(shorter, cost)
+        else:
+            self._cost.look_at(self._path)
 
     def _take_retreats(self) -> bool:
         """Leave ends that are near obstacles by a retreat, and take shortcuts between; return whether that goes."""
@@ -132,114 +157,129 @@ class SimplificationRun:
         apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
         if len(start) == len(goal) == 1 or apart <= path_length(start) + path_length(goal):
             return False  # nothing to leave, or nowhere to go from there
-        path = divided(self.best, self._settings.spacing)
-        if self._proofs.refused(start) or self._proofs.refused(goal[::-1]) or not self._proofs.admit(path):
+        if self._proofs.refused(start) or self._proofs.refused(goal[::-1]):
             return False
-        between = self._shortcut(np.concatenate([start[-1:], path[1:-1], goal[-1:]]))
+        between = self._shortcut(np.concatenate([start[-1:], self._path[1:-1], goal[-1:]]))
         if between is None:
             return False
         goal = goal + (between[-1] - goal[-1])  # continuous joints may have been unwound
-        self._retreats, self._pending = (start, goal[::-1]), True
-        whole = self._whole(between)
-        if path_length(whole) > self._longest:
+        retreats = start, goal[::-1]
+        if path_length(between) + sum(map(path_length, retreats)) > self._longest:
             return False
-        self._cost.look_at(whole)
-        return self._go_on_from(between)
+        self._path, self._retreats, self._pending = between, retreats, True
+        self._divide()
+        self._cost.look_at(self._whole(self._path))
+        self._nearby = sum(self._cost.near(retreat) for retreat in retreats)
+        self._settle(self._path, *self._costs(self._path))  # may be dearer at first
+        return True
 
     def _retreat(self, end: FloatArray) -> FloatArray:
         if self._obstacles is None:
             return end[None]
         return retreat(end, self._obstacles, self._settings.danger.field, self._feasible, self._stop)
 
-    def _shorten(self) -> None:
-        """Take shortcuts."""
-        shorter = self._shortcut(self._path)
-        if shorter is None or path_length(shorter) > self._longest:
-            return
-        self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
-        if not self._go_on_from(shorter):
-            self._cost.look_at(self._path)
-
     def _shortcut(self, path: FloatArray) -> FloatArray | None:
         found = shortcut(path, self._cost.danger, self._proofs, self._stop)
         return None if found is None else unrolled(self._robot, found)
-
     def _descend(self) -> None:
         """Descend until the cost falls no more."""
-        if self._stop() or not path_length(self._path):
-            return  # where the start is the goal, nothing is shorter
-        self._divide()
-        known, resolutions = self.best, 0
-        for _ in range(_LOOKS):
-            far = self._descend_nearby()
-            # Other danger points may matter now. They can only add to the cost.
-            self._cost.look_at(self._whole(self._path))
-            if not self._pending and self._cost.of(self._whole(self._path)) > self._ceiling:
-                self.best = known
-                return
-            known = self.best
-            if not far:
-                if self._stop() or resolutions == _RESOLUTIONS or not self._resolve_peaks():
-                    return
-                resolutions += 1
-
-    def _descend_nearby(self) -> bool:
-        """Descend until the cost falls no more, or way points have moved far; return whether they have."""
-        first = self._path
-        self._level = self._cost.level(first)
-        descent = Descent(self._cost.total, self._path, self._feasible)
-        largest, round_ = LARGEST, 0
-        while largest >= _SMALLEST and not self._stop():
+        descent = Descent(self._cost, self._path, self._feasible)
+        seen, resolutions, largest, round_ = self._path, 0, LARGEST, 0
+        while not self._stop():
             for _ in range(_ROUNDS[round_]):
                 if self._stop() or not descent.step(largest):
                     break
-            path, back = self._proofs.held_back(descent.path, self._path)
-            gain = self._take(path)
             if self._stop():
-                break
-            if not gain:
+                return
+            moved = descent.path is not self._path
+            gain, back = self._take(descent.path) if moved else (0.0, np.zeros(0, dtype=bool))
+            if moved and not gain:
                 largest, round_ = _CAUTION * largest, 0
                 self._cost.anchor(self._path)
                 descent.restart(self._path)
             elif back.any():
-                largest, round_ = 0.5 * largest, 0
+                largest, round_ = _CAUTION * largest, 0
                 descent.restart(self._path, back)
-            else:
-                if gain < self._settings.precision * self._level and largest == LARGEST:
-                    break
+            elif gain >= self._settings.precision * self._level:
                 largest, round_ = min(LARGEST, 2.0 * largest), min(round_ + 1, len(_ROUNDS) - 1)
+                if float(np.abs(self._path - seen).max()) > _FAR:
+                    seen = self._path
+                    if not self._look_again():
+                        return
                 descent.resume(self._path)
-            if float(np.abs(self._path - first).max()) > _FAR:
-                return True
-        return False
+            else:
+                largest = 0.0
+            if largest < _SMALLEST:
+                if not self._look_again() or resolutions == _RESOLUTIONS or not self._resolve_peaks():
+                    return
+                resolutions, largest, round_ = resolutions + 1, LARGEST, 0
+                seen, descent = self._path, Descent(self._cost, self._path, self._feasible)
 
-    def _take(self, path: FloatArray) -> float:
-        """Go on from a proven path if it is cheaper and not too long; return by how much it is cheaper."""
-        whole = self._whole(path)
+    def _take(self, path: FloatArray) -> tuple[float, BoolArray]:
+        """Go on from as much of a path (N, n) as is proven, if that is cheaper, and not too long.
+
+        Returns
+        -------
+        gain : float
+            By how much it is cheaper; 0 where nothing is taken.
+        back : ndarray of bool, shape (N,)
+            Way points that had to be held back.
+        """
+        back = np.zeros(len(path), dtype=bool)
+        costs = self._costs_if_better(path)
+        if costs is not None:
+            wanted = path
+            path, back = self._proofs.held_back(wanted, self._path)
+            if path is not wanted:
+                costs = self._costs_if_better(path)
+        if costs is None:
+            return 0.0, back
+        gain = self._level - costs[1]
+        self._settle(path, *costs)
+        return gain, back
+
+    def _costs_if_better(self, path: FloatArray) -> tuple[float, float] | None:
+        """Return J of a path, and that with its obstacle cost, unless it is not cheaper, too long, or not feasible."""
         if (
             np.array_equal(path, self._path)
-            or path_length(whole) > self._longest
+            or path_length(self._whole(path)) > self._longest
             or not self._feasible.holds(path)
         ):
-            return 0.0
-        gain = self._level - self._cost.level(path)  # NaN where both are infinite, from a danger point
-        if not (gain > 0 and self._go_on_from(path)):
-            return 0.0
-        self._level -= gain
-        return gain
+            return None
+        cost, total = self._costs(path)
+        return (cost, total) if total < self._level and (self._pending or cost <= self._ceiling) else None
 
-    def _go_on_from(self, path: FloatArray) -> bool:
-        """Take a proven path for the one between the retreats, unless what is published would become too dear."""
-        whole = self._whole(path)
+    def _costs(self, path: FloatArray) -> tuple[float, float]:
+        """Return J with a path between the retreats, and that with its obstacle cost; it is anchored then."""
+        cost = self._cost.of(self._whole(path))
+        return cost, cost + self._cost.near(path) + self._nearby
+
+    def _settle(self, path: FloatArray, cost: float, total: float) -> None:
+        """Go on from a proven path, and publish it if it is as cheap as what was published before."""
+        self._path, self._level = path, total
+        if cost <= self._ceiling and total <= self._bound:
+            self._bound, self._pending = total, False
+            self._known = self.best
+            self._publish(self._whole(path), cost)
+
+    def _publish(self, path: FloatArray, cost: float) -> None:
+        self.best = path
+        if self._on_better is not None:
+            self._on_better(path, cost)
+
+    def _look_again(self) -> bool:
+        """Take the danger points that matter now; return whether the path is still no dearer than the given one."""
+        whole = self._whole(self._path)
+        self._cost.look_at(whole)
         cost = self._cost.of(whole)
-        cheap = cost <= self._ceiling
-        if cheap or self._pending:
-            self._path = path
-        if cheap:
-            self._pending, self.best = False, whole
-            if self._on_better is not None:
-                self._on_better(whole, cost)
-        return cheap or self._pending
+        if not self._pending and cost > self._ceiling:  # other points can only add to the cost
+            self.best = self._known
+            return False
+        self._level = cost + self._cost.near(self._path) + self._nearby
+        if not self._pending:
+            self._bound = self._level
+            self._known = self.best
+        return True
 
     def _whole(self, path: FloatArray) -> FloatArray:
         """Return `path` with the retreats on both sides."""
@@ -251,8 +291,8 @@ class SimplificationRun:
         path = divided(self._path, self._settings.spacing)
         if self._obstacles is not None:
             path = refined(path, self._obstacles.near)
-        if self._proofs.admit(path):
-            self._path = path
+        self._proofs.inherit(path)
+        self._path = path
 
     def _resolve_peaks(self) -> bool:
         """Put way points where danger peaks beside the ends, between those that there are; return whether it does.
@@ -263,10 +303,12 @@ class SimplificationRun:
         forced = float(field.values(self.best[[0, -1]]).max())
         places, peaks = peaks_beside_ends(Curve(self._robot, self._path), field, forced)
         path = with_way_points(self._path, places, _APART)
-        if len(path) == len(self._path) or not self._proofs.admit(path):
+        if len(path) == len(self._path):
             return False
+        self._proofs.inherit(path)
         self._path = path
         self._cost.look_at(self._whole(path), peaks)
+        self._level = self._costs(path)[1]
         return True
 
 
