@@ -11,6 +11,7 @@ from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.checker import CollisionChecker, fresh_data
 
 _LOOK_AHEAD = 0.05  # [m] pairs that are so much farther than the nearest one are looked at exactly, too
+_MANY = 6  # pairs: of more it pays to ask first whether any is near
 _STILL = 1e-12  # [m/rad]
 
 
@@ -36,6 +37,7 @@ class PairDistances:
 
     def __init__(self, checker: CollisionChecker, reach: float) -> None:
         pairs = checker.pairs_within(reach)
+        self._set, self._margins = pairs, dict[float, FloatArray]()
         self._robot, self._counts = checker.robot, checker.counts
         self._geometry = pairs.geometry  # not a copy: obstacles are where the checker has them
         self._data = fresh_data(self._geometry)
@@ -68,6 +70,9 @@ class PairDistances:
         close = np.flatnonzero(bounds < within)
         if not len(close):
             return close
+        if len(close) > _MANY and not self._any_within(q, within):
+            bounds[close] = within
+            return close[:0]
         self._counts.distance_queries += 1
         geometry, data, indices = self._geometry, self._data, self._indices
         full = self._robot.pinocchio_configuration(q)
@@ -77,6 +82,11 @@ class PairDistances:
         )
         bounds[close] = exact
         return close[exact < within]
+
+    def _any_within(self, q: FloatArray, distance: float) -> bool:
+        if distance not in self._margins:
+            self._margins[distance] = self._set.margins(distance)
+        return self._set.within_margins(q, self._margins[distance])
 
     def least_along(self, path: FloatArray, least: float, step: float) -> float:
         """Return the least distance [m] along an unrolled path (N, n), or the given one where that is less.

@@ -12,6 +12,8 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pair_distances import PairDistances
 from safe_ompl.robot.robot import Robot
 
+_REMEMBERED = 200  # configurations
+
 
 @dataclass(frozen=True)
 class Witnesses:
@@ -54,8 +56,8 @@ class Witnesses:
 class Proximity:
     """Finds the pairs of link and obstacle that are nearer to each other than a distance.
 
-    Asked again about as many configurations, it takes them for the same ones, moved: what is known there bounds most
-    distances well enough. What is found does not depend on that.
+    The distances that were found last bound most of those at configurations nearby well enough. What is found does not
+    depend on that.
 
     Parameters
     ----------
@@ -83,9 +85,10 @@ class Proximity:
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether the robot is nearer than `within` to an obstacle (B,) at `Q: (B, n)`."""
-        found = np.zeros(len(Q), dtype=bool)
-        for row, _ in self._near_pairs(Q, self._nothing(len(Q))):
+        found, bounds = np.zeros(len(Q), dtype=bool), self._bounds(Q)
+        for row, _ in self._near_pairs(Q, bounds):
             found[row] = True
+        self._remember(Q, bounds)
         return found
 
     def witnesses(self, Q: FloatArray) -> Witnesses:
@@ -96,7 +99,7 @@ class Proximity:
             for row, pair in self._near_pairs(Q, bounds)
             if bounds[row, pair] > 0  # in contact there is no way from one to the other
         ]
-        self._known = Q.copy(), bounds
+        self._remember(Q, bounds)
         rows, joints, local, on_link, on_obstacle = zip(*found, strict=True) if found else ((),) * 5
         ends = np.reshape(on_obstacle, (-1, 3))
         normals = np.reshape(on_link, (-1, 3)) - ends
@@ -121,10 +124,17 @@ class Proximity:
                 yield row, pair
 
     def _bounds(self, Q: FloatArray) -> FloatArray:
-        """Return the lower bounds (B, K) of distances at `Q: (B, n)` that are known beforehand."""
-        if self._known is None or len(self._known[0]) != len(Q):
-            return self._nothing(len(Q))
-        return self.distances.moved(self._known[1], Q - self._known[0])
+        """Return the lower bounds (B, K) of distances at `Q: (B, n)` that follow from what is known nearby."""
+        if self._known is None or not len(Q):
+            return np.full((len(Q), len(self.distances)), -np.inf)
+        known, bounds = self._known
+        nearest = (np.einsum("ij,ij->i", known, known) - 2.0 * (Q @ known.T)).argmin(axis=1)
+        return self.distances.moved(bounds[nearest], Q - known[nearest])
 
-    def _nothing(self, count: int) -> FloatArray:
-        return np.full((count, len(self.distances)), -np.inf)
+    def _remember(self, Q: FloatArray, bounds: FloatArray) -> None:
+        if self._known is None:
+            self._known = Q.copy(), bounds
+        else:
+            known = zip((Q, bounds), self._known, strict=True)
+            latest, before = (np.concatenate(arrays)[:_REMEMBERED] for arrays in known)
+            self._known = latest, before

@@ -19,7 +19,7 @@ from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.peaks import peaks_beside_ends
 from safe_ompl.paths.simplify.resampling import divided, path_length, refined, with_way_points
 from safe_ompl.paths.simplify.retreat import retreat
-from safe_ompl.paths.simplify.shortcut import shortcut
+from safe_ompl.paths.simplify.shortcut import joined, shortcut
 from safe_ompl.robot.robot import Robot
 
 _SAME = 1e-4  # [m] clearances that differ by less are the same
@@ -139,7 +139,7 @@ class SimplificationRun:
 
     def _shorten(self) -> None:
         """Take shortcuts between the way points of the given path."""
-        shorter = self._shortcut(self._path)
+        shorter = self._shortcut(shortcut, self._path)
         if shorter is None or path_length(shorter) > self._longest:
             return
         self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
@@ -159,7 +159,7 @@ class SimplificationRun:
             return False  # nothing to leave, or nowhere to go from there
         if self._proofs.refused(start) or self._proofs.refused(goal[::-1]):
             return False
-        between = self._shortcut(np.concatenate([start[-1:], self._path[1:-1], goal[-1:]]))
+        between = self._shortcut(joined, np.concatenate([start[-1:], self._path[1:-1], goal[-1:]]))
         if between is None:
             return False
         goal = goal + (between[-1] - goal[-1])  # continuous joints may have been unwound
@@ -178,8 +178,8 @@ class SimplificationRun:
             return end[None]
         return retreat(end, self._obstacles, self._settings.danger.field, self._feasible, self._stop)
 
-    def _shortcut(self, path: FloatArray) -> FloatArray | None:
-        found = shortcut(path, self._cost.danger, self._proofs, self._stop)
+    def _shortcut(self, method: Callable[..., FloatArray | None], path: FloatArray) -> FloatArray | None:
+        found = method(path, self._cost.danger, self._proofs, self._stop)
         return None if found is None else unrolled(self._robot, found)
     def _descend(self) -> None:
         """Descend until the cost falls no more."""

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.paths.simplify.cost import PathCost
 from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
 
@@ -36,7 +36,25 @@ def shortcut(
     stop : callable
         When it says so, there is none.
     """
-    costs = _edge_costs(path, cost, stop)
+    candidates = np.rint(np.linspace(0, len(path) - 1, min(len(path), _CANDIDATES))).astype(int)
+    wanted = np.eye(len(path), k=1, dtype=bool)
+    wanted[np.ix_(candidates, candidates)] = True
+    return _cheapest_proven_chain(path, wanted, cost, proofs, stop)
+
+
+def joined(
+    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
+) -> FloatArray | None:
+    """Return the same where only edges from the first way point, to the last one, and between neighbours count."""
+    wanted = np.eye(len(path), k=1, dtype=bool)
+    wanted[0], wanted[:, -1] = True, True
+    return _cheapest_proven_chain(path, wanted, cost, proofs, stop)
+
+
+def _cheapest_proven_chain(
+    path: FloatArray, wanted: BoolArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
+) -> FloatArray | None:
+    costs = _edge_costs(path, wanted, cost, stop)
     while not stop():
         chain = _cheapest_chain(costs)
         if not all(np.isfinite(costs[edge]) for edge in pairwise(chain)):
@@ -49,13 +67,11 @@ def shortcut(
     return None
 
 
-def _edge_costs(path: FloatArray, cost: PathCost, stop: Callable[[], bool]) -> FloatArray:
-    """Return the cost (N, N) of the edges from way points to later ones; infinite where it is not looked at."""
-    count = len(path)
-    costs = np.full((count, count), np.inf)
-    candidates = np.rint(np.linspace(0, count - 1, min(count, _CANDIDATES))).astype(int)
-    wanted = np.eye(count, k=1, dtype=bool)
-    wanted[np.ix_(candidates, candidates)] = True
+def _edge_costs(
+    path: FloatArray, wanted: BoolArray, cost: PathCost, stop: Callable[[], bool]
+) -> FloatArray:
+    """Return the cost (N, N) of the edges from way points to later ones, infinite but for those that are wanted."""
+    costs = np.full(wanted.shape, np.inf)
     first, second = np.nonzero(np.triu(wanted, 1))
     lengths = np.linalg.norm(cost.robot.difference(path[first], path[second]), axis=1)
     samples = np.clip(np.ceil(lengths / _SPACING).astype(int), _FEWEST, _MOST)
