@@ -29,6 +29,7 @@ _RESOLUTIONS = 2  # how often peaks are looked for
 _FAR = 0.5  # [rad] when way points have moved so far, other danger points may matter
 _LOOKS = 40  # how often these are looked for at most: as a rule two to five times
 _ROUNDS = (3, 5, 8)  # steps between two proofs: more, as long as the proofs succeed
+_IDLE = 3e-4  # share of the cost that a step must save, or it was the last one of its round
 _CAUTION = 0.5  # a round that fails is tried again with this share of the step
 _SMALLEST = 0.01  # [rad] steps are not worth taking
 
@@ -186,9 +187,7 @@ class SimplificationRun:
         descent = Descent(self._cost, self._path, self._feasible)
         seen, resolutions, largest, round_ = self._path, 0, LARGEST, 0
         while not self._stop():
-            for _ in range(_ROUNDS[round_]):
-                if self._stop() or not descent.step(largest):
-                    break
+            self._steps(descent, largest, _ROUNDS[round_])
             if self._stop():
                 return
             moved = descent.path is not self._path
@@ -214,6 +213,15 @@ class SimplificationRun:
                     return
                 resolutions, largest, round_ = resolutions + 1, LARGEST, 0
                 seen, descent = self._path, Descent(self._cost, self._path, self._feasible)
+
+    def _steps(self, descent: Descent, largest: float, most: int) -> None:
+        """Take steps, as many as are wanted at most, as long as they are worthwhile."""
+        for _ in range(most):
+            before = descent.value
+            if self._stop() or not descent.step(largest):
+                return
+            if before - descent.value < _IDLE * before:
+                return
 
     def _take(self, path: FloatArray) -> tuple[float, BoolArray]:
         """Go on from as much of a path (N, n) as is proven, if that is cheaper, and not too long.
