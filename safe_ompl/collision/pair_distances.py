@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.checker import CollisionChecker, fresh_data
 
-_LOOK_AHEAD = 0.05  # [m] pairs that are so much farther than the nearest one are looked at exactly, too
 _MANY = 6  # pairs: of more it pays to ask first whether any is near
-_STILL = 1e-12  # [m/rad]
 
 
 class PairDistances:
@@ -83,31 +79,18 @@ class PairDistances:
         bounds[close] = exact
         return close[exact < within]
 
+    def least(self, q: FloatArray, within: float) -> float:
+        """Return the least distance [m] at `q: (n,)`, or `within` where that is less."""
+        if not self._any_within(q, within):
+            return within
+        bounds = np.full(len(self), -np.inf)
+        self.refine(q, bounds, within)
+        return min(within, float(bounds.min(initial=np.inf)))
+
     def _any_within(self, q: FloatArray, distance: float) -> bool:
         if distance not in self._margins:
             self._margins[distance] = self._set.margins(distance)
         return self._set.within_margins(q, self._margins[distance])
-
-    def least_along(self, path: FloatArray, least: float, step: float) -> float:
-        """Return the least distance [m] along an unrolled path (N, n), or the given one where that is less.
-
-        Samples are `step` [rad or m] apart, and farther where no pair can come as near as the least so far.
-        """
-        bounds, last = np.full(len(self), -np.inf), path[0]
-        for start, end in pairwise(path):
-            length = float(np.linalg.norm(end - start))
-            if not length:
-                continue
-            direction, s = (end - start) / length, 0.0
-            rates = np.maximum(self.radii @ np.abs(direction), _STILL)
-            while s <= length:
-                q = start + s * direction
-                bounds = self.moved(bounds, q - last)
-                if len(self.refine(q, bounds, least + _LOOK_AHEAD)):
-                    least = min(least, float(bounds.min()))
-                last = q
-                s += max(step, float(((bounds - least) / rates).min(initial=np.inf)))
-        return least
 
     def witness(self, pair: int) -> tuple[int, FloatArray, FloatArray, FloatArray]:
         """Return the nearest points of a pair where its distance was found last.

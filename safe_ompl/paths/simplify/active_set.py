@@ -29,6 +29,8 @@ class ActiveSetCost:
 
     Attributes
     ----------
+    everywhere : DangerDensity
+        Of all danger points.
     danger : PathCost
         J = ∫ (1 + λ·CDFᵖ) ds.
     total : PathCost
@@ -36,7 +38,7 @@ class ActiveSetCost:
     """
 
     def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
-        self._everywhere = danger
+        self.everywhere = danger
         self._obstacles = obstacles
         self.look_at(path)
 
@@ -45,8 +47,8 @@ class ActiveSetCost:
         samples = divided(path, _SCAN)
         if besides is not None:
             samples = np.concatenate([samples, besides])
-        robot = self._everywhere.field.robot
-        danger = self._everywhere.restricted(self._everywhere.field.active(samples, _SHARE))
+        robot = self.everywhere.field.robot
+        danger = self.everywhere.restricted(self.everywhere.field.active(samples, _SHARE))
         self.danger = PathCost(robot, [danger])
         self.total = PathCost(robot, [danger, *([] if self._obstacles is None else [self._obstacles])])
 

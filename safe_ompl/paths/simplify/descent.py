@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray
+from safe_ompl.maths.kernels.block_chain import factored, solved
 from safe_ompl.paths.simplify.cost import QuadraticModel
 
 LARGEST = 0.4  # [rad] a way point moves no farther in one step
@@ -140,20 +141,9 @@ class BlockChain:
 
     def __init__(self, blocks: FloatArray, beside: FloatArray, moving: BoolArray) -> None:
         blocks = np.where(moving[:, None, None], blocks, np.eye(blocks.shape[1]))
-        beside = beside * (moving[1:] & moving[:-1])[:, None, None]
-        self._inverses = np.empty_like(blocks)
-        self._factors = np.empty_like(beside)
-        inverse = self._inverses[0] = np.linalg.inv(blocks[0])
-        for k, side in enumerate(beside):
-            factor = self._factors[k] = side.T @ inverse
-            inverse = self._inverses[k + 1] = np.linalg.inv(blocks[k + 1] - factor @ side)
+        self._band = factored(blocks, beside * (moving[1:] & moving[:-1])[:, None, None])
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution (N, n) for the right-hand side (N, n)."""
-        x = right.copy()
-        for k, factor in enumerate(self._factors):
-            x[k + 1] -= factor @ x[k]
-        x = (self._inverses @ x[:, :, None])[:, :, 0]
-        for k in range(len(self._factors) - 1, -1, -1):
-            x[k] -= self._factors[k].T @ x[k + 1]
-        return x
+        x: FloatArray = solved(self._band, right.ravel())
+        return x.reshape(right.shape)

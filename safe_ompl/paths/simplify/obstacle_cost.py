@@ -14,6 +14,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pair_distances import PairDistances
 from safe_ompl.collision.witnesses import Proximity, Witnesses
 from safe_ompl.inputs import number
+from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.simplify.cost import Expansion
 
 OBSTACLE_WEIGHT = 20.0
@@ -72,13 +73,16 @@ class ObstacleCost:
         self.allowed = max(0.0, min(self.distance, distance))
 
     def clearances(self, path: FloatArray) -> tuple[float, float]:
-        """Return the least clearance [m] of the ends of an unrolled path (N, n), and along it; ≥ 0."""
+        """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
         checker = self._proximity.checker
-        ends = max(0.0, min(checker.clearance(q).distance for q in path[[0, -1]]))
+        ends = least = max(0.0, min(checker.clearance(q).distance for q in path[[0, -1]]))
         if not 0 < ends < np.inf:
             return ends, ends
         distances = self._proximity.distances if ends <= self.distance else PairDistances(checker, ends)
-        return ends, max(0.0, distances.least_along(path, ends, _STEP))
+        curve = Curve(checker.robot, path)
+        for q in curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP))):
+            least = max(0.0, distances.least(q, least))
+        return ends, least
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""

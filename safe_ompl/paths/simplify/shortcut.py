@@ -14,6 +14,7 @@ from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
 _SPACING = 0.6  # [rad] between the samples of an edge's cost
 _FEWEST, _MOST = 2, 6  # samples of an edge
 _CANDIDATES = 40  # way points of a path that edges may skip to, evenly chosen where it has more
+_JOINT = 1.2  # [rad]
 _BATCH = 80  # edges whose costs are estimated at once
 
 
@@ -45,10 +46,15 @@ def shortcut(
 def joined(
     path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
 ) -> FloatArray | None:
-    """Return the same where only edges from the first way point, to the last one, and between neighbours count."""
-    wanted = np.eye(len(path), k=1, dtype=bool)
-    wanted[0], wanted[:, -1] = True, True
-    return _cheapest_proven_chain(path, wanted, cost, proofs, stop)
+    """Return the same where only the ends are new: besides the path's own edges those from there, short ones first."""
+    for reach in (_JOINT, np.inf):
+        wanted = np.eye(len(path), k=1, dtype=bool)
+        wanted[0] |= np.linalg.norm(path - path[0], axis=1) < reach
+        wanted[:, -1] |= np.linalg.norm(path - path[-1], axis=1) < reach
+        found = _cheapest_proven_chain(path, wanted, cost, proofs, stop)
+        if found is not None:
+            return found
+    return None
 
 
 def _cheapest_proven_chain(
@@ -67,9 +73,7 @@ def _cheapest_proven_chain(
     return None
 
 
-def _edge_costs(
-    path: FloatArray, wanted: BoolArray, cost: PathCost, stop: Callable[[], bool]
-) -> FloatArray:
+def _edge_costs(path: FloatArray, wanted: BoolArray, cost: PathCost, stop: Callable[[], bool]) -> FloatArray:
     """Return the cost (N, N) of the edges from way points to later ones, infinite but for those that are wanted."""
     costs = np.full(wanted.shape, np.inf)
     first, second = np.nonzero(np.triu(wanted, 1))

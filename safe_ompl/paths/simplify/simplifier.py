@@ -16,10 +16,11 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import number
 from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.simplify.best_path import Better
 from safe_ompl.paths.simplify.constraints import GoalSet
 from safe_ompl.paths.simplify.cost import STEP, WEIGHT, DangerDensity, PathCost, reference_danger
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.run import Better, Settings, SimplificationRun, Stop, unrolled
+from safe_ompl.paths.simplify.run import Settings, SimplificationRun, Stop, unrolled
 
 CLEARANCE = 0.05  # [m]
 EXPONENT = 2.0

@@ -12,7 +12,8 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.cost import PathCost
-from safe_ompl.paths.simplify.edge_proofs import EdgeProofs, least_clearance
+from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.shortcut import shortcut
 from safe_ompl.paths.simplify.simplifier import Simplifier, simplify_danger
 from safe_ompl.robot.inverse_kinematics import Place
@@ -251,7 +252,7 @@ def test_where_nothing_helps_all_goes_back(setup):
 
 def test_the_least_clearance_over_a_path(setup, raw):
     for path in raw:
-        found = least_clearance(path, setup.checker)
+        found = ObstacleCost(setup.checker, 0.05).clearances(path)[1]
         dense = PathReport.of(path, setup.checker).clearance.min
         assert found == pytest.approx(dense, abs=5e-3)
         assert found > 0
@@ -263,7 +264,8 @@ def test_where_start_is_goal_nothing_moves(setup, way_points):
 
 
 def test_without_obstacles_there_is_no_least_clearance(ur5):
-    assert least_clearance(np.array([START, GOAL]), CollisionChecker(ur5, Scene())) == np.inf
+    nothing = ObstacleCost(CollisionChecker(ur5, Scene()), 0.05)
+    assert nothing.clearances(np.array([START, GOAL])) == (np.inf, np.inf)
 
 
 def test_continuous_joints_go_the_short_way(kinova, rng):
