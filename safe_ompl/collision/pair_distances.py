@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.collision.checker import CollisionChecker, fresh_data
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.queries import fresh_data
 
 _MANY = 6  # pairs: of more it pays to ask first whether any is near
 
@@ -32,20 +33,29 @@ class PairDistances:
     """
 
     def __init__(self, checker: CollisionChecker, reach: float) -> None:
-        pairs = checker.pairs_within(reach)
-        self._set, self._margins = pairs, dict[float, FloatArray]()
         self._robot, self._counts = checker.robot, checker.counts
-        self._geometry = pairs.geometry  # not a copy: obstacles are where the checker has them
-        self._data = fresh_data(self._geometry)
+        self._set = checker.pairs_within(reach)
+        self._geometry = self._set.geometry
         self._kinematics = self._robot.shared.model.createData()
-        self._pairs = np.flatnonzero(pairs.meets_obstacle)
-        self._indices: list[int] = self._pairs.tolist()
+        self._indices: list[int] = np.flatnonzero(self._set.meets_obstacle).tolist()
+        links = self._set.bodies[self._indices, 0].tolist()
+        self._joints = [self._geometry.geometryObjects[link].parentJoint for link in links]
+        self._margins = dict[float, FloatArray]()
+        self._take_places()
+
+    def _take_places(self) -> None:
+        self._revision = self._set.revision
+        self._data = fresh_data(self._geometry)
         results = list(self._data.distanceResults)
         self._results = [results[k] for k in self._indices]
-        self._joints = [
-            self._geometry.geometryObjects[link].parentJoint for link, _ in pairs.bodies[self._pairs].tolist()
-        ]
-        self.radii = pairs.radii[self._pairs]
+        self.radii = self._set.radii[self._indices]
+
+    def follow(self) -> bool:
+        """Take the places of obstacles that have moved; return whether any has: then no bound holds any more."""
+        if self._revision == self._set.revision:
+            return False
+        self._take_places()
+        return True
 
     def __len__(self) -> int:
         return len(self._indices)

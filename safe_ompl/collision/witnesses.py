@@ -125,6 +125,8 @@ class Proximity:
 
     def _bounds(self, Q: FloatArray) -> FloatArray:
         """Return the lower bounds (B, K) of distances at `Q: (B, n)` that follow from what is known nearby."""
+        if self.distances.follow():
+            self._known = None
         if self._known is None or not len(Q):
             return np.full((len(Q), len(self.distances)), -np.inf)
         known, bounds = self._known

@@ -79,6 +79,7 @@ class ObstacleCost:
         if not 0 < ends < np.inf:
             return ends, ends
         distances = self._proximity.distances if ends <= self.distance else PairDistances(checker, ends)
+        distances.follow()
         curve = Curve(checker.robot, path)
         for q in curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP))):
             least = max(0.0, distances.least(q, least))

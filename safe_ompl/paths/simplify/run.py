@@ -9,6 +9,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.errors import StaleSceneError
 from safe_ompl.paths.simplify.active_set import ActiveSetCost
 from safe_ompl.paths.simplify.best_path import BestPath, Better, Price
 from safe_ompl.paths.simplify.constraints import FeasibleSet, FreeGoal, GoalSet
@@ -74,6 +75,7 @@ class SimplificationRun:
         proven: bool,
     ) -> None:
         self._settings = settings
+        self._revisions = settings.motion.checker.revision, settings.danger.field.revision
         self._robot = settings.danger.field.robot
         self._stop = stop
         self._best = BestPath(path, on_better)
@@ -93,7 +95,15 @@ class SimplificationRun:
         return self._best.path
 
     def improve(self) -> None:
-        """Make the path cheaper until the cost falls no more."""
+        """Make the path cheaper until the cost falls no more.
+
+        Raises
+        ------
+        StaleSceneError
+            If obstacles have moved since the run began.
+        """
+        if self._revisions != (self._settings.motion.checker.revision, self._settings.danger.field.revision):
+            raise StaleSceneError("obstacles have moved since this run began: begin another one")
         if self._stop():
             return
         self._look_around()
