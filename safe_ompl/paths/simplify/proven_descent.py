@@ -17,11 +17,11 @@ from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
 from safe_ompl.paths.simplify.peaks import peaks_beside_ends
 from safe_ompl.paths.simplify.resampling import path_length, with_way_points
 
-_ROUNDS = (3, 5, 8)  # steps between two proofs: more, as long as the proofs succeed
+_ROUNDS = (4, 10, 16)  # steps between two proofs: more, as long as the proofs succeed
 _IDLE = 3e-4  # share of the cost that a step must save, or it is the last one of its round
 _CAUTION = 0.5  # a round that fails is tried again with this share of the step
 _SMALLEST = 0.01  # [rad] steps are not worth taking
-_FAR = 0.5  # [rad] when way points have moved so far, other danger points may matter
+_FAR = 1.0  # [rad] when way points have moved so far, other danger points may matter
 _APART = 0.01  # [rad] of path between way points, at least
 _RESOLUTIONS = 2  # how often peaks are looked for
 
