@@ -20,7 +20,7 @@ class Price(NamedTuple):
 
 
 class BestPath:
-    """The best path so far: none is taken whose J is above that of the given path, or whose total rises.
+    """The best path so far: none is taken whose J is above that of the given path, or its total above `total`.
 
     Prices are those for the danger points that matter near a path when it is offered. When others turn out to matter,
     the price is `confirmed` anew, and a path that has become dearer than the given one is taken back.
@@ -38,7 +38,7 @@ class BestPath:
     ceiling : float
         J of the given path.
     total : float
-        What no other path may cost more than, obstacle cost included.
+        What no other path may cost more than, obstacle cost included: what the best one costs, as a rule.
     """
 
     def __init__(self, path: FloatArray, on_better: Better | None) -> None:

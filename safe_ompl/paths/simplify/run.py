@@ -153,6 +153,8 @@ class SimplificationRun:
             return False
         goal = goal[::-1] + (between[-1] - goal[-1])  # continuous joints may have been unwound
         descent = self._descent(self._divided(between), (start, goal))
+        # Ends that are left well may cost more than shortcuts, though not more than the given path.
+        self._best.total = np.inf
         descent.leads = self._best.take(np.concatenate([start[:-1], between, goal[1:]]), descent.price)
         descent.run()
         return descent.leads
