@@ -111,10 +111,12 @@ class SimplificationRun:
         if self._stop() or not path_length(self.best):
             return  # where the start is the goal, nothing is shorter
         shortened = self._divided(self.best)
-        self._best.confirm(self._descent(shortened, (shortened[:1], shortened[-1:])).price)
+        ends = shortened[:1], shortened[-1:]
+        plain = ProvenDescent(shortened, ends, self._cost, self._terms, self._best, self._stop)
+        self._best.confirm(plain.price)
         if self._descend_between_retreats(shortened) or self._stop():
             return
-        descent = self._descent(shortened, (shortened[:1], shortened[-1:]))
+        descent = self._descent(shortened, ends)
         descent.leads = True
         descent.run()
 
@@ -150,6 +152,8 @@ class SimplificationRun:
             return False
         between = self._shortcut(joined, np.concatenate([start[-1:], path[1:-1], goal[-1:]]))
         if between is None or sum(map(path_length, (start, between, goal))) > self._terms.longest:
+            return False
+        if self._stop():
             return False
         goal = goal[::-1] + (between[-1] - goal[-1])  # continuous joints may have been unwound
         descent = self._descent(self._divided(between), (start, goal))
