@@ -137,13 +137,25 @@ class DangerField(RobotField):
         InputError
             If anything else differs, or the field was not made by `of_scene`. Then it stays as it was.
         """
+        if self._of_known_scene.move(scene):
+            self._take_obstacles()
+
+    def stand_in(self, scene: Scene) -> None:
+        """Take the danger points of any other scene; errors as `move`."""
+        if self._of_known_scene.replace(scene):
+            self._take_obstacles()
+
+    @property
+    def _of_known_scene(self) -> DangerousObstacles:
         if self._obstacles is None:
             raise InputError(
                 "this field knows points, not a scene; DangerField.of_scene makes one that can move"
             )
-        if self._obstacles.move(scene):
-            self._take_points(*self._obstacles.points)
-            self.revision += 1
+        return self._obstacles
+
+    def _take_obstacles(self) -> None:
+        self._take_points(*self._of_known_scene.points)
+        self.revision += 1
 
     def _take_points(self, points: ArrayLike | PointSource, weights: ArrayLike | None) -> None:
         """Take danger points and weights, and forget what followed from others."""
