@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, positive
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.queries import fresh_data
+from safe_ompl.collision.pair_distances import PairDistances
 from safe_ompl.robot.robot import Robot
+
+_REMEMBERED = 200  # configurations
 
 
 @dataclass(frozen=True)
@@ -55,12 +56,20 @@ class Witnesses:
 class Proximity:
     """Finds the pairs of link and obstacle that are nearer to each other than a distance.
 
+    The distances that were found last bound most of those at configurations nearby well enough. What is found does not
+    depend on that.
+
     Parameters
     ----------
     checker : CollisionChecker
         Robot and scene.
     within : float
         [m], > 0
+
+    Attributes
+    ----------
+    distances : PairDistances
+        Of all pairs that may come as near.
 
     Raises
     ------
@@ -71,60 +80,63 @@ class Proximity:
     def __init__(self, checker: CollisionChecker, within: float) -> None:
         self.checker = checker
         self.within = positive(within, "distance to obstacles", "length [m]")
-        self._pairs = checker.pairs_within(self.within)
-        self._margins = self._pairs.margins(self.within)
-        geometry = self._pairs.geometry.copy()
-        bodies = self._pairs.bodies[self._pairs.meets_obstacle].tolist()
-        geometry.removeAllCollisionPairs()
-        for link, obstacle in bodies:
-            geometry.addCollisionPair(pin.CollisionPair(link, obstacle))
-        self._geometry = geometry
-        self._revision = self._pairs.revision
-        self._joints = [geometry.geometryObjects[link].parentJoint for link, _ in bodies]
-        self._data = fresh_data(geometry)
-        self._kinematics = checker.robot.shared.model.createData()
-        self._results = list(self._data.distanceResults)
+        self.distances = PairDistances(checker, self.within)
+        self._known: tuple[FloatArray, FloatArray] | None = None  # configurations (B, n), bounds there (B, K)
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether the robot is nearer than `within` to an obstacle (B,) at `Q: (B, n)`."""
-        return np.array([self._pairs.within_margins(q, self._margins) for q in Q], dtype=bool)
+        found, bounds = np.zeros(len(Q), dtype=bool), self._bounds(Q)
+        for row, _ in self._near_pairs(Q, bounds):
+            found[row] = True
+        self._remember(Q, bounds)
+        return found
 
     def witnesses(self, Q: FloatArray) -> Witnesses:
         """Return the witnesses of all pairs that are nearer than `within` at the configurations `Q: (B, n)`."""
-        self._follow()
+        bounds = self._bounds(Q)
         found = [
-            witness for row in np.flatnonzero(self.near(Q)).tolist() for witness in self._at(row, Q[row])
+            (row, *self.distances.witness(pair))
+            for row, pair in self._near_pairs(Q, bounds)
+            if bounds[row, pair] > 0  # in contact there is no way from one to the other
         ]
-        rows, joints, points, normals, offsets = zip(*found, strict=True) if found else ((),) * 5
+        self._remember(Q, bounds)
+        rows, joints, local, on_link, on_obstacle = zip(*found, strict=True) if found else ((),) * 5
+        ends = np.reshape(on_obstacle, (-1, 3))
+        normals = np.reshape(on_link, (-1, 3)) - ends
+        normals /= np.sqrt(np.einsum("ci,ci->c", normals, normals))[:, None]
         return Witnesses(
             self.checker.robot,
             np.array(rows, dtype=np.intp),
             np.array(joints, dtype=np.intp),
-            np.reshape(points, (-1, 3)),
-            np.reshape(normals, (-1, 3)),
-            np.array(offsets, dtype=np.float64),
+            np.reshape(local, (-1, 3)),
+            normals,
+            np.einsum("ci,ci->c", normals, ends),
         )
 
-    def _follow(self) -> None:
-        """Put obstacles that have moved where they are now."""
-        if self._revision != self._pairs.revision:
-            places = list(
-                zip(self._geometry.geometryObjects, self._pairs.geometry.geometryObjects, strict=True)
-            )
-            for mine, now in places[len(self.checker.links) :]:
-                mine.placement, mine.geometry = now.placement, now.geometry
-            self._revision = self._pairs.revision
+    def _near_pairs(self, Q: FloatArray, bounds: FloatArray) -> Iterator[tuple[int, int]]:
+        """Yield row and pair of what is near at `Q: (B, n)`; its lower bounds (B, K) become distances."""
+        distances = self.distances
+        for row in np.flatnonzero((bounds < self.within).any(axis=1)).tolist():
+            here = bounds[row]
+            if row:  # configurations that follow each other are near each other, as a rule
+                np.maximum(here, distances.moved(bounds[row - 1], Q[row] - Q[row - 1]), out=here)
+            for pair in distances.refine(Q[row], here, self.within).tolist():
+                yield row, pair
 
-    def _at(self, row: int, q: FloatArray) -> Sequence[tuple[int, int, FloatArray, FloatArray, float]]:
-        robot = self.checker.robot
-        self.checker.counts.distance_queries += 1
-        full = robot.pinocchio_configuration(q)
-        pin.computeDistances(robot.shared.model, self._kinematics, self._geometry, self._data, full)
-        found = []
-        for k, result in enumerate(self._results):
-            if 0 < result.min_distance < self.within:
-                on_link, on_obstacle = result.getNearestPoint1(), result.getNearestPoint2()
-                normal = (on_link - on_obstacle) / result.min_distance
-                local = self._kinematics.oMi[self._joints[k]].actInv(on_link)
-                found.append((row, self._joints[k], local, normal, float(normal @ on_obstacle)))
-        return found
+    def _bounds(self, Q: FloatArray) -> FloatArray:
+        """Return the lower bounds (B, K) of distances at `Q: (B, n)` that follow from what is known nearby."""
+        if self.distances.follow():
+            self._known = None
+        if self._known is None or not len(Q):
+            return np.full((len(Q), len(self.distances)), -np.inf)
+        known, bounds = self._known
+        nearest = (np.einsum("ij,ij->i", known, known) - 2.0 * (Q @ known.T)).argmin(axis=1)
+        return self.distances.moved(bounds[nearest], Q - known[nearest])
+
+    def _remember(self, Q: FloatArray, bounds: FloatArray) -> None:
+        if self._known is None:
+            self._known = Q.copy(), bounds
+        else:
+            known = zip((Q, bounds), self._known, strict=True)
+            latest, before = (np.concatenate(arrays)[:_REMEMBERED] for arrays in known)
+            self._known = latest, before

@@ -63,7 +63,7 @@ def test_nothing_is_near_in_an_empty_scene(panda):
     values, gradients = density.values_and_gradients(Q)
     assert not values.any()
     assert not gradients.any()
-    assert len(density.bends(Q)[0]) == 0
+    assert not len(density.expansion(Q).rows)
 
 
 def test_nearness_grows_towards_contact_and_counts_double_below_what_the_ends_allow(near):

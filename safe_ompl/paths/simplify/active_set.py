@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.paths.simplify.cost import DangerDensity, PathCost
+from safe_ompl.paths.simplify.cost import DangerDensity, PathCost, QuadraticModel
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.resampling import divided, path_length
 
-_SCAN = 0.15  # [rad] between the configurations at which all danger points are looked at
+_SCAN = 0.25  # [rad] between the configurations at which all danger points are looked at
 _SHARE = 0.85  # of the greatest danger: points that reach it somewhere matter
 
 
@@ -29,6 +29,8 @@ class ActiveSetCost:
 
     Attributes
     ----------
+    everywhere : DangerDensity
+        Of all danger points.
     danger : PathCost
         J = ∫ (1 + λ·CDFᵖ) ds.
     total : PathCost
@@ -36,7 +38,7 @@ class ActiveSetCost:
     """
 
     def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
-        self._everywhere = danger
+        self.everywhere = danger
         self._obstacles = obstacles
         self.look_at(path)
 
@@ -45,8 +47,8 @@ class ActiveSetCost:
         samples = divided(path, _SCAN)
         if besides is not None:
             samples = np.concatenate([samples, besides])
-        robot = self._everywhere.field.robot
-        danger = self._everywhere.restricted(self._everywhere.field.active(samples, _SHARE))
+        robot = self.everywhere.field.robot
+        danger = self.everywhere.restricted(self.everywhere.field.active(samples, _SHARE))
         self.danger = PathCost(robot, [danger])
         self.total = PathCost(robot, [danger, *([] if self._obstacles is None else [self._obstacles])])
 
@@ -54,15 +56,23 @@ class ActiveSetCost:
         """Return J of a path (N, n), without obstacle cost."""
         return self.danger.of(path)
 
-    def level(self, path: FloatArray) -> float:
-        """Return what a path (N, n) costs, obstacle cost included; it is anchored then."""
-        if self._obstacles is None:
-            return self.of(path)
+    def near(self, path: FloatArray) -> float:
+        """Return the obstacle cost of a path (N, n); it is anchored then."""
+        if self._obstacles is None or len(path) < 2:
+            return 0.0
         self.anchor(path)
-        near = PathCost(self.total.robot, [self._obstacles]).value_and_gradient(path)[0]
-        return self.of(path) + near - path_length(path)
+        lone = PathCost(self.total.robot, [self._obstacles])
+        return lone.value_and_gradient(path)[0] - path_length(path)
 
     def anchor(self, path: FloatArray) -> None:
         """From here on take the witnesses of obstacles along a path (N, n)."""
         if self._obstacles is not None:
             self._obstacles.anchor(self.total.nodes(path))
+
+    def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
+        """Return value and gradient (N, n) of both costs together at a path (N, n), by the witnesses."""
+        return self.total.value_and_gradient(path)
+
+    def model(self, path: FloatArray) -> QuadraticModel:
+        """Return the same, and about the Hessian."""
+        return self.total.model(path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -24,6 +24,43 @@ _OFFSET = 0.5 / np.sqrt(3.0)
 _NODES = np.array([0.5 - _OFFSET, 0.5 + _OFFSET])  # Gauss' rule on each segment: exact to the third order
 
 
+class Expansion(NamedTuple):
+    """A density at B configurations, with its derivatives; where it bends, at C rows, it does like Σ vvᵀ or more.
+
+    Attributes
+    ----------
+    values : ndarray, shape (B,)
+    gradients : ndarray, shape (B, n)
+    rows : ndarray of int, shape (C,)
+    bends : ndarray, shape (C, n)
+        The vectors v.
+    """
+
+    values: FloatArray
+    gradients: FloatArray
+    rows: IntArray
+    bends: FloatArray
+
+
+class QuadraticModel(NamedTuple):
+    """The cost of a path (N, n) to the second order.
+
+    Attributes
+    ----------
+    value : float
+    gradient : ndarray, shape (N, n)
+    blocks : ndarray, shape (N, n, n)
+        Of about the Hessian, on its diagonal.
+    beside : ndarray, shape (N − 1, n, n)
+        Right of them.
+    """
+
+    value: float
+    gradient: FloatArray
+    blocks: FloatArray
+    beside: FloatArray
+
+
 class Density(Protocol):
     """Cost of a radian of path at a configuration."""
 
@@ -33,8 +70,8 @@ class Density(Protocol):
     def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
 
-    def bends(self, Q: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return rows (C,) of `Q: (B, n)` and vectors v (C, n): the density bends there like Σ vvᵀ, or more."""
+    def expansion(self, Q: FloatArray) -> Expansion:
+        """Return the density and its derivatives at `Q: (B, n)`."""
 
 
 class DangerDensity:
@@ -64,7 +101,6 @@ class DangerDensity:
         self.reference = number("reference", reference, above=0.0)
         self.weight = number("weight", weight, at_least=0.0)
         self.exponent = number("exponent", exponent, at_least=1.0)
-        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def __repr__(self) -> str:
         return (
@@ -78,29 +114,23 @@ class DangerDensity:
 
     def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
-        danger, slopes = self._evaluated(Q)
-        relative = danger / self.reference
-        rates = self.weight * self.exponent * relative ** (self.exponent - 1) / self.reference
-        return self._of(relative), rates[:, None] * slopes
+        return self.expansion(Q)[:2]
 
-    def bends(self, Q: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return rows (C,) of `Q: (B, n)` and vectors v (C, n): the density bends there like Σ vvᵀ."""
-        if self.exponent == 1:
-            return np.zeros(0, dtype=np.intp), np.zeros((0, Q.shape[1]))
-        danger, slopes = self._evaluated(Q)
+    def expansion(self, Q: FloatArray) -> Expansion:
+        """Return the density and its derivatives at `Q: (B, n)`, the second ones as if the danger were linear."""
+        danger, slopes = self.field.values_and_gradients(Q)
         relative = danger / self.reference
-        bend = self.weight * self.exponent * (self.exponent - 1) * relative ** (self.exponent - 2)
-        return np.arange(len(Q)), np.sqrt(bend)[:, None] * slopes / self.reference
+        slopes = slopes / self.reference
+        p = self.exponent
+        rates = self.weight * p * relative ** (p - 1)
+        bend = self.weight * p * (p - 1) * relative ** (p - 2) if p > 1 else np.zeros(len(Q))
+        return Expansion(
+            self._of(relative), rates[:, None] * slopes, np.arange(len(Q)), np.sqrt(bend)[:, None] * slopes
+        )
 
     def restricted(self, field: DangerField) -> DangerDensity:
         """Return the same density of another field, such as one of fewer danger points."""
         return DangerDensity(field, self.reference, self.weight, self.exponent)
-
-    def _evaluated(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return danger and gradients at `Q: (B, n)`; asked for the same again, it remembers."""
-        if self._last is None or not np.array_equal(self._last[0], Q):
-            self._last = Q.copy(), *self.field.values_and_gradients(Q)
-        return self._last[1:]
 
     def _of(self, relative: FloatArray) -> FloatArray:
         density: FloatArray = self.weight * relative**self.exponent
@@ -159,42 +189,40 @@ class PathCost:
         Of a segment Δ from x of length ℓ = ‖Δ‖ with nodes t_j it is ℓ·mean_j f(x + t_jΔ); the gradients are
         mean f·Δ/ℓ + ℓ·mean_j t_j∇f with respect to its end, −mean f·Δ/ℓ + ℓ·mean_j (1−t_j)∇f to its start.
         """
-        deltas = path[1:] - path[:-1]
-        lengths = np.sqrt(np.einsum("ij,ij->i", deltas, deltas))
-        values, slopes = self._total_and_gradients(self.nodes(path))
-        means = values.reshape(-1, 2).mean(axis=1)
-        slopes = slopes.reshape(len(deltas), 2, -1)
-        slopes *= 0.5 * lengths[:, None, None]
-        pull = (means / np.maximum(lengths, _TINY))[:, None] * deltas
-        gradient = np.zeros_like(path)
-        gradient[1:] += pull + slopes[:, 0] * _NODES[0] + slopes[:, 1] * _NODES[1]
-        gradient[:-1] += slopes[:, 0] * _NODES[1] + slopes[:, 1] * _NODES[0] - pull
-        return float(lengths @ means), gradient
+        nodes = self.nodes(path)
+        values, slopes = np.ones(len(nodes)), np.zeros(nodes.shape)
+        for density in self.densities:
+            more, steeper = density.values_and_gradients(nodes)
+            values += more
+            slopes += steeper
+        return _integrated(path, values, slopes)
 
-    def curvature(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return about the Hessian of `value_and_gradient`'s J: blocks (N, n, n), and (N − 1, n, n) beside them.
+    def model(self, path: FloatArray) -> QuadraticModel:
+        """Return the same with about the Hessian of J.
 
         Length resists bending like springs, Σ f/2ℓ·‖x_{k+1} − x_k‖² with the path's mean density f. What the
         densities add is their Gauss-Newton part; so the whole is positive.
         """
-        count, n = path.shape
+        nodes = self.nodes(path)
+        expansions = [density.expansion(nodes) for density in self.densities]
+        value, gradient = _integrated(
+            path,
+            sum((expansion.values for expansion in expansions), np.ones(len(nodes))),
+            sum((expansion.gradients for expansion in expansions), np.zeros(nodes.shape)),
+        )
         lengths = np.linalg.norm(path[1:] - path[:-1], axis=1)
-        mean = self.value_and_gradient(path)[0] / max(lengths.sum(), _TINY)
-        stiffness = mean / np.maximum(lengths, max(_SHORT * lengths.mean(), _TINY))
-        blocks, beside = np.zeros((count, n, n)), np.zeros((count - 1, n, n))
-        joint = np.arange(n)
-        blocks[:-1, joint, joint] += stiffness[:, None]
-        blocks[1:, joint, joint] += stiffness[:, None]
-        beside[:, joint, joint] -= stiffness[:, None]
-        Q = self.nodes(path)
-        for density in self.densities:
-            rows, vectors = density.bends(Q)
-            segment, t = rows // 2, _NODES[rows % 2][:, None, None]
-            squares = 0.5 * lengths[segment, None, None] * vectors[:, :, None] * vectors[:, None, :]
+        mean = value / max(lengths.sum(), _TINY)
+        blocks, beside = _springs(
+            mean / np.maximum(lengths, max(_SHORT * lengths.mean(), _TINY)), path.shape[1]
+        )
+        for expansion in expansions:
+            segment, t = expansion.rows // 2, _NODES[expansion.rows % 2][:, None, None]
+            v = expansion.bends
+            squares = 0.5 * lengths[segment, None, None] * v[:, :, None] * v[:, None, :]
             np.add.at(blocks, segment, (1 - t) ** 2 * squares)
             np.add.at(blocks, segment + 1, t**2 * squares)
             np.add.at(beside, segment, t * (1 - t) * squares)
-        return blocks, beside
+        return QuadraticModel(value, gradient, blocks, beside)
 
     def nodes(self, path: FloatArray) -> FloatArray:
         """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
@@ -207,10 +235,25 @@ class PathCost:
             total += density.values(Q)
         return total
 
-    def _total_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        total, slopes = np.ones(len(Q)), np.zeros(Q.shape)
-        for density in self.densities:
-            values, gradients = density.values_and_gradients(Q)
-            total += values
-            slopes += gradients
-        return total, slopes
+
+def _integrated(path: FloatArray, values: FloatArray, slopes: FloatArray) -> tuple[float, FloatArray]:
+    """Return J of a path (N, n) and its gradient (N, n), from density (2N − 2,) and its gradients at the nodes."""
+    deltas = path[1:] - path[:-1]
+    lengths = np.sqrt(np.einsum("ij,ij->i", deltas, deltas))
+    means = values.reshape(-1, 2).mean(axis=1)
+    pulls = slopes.reshape(len(deltas), 2, -1) * (0.5 * lengths[:, None, None])
+    pull = (means / np.maximum(lengths, _TINY))[:, None] * deltas
+    gradient = np.zeros_like(path)
+    gradient[1:] += pull + pulls[:, 0] * _NODES[0] + pulls[:, 1] * _NODES[1]
+    gradient[:-1] += pulls[:, 0] * _NODES[1] + pulls[:, 1] * _NODES[0] - pull
+    return float(lengths @ means), gradient
+
+
+def _springs(stiffness: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the Hessian of springs of stiffness (N − 1,) between way points: on the diagonal and beside it."""
+    blocks, beside = np.zeros((len(stiffness) + 1, n, n)), np.zeros((len(stiffness), n, n))
+    joint = np.arange(n)
+    blocks[:-1, joint, joint] += stiffness[:, None]
+    blocks[1:, joint, joint] += stiffness[:, None]
+    beside[:, joint, joint] -= stiffness[:, None]
+    return blocks, beside

@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray
+from safe_ompl.maths.kernels.block_chain import factored, solved
+from safe_ompl.paths.simplify.cost import QuadraticModel
 
 LARGEST = 0.4  # [rad] a way point moves no farther in one step
 _MEMORY = 6  # pairs of steps and changes of the gradient that are remembered
@@ -22,8 +24,8 @@ class Smooth(Protocol):
     def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
         """Return value and gradient (N, n) at a path (N, n)."""
 
-    def curvature(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return about the Hessian: the blocks (N, n, n), and those beside them (N − 1, n, n)."""
+    def model(self, path: FloatArray) -> QuadraticModel:
+        """Return the same, and about the Hessian."""
 
 
 class Constraints(Protocol):
@@ -76,9 +78,9 @@ class Descent:
 
     def resume(self, path: FloatArray) -> None:
         """Evaluate the cost anew, at a path near the last one, or after it has changed a little."""
-        self.path = path
-        self.value, self._gradient = self._evaluated(path)
-        self._hessian = BlockChain(*self._cost.curvature(path), self._moving)
+        value, gradient, blocks, beside = self._cost.model(path)
+        self.path, self.value, self._gradient = path, value, self._allowed(path, gradient)
+        self._hessian = BlockChain(blocks, beside, self._moving)
 
     def step(self, largest: float = LARGEST) -> bool:
         """Take one step, in which no joint moves farther than `largest`; return False if none lowers the cost."""
@@ -88,8 +90,9 @@ class Descent:
             size = min(1.0, largest / float(np.abs(direction).max()), 2.0 * self._size)
             for _ in range(_TRIALS):
                 path = self._constraints.nearest(self.path + size * direction)
-                value, gradient = self._evaluated(path)
+                value, gradient = self._cost.value_and_gradient(path)
                 if value < self.value + _SUFFICIENT * size * slope:
+                    gradient = self._allowed(path, gradient)
                     self._remember(path - self.path, gradient - self._gradient)
                     self.path, self.value, self._gradient, self._size = path, value, gradient, size
                     return True
@@ -99,11 +102,11 @@ class Descent:
         self._pairs.clear()
         return self.step(largest)
 
-    def _evaluated(self, path: FloatArray) -> tuple[float, FloatArray]:
-        value, gradient = self._cost.value_and_gradient(path)
-        gradient = self._constraints.tangent(path, gradient)
-        gradient[~self._moving] = 0.0
-        return value, gradient
+    def _allowed(self, path: FloatArray, change: FloatArray) -> FloatArray:
+        """Return the part of a change (N, n) of a path (N, n) that way points may make."""
+        change = self._constraints.tangent(path, change)
+        change[~self._moving] = 0.0
+        return change
 
     def _direction(self) -> FloatArray:
         """Return −H⁻¹∇J with the Hessian H that the remembered steps make of the path's."""
@@ -115,9 +118,7 @@ class Descent:
         direction = self._hessian.solve(q)
         for (step, change, curvature), share in zip(self._pairs, reversed(shares), strict=True):
             direction += (share - float(np.vdot(change, direction)) / curvature) * step
-        direction = self._constraints.tangent(self.path, direction)
-        direction[~self._moving] = 0.0
-        return -direction
+        return -self._allowed(self.path, direction)
 
     def _remember(self, step: FloatArray, change: FloatArray) -> None:
         curvature = float(np.vdot(step, change))
@@ -140,20 +141,9 @@ class BlockChain:
 
     def __init__(self, blocks: FloatArray, beside: FloatArray, moving: BoolArray) -> None:
         blocks = np.where(moving[:, None, None], blocks, np.eye(blocks.shape[1]))
-        beside = beside * (moving[1:] & moving[:-1])[:, None, None]
-        self._inverses = np.empty_like(blocks)
-        self._factors = np.empty_like(beside)
-        inverse = self._inverses[0] = np.linalg.inv(blocks[0])
-        for k, side in enumerate(beside):
-            factor = self._factors[k] = side.T @ inverse
-            inverse = self._inverses[k + 1] = np.linalg.inv(blocks[k + 1] - factor @ side)
+        self._band = factored(blocks, beside * (moving[1:] & moving[:-1])[:, None, None])
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution (N, n) for the right-hand side (N, n)."""
-        x = right.copy()
-        for k, factor in enumerate(self._factors):
-            x[k + 1] -= factor @ x[k]
-        x = (self._inverses @ x[:, :, None])[:, :, 0]
-        for k in range(len(self._factors) - 1, -1, -1):
-            x[k] -= self._factors[k].T @ x[k + 1]
-        return x
+        x: FloatArray = solved(self._band, right.ravel())
+        return x.reshape(right.shape)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray
-from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError
-from safe_ompl.paths.curve import Curve
 
-_STEP = 0.03  # [rad]
 _REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
 _WIDENINGS = 6  # then twice as much, so many times
 
@@ -24,44 +22,54 @@ class EdgeProofs:
     ----------
     motion : CertifiedMotion
         Proves that edges are free. What is proven with a margin, it proves too.
-    margin : float
-        [m] Clearance that every edge must keep.
+    stop : callable, optional
+        When it says so, nothing more is proven.
     """
 
-    def __init__(self, motion: CertifiedMotion, margin: float = 0.0) -> None:
-        self._free = motion
-        self._clear = motion.with_margin(max(margin, motion.margin))
+    def __init__(self, motion: CertifiedMotion, stop: Callable[[], bool] = lambda: False) -> None:
+        self._free = self._clear = motion
+        self._stop = stop
         self._proven: set[bytes] = set()
+        self._inherited: set[bytes] = set()
 
-    @classmethod
-    def of(cls, path: FloatArray, motion: CertifiedMotion, margin: float, *, proven: bool) -> EdgeProofs:
-        """Return a proof that accepts the edges of a path (N, n), though these may keep less than the margin [m].
+    def check(self, path: FloatArray) -> None:
+        """Accept the edges of a path (N, n) without a margin.
 
         Raises
         ------
         InputError
-            If an edge of the path is not even proven free, and that is not known already (`proven`).
+            If one is not proven free.
         """
-        proof = cls(motion, max(0.0, margin) if np.isfinite(margin) else 0.0)
-        if not proof.admit(path, proven):
-            edge = proof.refused(path)[0]
-            raise InputError(f"path: the edge from way point {edge} on is not proven free")
-        return proof
+        for k, (start, end) in enumerate(pairwise(path)):
+            if not self._free.is_free(start, end):
+                raise InputError(f"path: the edge from way point {k} on is not proven free")
+        self.accept(path)
+
+    def accept(self, path: FloatArray) -> None:
+        """Accept the edges of a path (N, n), which are known to be free."""
+        self._proven.update(_keys(path))
+
+    def inherit(self, path: FloatArray) -> None:
+        """Accept the edges of a path (N, n), parts of accepted ones, as soon as they are proven without the margin.
+
+        Parts of what is free are free but for rounding; they are proven when they are asked for: few of them ever are.
+        """
+        self._inherited.update(_keys(path))
+
+    def keep(self, margin: float) -> None:
+        """From here on ask for a clearance [m] of all edges that are not accepted yet."""
+        self._clear = self._free.with_margin(max(margin, self._free.margin))
 
     def accepts(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the edge between two configurations (n,) is proven."""
         key = start.tobytes() + end.tobytes()
-        proven = key in self._proven or self._clear.is_free(start, end)
+        if key in self._proven:
+            return True
+        motion = self._free if key in self._inherited else self._clear
+        proven = not self._stop() and motion.is_free(start, end)
         if proven:
             self._proven.add(key)
         return proven
-
-    def admit(self, path: FloatArray, proven: bool = False) -> bool:
-        """Take a path (N, n) whose edges are parts of known ones for accepted, if all are proven free."""
-        free = proven or all(self._free.is_free(start, end) for start, end in pairwise(path))
-        if free:
-            self._proven.update(start.tobytes() + end.tobytes() for start, end in pairwise(path))
-        return free
 
     def refused(self, path: FloatArray) -> list[int]:
         """Return the edges of a path (N, n) that are not proven."""
@@ -100,21 +108,5 @@ class EdgeProofs:
         return known.copy(), np.ones(len(path), dtype=bool)
 
 
-def least_clearance(path: FloatArray, checker: CollisionChecker) -> float:
-    """Return the least distance [m] between robot and obstacles over closely spaced samples of a path (N, n).
-
-    Distances are asked for only where a boolean query says that they are less than the least so far.
-    """
-    curve = Curve(checker.robot, path)
-    samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP)))
-    least = min(checker.clearance(q).distance for q in samples[[0, -1]])
-    if not 0 < least < np.inf:
-        return max(0.0, least)
-    pairs = checker.pairs_within(least)
-    margins = pairs.margins(least)
-    for q in samples:
-        if pairs.within_margins(q, margins) and (distance := checker.clearance(q).distance) < least:
-            if distance <= 0:
-                return 0.0
-            least, margins = distance, pairs.margins(distance)
-    return least
+def _keys(path: FloatArray) -> Iterator[bytes]:
+    return (start.tobytes() + end.tobytes() for start, end in pairwise(path))

@@ -5,15 +5,21 @@ A danger field of centre lines does not see a finger's width; this does.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
-from safe_ompl.arrays import BoolArray, FloatArray, IntArray
+from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.pair_distances import PairDistances
 from safe_ompl.collision.witnesses import Proximity, Witnesses
 from safe_ompl.inputs import number
+from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.simplify.cost import Expansion
 
 OBSTACLE_WEIGHT = 20.0
 _STEEPNESS = 10.0
+_STEP = 0.03  # [rad] between the samples at which the least clearance along a path is looked for
 
 
 class ObstacleCost:
@@ -22,8 +28,8 @@ class ObstacleCost:
     d is the distance of the two, D where obstacles begin to count; d₀ ≤ D what the ends of a path allow: where these
     are near an obstacle themselves, the path between them shall at least not come nearer.
 
-    Exact distances cost a hundred times what the danger costs. While a path descends, `anchor` keeps their witnesses,
-    and these move with the links until it is anchored again.
+    Exact distances cost more than all else. While a path descends, `anchor` keeps their witnesses, and these move with
+    the links until it is anchored again.
 
     Parameters
     ----------
@@ -55,13 +61,29 @@ class ObstacleCost:
     def __repr__(self) -> str:
         return f"ObstacleCost({self._proximity.checker!r}, {self.distance:g}, {self.weight:g})"
 
-    def afresh(self) -> ObstacleCost:
-        """Return the same that remembers nothing: no d₀, no witnesses, nor what coal keeps from query to query."""
-        return ObstacleCost(self._proximity.checker, self.distance, self.weight)
+    def afresh(self, allowed: float) -> ObstacleCost:
+        """Return the same for another path, without witnesses; `allowed` is its d₀ [m], at most D."""
+        other = copy(self)
+        other._anchored = None
+        other.allow(allowed)
+        return other
 
     def allow(self, distance: float) -> None:
         """Set d₀ to a distance [m], no larger than D."""
         self.allowed = max(0.0, min(self.distance, distance))
+
+    def clearances(self, path: FloatArray) -> tuple[float, float]:
+        """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
+        checker = self._proximity.checker
+        ends = least = max(0.0, min(checker.clearance(q).distance for q in path[[0, -1]]))
+        if not 0 < ends < np.inf:
+            return ends, ends
+        distances = self._proximity.distances if ends <= self.distance else PairDistances(checker, ends)
+        distances.follow()
+        curve = Curve(checker.robot, path)
+        for q in curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP))):
+            least = max(0.0, distances.least(q, least))
+        return ends, least
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""
@@ -81,23 +103,17 @@ class ObstacleCost:
 
     def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
-        rows, distances, slopes = self._pairs(Q)
-        values, gradients = np.zeros(len(Q)), np.zeros(Q.shape)
-        if len(rows):
-            density, rate, _ = self._hinges(distances)
-            np.add.at(values, rows, density)
-            np.add.at(gradients, rows, rate[:, None] * slopes)
-        return values, gradients
+        return self.expansion(Q)[:2]
 
-    def bends(self, Q: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return rows (C,) of `Q: (B, n)` and vectors v (C, n): the density bends there like Σ vvᵀ (Gauss-Newton)."""
-        rows, distances, slopes = self._pairs(Q)
-        return rows, np.sqrt(self._hinges(distances)[2])[:, None] * slopes
-
-    def _pairs(self, Q: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return row (C,), distance (C,) and its gradient (C, n) of the pairs that are near."""
+    def expansion(self, Q: FloatArray) -> Expansion:
+        """Return the density and its derivatives at `Q: (B, n)`, the second ones by Gauss-Newton."""
         witnesses = self._proximity.witnesses(Q) if self._anchored is None else self._anchored
-        return witnesses.rows, *witnesses.distances(Q)
+        values, gradients = np.zeros(len(Q)), np.zeros(Q.shape)
+        distances, slopes = witnesses.distances(Q)
+        density, rate, bend = self._hinges(distances)
+        np.add.at(values, witnesses.rows, density)
+        np.add.at(gradients, witnesses.rows, rate[:, None] * slopes)
+        return Expansion(values, gradients, witnesses.rows, np.sqrt(bend)[:, None] * slopes)
 
     def _hinges(self, distances: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the density (C,) of pairs at distances (C,) [m], and its first and second derivatives."""

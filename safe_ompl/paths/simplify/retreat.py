@@ -73,8 +73,7 @@ def _model(
     """Return what `q: (n,)` costs, the gradient (n,), and vectors v (C, n): it bends like Σ vvᵀ."""
     Q = q[None]
     obstacles.anchor(Q)
-    near, slopes = obstacles.values_and_gradients(Q)
-    bends = obstacles.bends(Q)[1]
+    near, slopes, _, bends = obstacles.expansion(Q)
     if not near[0] or not 0 < reference < np.inf:
         return float(near[0]), slopes[0], bends
     _, danger, rises = field.terms_above(Q, _ONSET * reference)

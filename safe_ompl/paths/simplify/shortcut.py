@@ -7,14 +7,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.paths.simplify.cost import PathCost
 from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
 
 _SPACING = 0.6  # [rad] between the samples of an edge's cost
 _FEWEST, _MOST = 2, 6  # samples of an edge
 _CANDIDATES = 40  # way points of a path that edges may skip to, evenly chosen where it has more
-_BATCH = 200  # edges whose costs are estimated at once
+_JOINT = 1.2  # [rad]
+_BATCH = 80  # edges whose costs are estimated at once
 
 
 def shortcut(
@@ -36,7 +37,30 @@ def shortcut(
     stop : callable
         When it says so, there is none.
     """
-    costs = _edge_costs(path, cost, stop)
+    candidates = np.rint(np.linspace(0, len(path) - 1, min(len(path), _CANDIDATES))).astype(int)
+    wanted = np.eye(len(path), k=1, dtype=bool)
+    wanted[np.ix_(candidates, candidates)] = True
+    return _cheapest_proven_chain(path, wanted, cost, proofs, stop)
+
+
+def joined(
+    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
+) -> FloatArray | None:
+    """Return the same where only the ends are new: besides the path's own edges those from there, short ones first."""
+    for reach in (_JOINT, np.inf):
+        wanted = np.eye(len(path), k=1, dtype=bool)
+        wanted[0] |= np.linalg.norm(path - path[0], axis=1) < reach
+        wanted[:, -1] |= np.linalg.norm(path - path[-1], axis=1) < reach
+        found = _cheapest_proven_chain(path, wanted, cost, proofs, stop)
+        if found is not None:
+            return found
+    return None
+
+
+def _cheapest_proven_chain(
+    path: FloatArray, wanted: BoolArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
+) -> FloatArray | None:
+    costs = _edge_costs(path, wanted, cost, stop)
     while not stop():
         chain = _cheapest_chain(costs)
         if not all(np.isfinite(costs[edge]) for edge in pairwise(chain)):
@@ -49,13 +73,9 @@ def shortcut(
     return None
 
 
-def _edge_costs(path: FloatArray, cost: PathCost, stop: Callable[[], bool]) -> FloatArray:
-    """Return the cost (N, N) of the edges from way points to later ones; infinite where it is not looked at."""
-    count = len(path)
-    costs = np.full((count, count), np.inf)
-    candidates = np.rint(np.linspace(0, count - 1, min(count, _CANDIDATES))).astype(int)
-    wanted = np.eye(count, k=1, dtype=bool)
-    wanted[np.ix_(candidates, candidates)] = True
+def _edge_costs(path: FloatArray, wanted: BoolArray, cost: PathCost, stop: Callable[[], bool]) -> FloatArray:
+    """Return the cost (N, N) of the edges from way points to later ones, infinite but for those that are wanted."""
+    costs = np.full(wanted.shape, np.inf)
     first, second = np.nonzero(np.triu(wanted, 1))
     lengths = np.linalg.norm(cost.robot.difference(path[first], path[second]), axis=1)
     samples = np.clip(np.ceil(lengths / _SPACING).astype(int), _FEWEST, _MOST)

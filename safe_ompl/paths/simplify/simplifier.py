@@ -16,12 +16,13 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import number
 from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.simplify.best_path import Better
 from safe_ompl.paths.simplify.constraints import GoalSet
 from safe_ompl.paths.simplify.cost import STEP, WEIGHT, DangerDensity, PathCost, reference_danger
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.run import Better, Settings, SimplificationRun, Stop, unrolled
+from safe_ompl.paths.simplify.run import Settings, SimplificationRun, Stop, unrolled
 
-CLEARANCE = 0.05  # [m]
+CLEARANCE = 0.07  # [m]
 EXPONENT = 2.0
 LENGTH_FACTOR = 1.25
 SPACING = 0.4  # [rad] between way points
@@ -33,11 +34,11 @@ _CONVERGED = 2e-3  # a round that lowers the cost by less than this share is the
 class Simplifier:
     """Lowers J = ∫ (1 + λ·CDF(q)ᵖ) ds of paths of one robot in one scene, and an obstacle cost with it.
 
-    First retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0; a goal
-    that is free is not. Then shortcuts: the cheapest chain
-    of straight motions between the path's way points. Then descent along the exact gradient of the cost, all way points
-    between the retreats at once; after a few steps what has become of the path must be proven,
-    way points beside an edge that is not go back to where they were, and only what is proven and cheaper counts.
+    First shortcuts, which gain most for the least work: the cheapest chain of straight motions between the path's way
+    points. Then retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0; a goal
+    that is free is not. Then descent along the exact gradient of the cost, all way points between the retreats at once;
+    after a few steps what has become of the path must be cheaper and proven, and way points beside an edge that is not
+    proven go back to where they were. It ends when a round of steps gains little; that does not depend on the clock.
 
     Parameters
     ----------

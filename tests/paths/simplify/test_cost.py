@@ -6,7 +6,7 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.paths.simplify.cost import DangerDensity, PathCost, reference_danger
+from safe_ompl.paths.simplify.cost import DangerDensity, Expansion, PathCost, reference_danger
 from safe_ompl.scene.scene import Scene
 
 
@@ -31,8 +31,9 @@ class Density:
     def values_and_gradients(self, Q):
         return self.value(Q), self.gradient(Q)
 
-    def bends(self, Q):
-        return np.zeros(0, dtype=np.intp), np.zeros((0, Q.shape[1]))
+    def expansion(self, Q):
+        nowhere, nothing = np.zeros(0, dtype=np.intp), np.zeros((0, Q.shape[1]))
+        return Expansion(self.value(Q), self.gradient(Q), nowhere, nothing)
 
 
 SQUARES = Density(lambda Q: Q[:, 0] ** 2, lambda Q: np.stack([2 * Q[:, 0], 0 * Q[:, 0]], axis=1))
@@ -72,7 +73,7 @@ def test_the_gradient_of_the_discretised_cost(panda, exponent, rng):
 
 def test_the_curvature_is_that_of_springs_between_way_points():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]])
-    blocks, beside = PathCost(Plane(), []).curvature(path)
+    _, _, blocks, beside = PathCost(Plane(), []).model(path)
     np.testing.assert_allclose(blocks, [np.eye(2), 1.5 * np.eye(2), 0.5 * np.eye(2)])
     np.testing.assert_allclose(beside, [-np.eye(2), -0.5 * np.eye(2)])
 

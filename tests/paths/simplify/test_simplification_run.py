@@ -9,7 +9,8 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.simplify.edge_proofs import EdgeProofs, least_clearance
+from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.run import unrolled
 from safe_ompl.paths.simplify.shortcut import shortcut
 from safe_ompl.paths.simplify.simplifier import Simplifier
@@ -84,7 +85,7 @@ def test_the_least_clearance_is_that_of_pairs_that_never_touch_too(ur5, seed):
     checker = CollisionChecker(ur5, Scene((Obstacle("ball", Sphere(0.05), place),)))
     path = rng.uniform(-2, 2, (2, 6))
     dense = min(checker.clearance(q).distance for q in np.linspace(*path, 200))
-    assert least_clearance(path, checker) == pytest.approx(dense, abs=0.02)
+    assert ObstacleCost(checker, 0.05).clearances(path)[1] == pytest.approx(dense, abs=0.02)
 
 
 # ------------------------------------------------------------------------------------------------------- early stops

@@ -12,7 +12,8 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.cost import PathCost
-from safe_ompl.paths.simplify.edge_proofs import EdgeProofs, least_clearance
+from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
+from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.shortcut import shortcut
 from safe_ompl.paths.simplify.simplifier import Simplifier, simplify_danger
 from safe_ompl.robot.inverse_kinematics import Place
@@ -251,7 +252,7 @@ def test_where_nothing_helps_all_goes_back(setup):
 
 def test_the_least_clearance_over_a_path(setup, raw):
     for path in raw:
-        found = least_clearance(path, setup.checker)
+        found = ObstacleCost(setup.checker, 0.05).clearances(path)[1]
         dense = PathReport.of(path, setup.checker).clearance.min
         assert found == pytest.approx(dense, abs=5e-3)
         assert found > 0
@@ -263,7 +264,8 @@ def test_where_start_is_goal_nothing_moves(setup, way_points):
 
 
 def test_without_obstacles_there_is_no_least_clearance(ur5):
-    assert least_clearance(np.array([START, GOAL]), CollisionChecker(ur5, Scene())) == np.inf
+    nothing = ObstacleCost(CollisionChecker(ur5, Scene()), 0.05)
+    assert nothing.clearances(np.array([START, GOAL])) == (np.inf, np.inf)
 
 
 def test_continuous_joints_go_the_short_way(kinova, rng):
@@ -316,3 +318,51 @@ def test_bad_paths(setup, path, message):
 def test_the_simplifier_keeps_its_options(setup):
     finer = Simplifier(setup.checker, setup.field, spacing=0.4).refined(2)
     assert finer.spacing == 0.1
+
+
+# --------------------------------------------------------------------------------------------------- what comes first
+
+
+def test_a_better_path_comes_after_few_questions(setup, raw):
+    """Shortcuts between the given way points come before all that costs more."""
+    for path in raw:
+        before, seen = setup.field.counts.field_configurations, []
+
+        def note(better, cost, before=before, seen=seen):
+            seen.append(setup.field.counts.field_configurations - before)
+
+        simplify(setup, path, time=20.0, on_better=note)
+        assert seen[0] < 0.5 * seen[-1]
+
+
+def test_runs_that_end_by_themselves_are_the_same_again(setup, raw):
+    first, again = (simplify(setup, raw[2], time=60.0) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+
+
+@pytest.mark.parametrize("asked", [3, 10, 30, 100, 300])
+def test_stopped_anywhere_the_path_is_proven_and_no_dearer(setup, raw, asked):
+    questions = iter(range(asked))
+    found = simplify(setup, raw[1], time=60.0, stop=lambda: next(questions, None) is None)
+    motion, cost = CertifiedMotion(setup.checker), setup.simplifier.cost
+    assert all(motion.is_free(a, b) for a, b in pairwise(found))
+    assert cost.of(found) <= cost.of(raw[1]) * (1 + 1e-9)
+
+
+def test_when_time_is_up_nothing_more_is_proven(setup, raw):
+    proofs = EdgeProofs(setup.simplifier.motion, lambda: True)
+    proofs.accept(raw[0][:2])
+    assert proofs.accepts(raw[0][0], raw[0][1])
+    queries = setup.checker.counts.margin_queries
+    assert not proofs.accepts(raw[0][0], raw[0][0] + 1e-3)
+    assert setup.checker.counts.margin_queries == queries
+
+
+def test_parts_of_a_proven_edge_are_proven_when_they_are_asked_for(setup, raw):
+    proofs = EdgeProofs(setup.simplifier.motion)
+    proofs.accept(raw[0])
+    proofs.keep(10.0)  # no motion has so much
+    parts = np.concatenate([np.linspace(a, b, 3) for a, b in pairwise(raw[0])])
+    assert proofs.refused(parts)
+    proofs.inherit(parts)
+    assert not proofs.refused(parts)

@@ -1,0 +1,195 @@
+"""Descent of a path in rounds: a few steps, then what has become of it must be cheaper and proven."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_ompl.arrays import BoolArray, FloatArray
+from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.simplify.active_set import ActiveSetCost
+from safe_ompl.paths.simplify.best_path import BestPath, Price
+from safe_ompl.paths.simplify.constraints import FeasibleSet
+from safe_ompl.paths.simplify.descent import LARGEST, Descent
+from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
+from safe_ompl.paths.simplify.peaks import peaks_beside_ends
+from safe_ompl.paths.simplify.resampling import path_length, with_way_points
+
+_ROUNDS = (4, 10, 16)  # steps between two proofs: more, as long as the proofs succeed
+_IDLE = 3e-4  # share of the cost that a step must save, or it is the last one of its round
+_CAUTION = 0.5  # a round that fails is tried again with this share of the step
+_SMALLEST = 0.01  # [rad] steps are not worth taking
+_FAR = 1.0  # [rad] when way points have moved so far, other danger points may matter
+_APART = 0.01  # [rad] of path between way points, at least
+_RESOLUTIONS = 2  # how often peaks are looked for
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What a path is asked for: what its edges and ends must hold, its greatest length, and which gain is too small."""
+
+    proofs: EdgeProofs
+    feasible: FeasibleSet
+    longest: float
+    precision: float
+
+
+class ProvenDescent:
+    """Descent of the part of a path between two retreats.
+
+    Parameters
+    ----------
+    path : ndarray, shape (N, n)
+        The part that moves; its edges are accepted.
+    retreats : (ndarray, ndarray)
+        The parts before and after it, that stay, its ends included.
+    cost : ActiveSetCost
+        What falls; it has looked at the path.
+    terms : Terms
+        What every path on the way must hold.
+    best : BestPath
+        Is offered every path. One that is dearer may become cheaper than that later.
+    stop : callable
+        Asked between steps; when it returns True, that is the end.
+
+    Attributes
+    ----------
+    path : ndarray, shape (N, n)
+        What has become of the part that moves.
+    price : Price
+        Of all three parts.
+    leads : bool
+        Whether the best path is one of this descent; not so at first.
+    """
+
+    def __init__(
+        self,
+        path: FloatArray,
+        retreats: tuple[FloatArray, FloatArray],
+        cost: ActiveSetCost,
+        terms: Terms,
+        best: BestPath,
+        stop: Callable[[], bool],
+    ) -> None:
+        self._retreats, self._cost, self._terms, self._best, self._stop = retreats, cost, terms, best, stop
+        self._near_retreats = sum(cost.near(retreat) for retreat in retreats)
+        self.path, self.price = path, self._priced(path)
+        self.leads = False
+
+    def run(self) -> None:
+        """Descend until the cost falls no more, or it is time to stop."""
+        for _ in range(1 + _RESOLUTIONS):
+            if not (self._converge() and self._look_again()):
+                break
+            if self._stop() or not self._resolve_peaks():
+                break
+        if self.leads and not self._best.is_confirmed:
+            self._look_again()
+
+    def _converge(self) -> bool:
+        """Descend until a round gains little; return False if the path turns out to be too dear."""
+        seen, descent = self.path, Descent(self._cost, self.path, self._terms.feasible)
+        largest, round_ = LARGEST, 0
+        while largest >= _SMALLEST:
+            self._step(descent, largest, _ROUNDS[round_])
+            if self._stop():
+                break
+            if descent.path is self.path:
+                break
+            gain, back = self._take(descent.path)
+            if not gain:
+                largest, round_ = _CAUTION * largest, 0
+                self._cost.anchor(self.path)
+                descent.restart(self.path)
+            elif back.any():
+                largest, round_ = _CAUTION * largest, 0
+                descent.restart(self.path, back)
+            elif gain < self._terms.precision * self.price.total:
+                break
+            else:
+                largest, round_ = min(LARGEST, largest / _CAUTION), min(round_ + 1, len(_ROUNDS) - 1)
+                if float(np.abs(self.path - seen).max()) > _FAR:
+                    seen = self.path
+                    if not self._look_again():
+                        return False
+                descent.resume(self.path)
+        return True
+
+    def _step(self, descent: Descent, largest: float, most: int) -> None:
+        """Take so many steps at most, as long as they are worthwhile."""
+        for _ in range(most):
+            before = descent.value
+            if self._stop() or not descent.step(largest) or before - descent.value < _IDLE * before:
+                return
+
+    def _take(self, path: FloatArray) -> tuple[float, BoolArray]:
+        """Go on from as much of a path (N, n) as is proven, if that is cheaper.
+
+        Returns
+        -------
+        gain : float
+            By how much it is cheaper; 0 where nothing is taken.
+        back : ndarray of bool, shape (N,)
+            Way points that had to be held back.
+        """
+        back = np.zeros(len(path), dtype=bool)
+        price = self._price_if_better(path)  # a price costs less than a proof
+        if price is not None:
+            wanted = path
+            path, back = self._terms.proofs.held_back(wanted, self.path)
+            if path is not wanted:
+                price = self._price_if_better(path)
+        if price is None:
+            return 0.0, back
+        gain = self.price.total - price.total
+        self.path, self.price = path, price
+        self.leads = self._best.take(self._whole(path), price) or self.leads
+        return gain, back
+
+    def _price_if_better(self, path: FloatArray) -> Price | None:
+        """Return the price of a path, unless it is not lower, or the path is too long or not feasible."""
+        if (
+            np.array_equal(path, self.path)
+            or path_length(self._whole(path)) > self._terms.longest
+            or not self._terms.feasible.holds(path)
+        ):
+            return None
+        price = self._priced(path)
+        affordable = price.cost <= self._best.ceiling or not self.leads
+        return price if price.total < self.price.total and affordable else None
+
+    def _priced(self, path: FloatArray) -> Price:
+        """Return the price of a path between the retreats; the cost is anchored at it then."""
+        cost = self._cost.of(self._whole(path))
+        return Price(cost, cost + self._cost.near(path) + self._near_retreats)
+
+    def _look_again(self) -> bool:
+        """Take the danger points that matter now; return whether the path is still no dearer than the given one."""
+        whole = self._whole(self.path)
+        self._cost.look_at(whole)
+        cost = self._cost.of(whole)
+        self.price = Price(cost, cost + self.price.total - self.price.cost)
+        return not self.leads or self._best.confirm(self.price)
+
+    def _resolve_peaks(self) -> bool:
+        """Put way points where danger peaks beside the ends, between those that there are; return whether it does.
+
+        There danger changes quickly, and a peak that no node of the cost sees is one that the descent does not lower.
+        """
+        field = self._cost.everywhere.field
+        forced = float(field.values(self._best.path[[0, -1]]).max())
+        places, peaks = peaks_beside_ends(Curve(field.robot, self.path), field, forced)
+        path = with_way_points(self.path, places, _APART)
+        if len(path) == len(self.path):
+            return False
+        self._terms.proofs.inherit(path)
+        self._cost.look_at(self._whole(path), peaks)
+        self.path, self.price = path, self._priced(path)
+        return True
+
+    def _whole(self, path: FloatArray) -> FloatArray:
+        """Return `path` with the retreats on both sides."""
+        start, goal = self._retreats
+        return np.concatenate([start[:-1], path, goal[1:]])
