@@ -15,7 +15,7 @@ _ELEVATIONS = np.radians([20.0, 35.0])
 _HAZARD_POINTS = 200
 _NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
 _COARSE = (160, 120)  # [px] of the picture in which views are compared
-_CELL = 0.01  # sizes of the robot's motion; what is smaller does not decide between views
+_CELL = 0.02  # sizes of the robot's motion; what is smaller does not decide between views
 _TOLERANCE = 0.03  # relative, of depths
 
 
@@ -47,14 +47,14 @@ def best_view(
 
 
 class _Merit:
-    """The merit of a view: what share is seen of motion and hazards, how far apart they look, how large.
+    """The merit of a view: what share is seen of motion, its ends and hazards, how far apart they look, how large.
 
     Of a hazard, such as a person, the part that is nearest to the robot counts most: a hand must not be hidden by the
     back of who holds it out.
     """
 
     def __init__(self, stage: Stage) -> None:
-        self._links = stage.skeletons()
+        self._links, self._ends = stage.skeletons(), stage.skeletons_of_ends()
         hazards = np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in stage.hazards])
         self._points = hazards[:: 1 + len(hazards) // _HAZARD_POINTS]
         gaps = np.linalg.norm(self._points[:, None] - self._links[None], axis=2).min(axis=1, initial=np.inf)
@@ -70,10 +70,11 @@ class _Merit:
         links = _seen(view, self._all, self._links).mean()
         hazards = _seen(view, self._things, self._points).mean() if len(self._points) else 1.0
         near = _seen(view, self._everything, self._near).mean() if len(self._near) else 1.0
+        ends = _seen(view, self._all, self._ends).mean()
         apart = 1.0 - _before(view, self._hazards, self._links).mean()
         extent = np.linalg.det(np.cov(view.project(self._links), rowvar=False))
         shown = (0.5 + 0.5 * hazards) * (0.3 + 0.7 * near)
-        return float(links**2 * apart * shown * max(extent, 0.0) ** 0.25)
+        return float(links**2 * ends * apart * shown * max(extent, 0.0) ** 0.25)
 
 
 def _seen(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
