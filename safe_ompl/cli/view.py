@@ -17,6 +17,7 @@ from safe_ompl.cli.files import check_writable
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.files import load
 from safe_ompl.exchange.form import read_json
+from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.format import FORMAT as CERTIFICATE
 from safe_ompl.paths.certificate.format import check_form
 from safe_ompl.scenario.scenario import Scenario
@@ -32,15 +33,16 @@ def add_command(commands: Any) -> None:
     """Add `view` to the commands."""
     parser = commands.add_parser(
         "view",
-        help="show a scenario, results or a certificate in the browser",
+        help="show a scenario, results, trajectories or a certificate in the browser",
         description="Show robot, scene, people, paths, danger and proofs in the browser. A scenario is planned first; "
         "a certificate is shown, not verified.",
     )
     parser.add_argument(
         "what",
-        metavar="SCENARIO|RESULT|CERTIFICATE",
+        metavar="SCENARIO|RESULT|CERTIFICATE|TRAJECTORY",
         nargs="+",
-        help="name or YAML file of a scenario; or files of `plan --json`, side by side; or one of `plan --certificate`",
+        help="name or YAML file of a scenario; or files of `plan --json`, or of `plan --trajectory`, side by side; "
+        "or one of `plan --certificate`",
     )
     parser.add_argument(
         "--planners",
@@ -139,10 +141,15 @@ def _loaded(files: Sequence[str]) -> Exhibit:
         with document.within(files[0], ": "):
             check_form(content)
             return Exhibit.of_certificate(content)
-    results = []
-    for file in files:
-        result = load(file)
-        if not isinstance(result, PlanResult):
-            raise InputError(f"must be a result or a certificate, not a {type(result).__name__}", file)
-        results.append(result)
-    return Exhibit.of_results(results, title=Path(files[0]).stem)
+    loaded = [load(file) for file in files]
+    title = Path(files[0]).stem
+    motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]
+    if motions and len(motions) == len(files):
+        return Exhibit.of_motions(motions, title=title)
+    for file, thing in zip(files, loaded, strict=True):
+        if not isinstance(thing, PlanResult):
+            also = ", together with trajectories only" if motions else ""
+            raise InputError(
+                f"must be a result, a certificate or a trajectory{also}, not a {type(thing).__name__}", file
+            )
+    return Exhibit.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)

@@ -63,6 +63,33 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     return styles
 
 
+ACCELERATION = "joint acceleration"
+"""What bounds the speed where no cap is reached."""
+_CAPS = {
+    ACCELERATION: "#8b96a1",
+    "joint velocity": "#0b62b4",
+    "separation": "#c8452b",
+    "separation or contact": "#c8452b",
+    "danger": "#7d2f91",
+    "tool speed": "#00876a",
+    "link speed": "#b87a00",
+}
+_OTHER_CAPS = ("#596675", "#3a444f", "#aab2ba")
+
+
+def cap_colours(names: Iterable[str]) -> dict[str, Colour]:
+    """Return the colours of what bounds the speed of a motion, by name; that of accelerations among them."""
+    others = 0
+    colours = {ACCELERATION: _from_hex(_CAPS[ACCELERATION])}
+    for name in names:
+        code = _CAPS.get(name)
+        if code is None:
+            code = _OTHER_CAPS[others % len(_OTHER_CAPS)]
+            others += 1
+        colours[name] = _from_hex(code)
+    return colours
+
+
 def _from_hex(code: str) -> Colour:
     red, green, blue = (int(code[k : k + 2], 16) / 255 for k in (1, 3, 5))
     return red, green, blue

@@ -15,10 +15,10 @@ from safe_ompl.arrays import FloatArray, IntArray
 def nearest_triangles(
     points: FloatArray, faces: IntArray, width: int, height: int
 ) -> tuple[NDArray[np.float32], IntArray]:
-    """Return the nearness (height, width) of the nearest triangle at each pixel, -inf beside all, and which it is, or -1.
+    """Return how near the nearest triangle is at each pixel (height, width), -inf beside all, and which it is, or -1.
 
-    A pixel is in a triangle where the three edge functions (b − a) × (p − a) have the sign of its area; along a row they
-    bound an interval of columns. The nearness of `points: (V, 3)` is affine on a triangle. NaN: it is not drawn.
+    A pixel is in a triangle where the three edge functions (b − a) × (p − a) have the sign of its area; along a row
+    they bound an interval of columns. The nearness of `points: (V, 3)` is affine on a triangle. NaN: it is not drawn.
     """
     nearness = np.full((height, width), -np.inf, dtype=np.float32)
     owner = np.full((height, width), -1, dtype=np.intp)

@@ -44,6 +44,8 @@ class Page:
         [inch]
     dpi : int
         Pixels per inch.
+    arranged : bool
+        Whether Matplotlib arranges the axes; else they stand where they are put.
 
     Raises
     ------
@@ -51,7 +53,7 @@ class Page:
         If Matplotlib is not installed.
     """
 
-    def __init__(self, file: str | Path | None, width: float, height: float, dpi: int = DPI) -> None:
+    def __init__(self, file: str | Path | None, width: float, height: float, dpi: int = DPI, *, arranged: bool = True) -> None:
         try:
             import matplotlib
             from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -61,7 +63,7 @@ class Page:
         self._file = None if file is None else Path(file)
         self._style = matplotlib.rc_context(_STYLE)
         with matplotlib.rc_context(_STYLE):
-            self.figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
+            self.figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained" if arranged else None)
             FigureCanvasAgg(self.figure)
 
     def __enter__(self) -> Page:

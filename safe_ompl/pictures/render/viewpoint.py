@@ -16,7 +16,7 @@ _HAZARD_POINTS = 200
 _NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
 _COARSE = (160, 120)  # [px] of the picture in which views are compared
 _CELL = 0.02  # sizes of the robot's motion; what is smaller does not decide between views
-_TOLERANCE = 0.03  # relative, of depths
+_TOLERANCE, _FINE = 0.03, 0.012  # relative, of depths; finer than a person is deep
 
 
 def best_view(
@@ -69,7 +69,7 @@ class _Merit:
     def __call__(self, view: Camera) -> float:
         links = _seen(view, self._all, self._links).mean()
         hazards = _seen(view, self._things, self._points).mean() if len(self._points) else 1.0
-        near = _seen(view, self._everything, self._near).mean() if len(self._near) else 1.0
+        near = _seen(view, self._everything, self._near, _FINE).mean() if len(self._near) else 1.0
         ends = _seen(view, self._all, self._ends).mean()
         apart = 1.0 - _before(view, self._hazards, self._links).mean()
         extent = np.linalg.det(np.cov(view.project(self._links), rowvar=False))
@@ -77,10 +77,10 @@ class _Merit:
         return float(links**2 * ends * apart * shown * max(extent, 0.0) ** 0.25)
 
 
-def _seen(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
+def _seen(view: Camera, solid: Surface, points: FloatArray, tolerance: float = _TOLERANCE) -> BoolArray:
     """Return whether a solid leaves points (P, 3) in view: (P,)."""
     nearest, own = _nearness(view, solid, points)
-    return np.asarray(own >= (1.0 - _TOLERANCE) * nearest)
+    return np.asarray(own >= (1.0 - tolerance) * nearest)
 
 
 def _before(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
