@@ -1,4 +1,4 @@
-"""`safe-ompl view`: a scenario, results or a certificate in the browser, or as one HTML file."""
+"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or as a film."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from safe_ompl.benchmark.campaign import check_named_planner
 from safe_ompl.cli.arguments import add_run_options, count, load_scenario, names
 from safe_ompl.cli.console import error_console
 from safe_ompl.cli.files import check_writable
+from safe_ompl.cli.pictures import how_to_get_pictures
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.files import load
 from safe_ompl.exchange.form import read_json
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.format import FORMAT as CERTIFICATE
 from safe_ompl.paths.certificate.format import check_form
+from safe_ompl.pictures.render.animation import ENDINGS
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import setup_scenario
-from safe_ompl.viewer import Exhibit, View, save_page
+from safe_ompl.viewer import Exhibit, View, save_film, save_page
 
 _PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
 _NONE = ("none",)
@@ -59,6 +61,11 @@ def add_command(commands: Any) -> None:
         "--slice", type=float, metavar="Z", help="with --html: a slice of the danger field at this height [m]"
     )
     parser.add_argument(
+        "--animation",
+        metavar="FILE",
+        help="write the motions side by side as one moving picture (.webp or .gif)",
+    )
+    parser.add_argument(
         "--port", type=count, default=8080, metavar="N", help="default: %(default)s, or the next free"
     )
     parser.add_argument(
@@ -69,7 +76,8 @@ def add_command(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    if find_spec("viser") is None:
+    _check_animation(options.animation)
+    if find_spec("viser") is None and options.animation is None:
         raise InputError("viser missing; get the viewer with: pip install 'safe-ompl[viewer]'")
     if options.html is not None and Path(options.html).suffix.lower() != ".html":
         raise InputError(f"{options.html!r} must end in .html", "--html")
@@ -88,6 +96,17 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     return Show(lambda: exhibit, options)
 
 
+def _check_animation(file: str | None) -> None:
+    if file is None:
+        return
+    if Path(file).suffix.lower() not in ENDINGS:
+        raise InputError(f"{file!r} must end in {' or '.join(ENDINGS)}", "--animation")
+    advice = how_to_get_pictures()
+    if advice:
+        raise InputError(advice, "--animation")
+    check_writable(file, "--animation")
+
+
 @dataclass(frozen=True)
 class Show:
     """The job of `safe-ompl view`."""
@@ -96,11 +115,16 @@ class Show:
     options: argparse.Namespace
 
     def __call__(self) -> int:
-        """Write the page, or serve it until Ctrl-C."""
+        """Write what is asked for, or serve the view until Ctrl-C."""
         exhibit, options = self.exhibit(), self.options
+        if options.animation is not None:
+            with error_console().status("drawing"):
+                save_film(exhibit, options.animation)
+            error_console().print(f"moving picture in {options.animation}")
         if options.html is not None:
             save_page(exhibit, options.html, slice_at=options.slice)
             error_console().print(f"view in {options.html}")
+        if options.html is not None or options.animation is not None:
             return 0
         view = View(exhibit, port=options.port)
         error_console().print(f"view at {view.url}; Ctrl-C ends it")

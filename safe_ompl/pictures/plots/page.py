@@ -53,7 +53,9 @@ class Page:
         If Matplotlib is not installed.
     """
 
-    def __init__(self, file: str | Path | None, width: float, height: float, dpi: int = DPI, *, arranged: bool = True) -> None:
+    def __init__(
+        self, file: str | Path | None, width: float, height: float, dpi: int = DPI, *, arranged: bool = True
+    ) -> None:
         try:
             import matplotlib
             from matplotlib.backends.backend_agg import FigureCanvasAgg
