@@ -94,14 +94,7 @@ class Stage:
 
     def skeletons(self) -> FloatArray:
         """Return points (P, 3) along the links of the robot, on its way along all paths."""
-        return self._along_links(slice(None, None, 10))
-
-    def skeletons_of_ends(self) -> FloatArray:
-        """Return points (P, 3) along the links of the robot, at start and goal of all paths."""
-        return self._along_links([0, -1])
-
-    def _along_links(self, chosen: slice | list[int]) -> FloatArray:
-        points = np.concatenate([self.robot.keypoints_batch(samples[chosen]) for samples in self.samples])
+        points = np.concatenate([self.robot.keypoints_batch(samples[::10]) for samples in self.samples])
         ends = points[:, self.robot.segments]
         shares = np.array([0.25, 0.5, 0.75, 1.0])[:, None]
         return np.asarray(ends[:, :, None, 0] * (1.0 - shares) + ends[:, :, None, 1] * shares).reshape(-1, 3)

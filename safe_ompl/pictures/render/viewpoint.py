@@ -12,7 +12,7 @@ from safe_ompl.pictures.render.zbuffer import ZBuffer, in_picture
 
 _AZIMUTHS = np.arange(20) * (2 * np.pi / 20)
 _ELEVATIONS = np.radians([20.0, 35.0])
-_HAZARD_POINTS = 200
+_HAZARD_POINTS, _END_POINTS = 200, 500
 _NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
 _COARSE = (160, 120)  # [px] of the picture in which views are compared
 _CELL = 0.02  # sizes of the robot's motion; what is smaller does not decide between views
@@ -54,7 +54,8 @@ class _Merit:
     """
 
     def __init__(self, stage: Stage) -> None:
-        self._links, self._ends = stage.skeletons(), stage.skeletons_of_ends()
+        self._links = stage.skeletons()
+        self._ends = stage.ends.vertices[:: 1 + len(stage.ends.vertices) // _END_POINTS]
         hazards = np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in stage.hazards])
         self._points = hazards[:: 1 + len(hazards) // _HAZARD_POINTS]
         gaps = np.linalg.norm(self._points[:, None] - self._links[None], axis=2).min(axis=1, initial=np.inf)
@@ -73,8 +74,8 @@ class _Merit:
         ends = _seen(view, self._all, self._ends).mean()
         apart = 1.0 - _before(view, self._hazards, self._links).mean()
         extent = np.linalg.det(np.cov(view.project(self._links), rowvar=False))
-        shown = (0.5 + 0.5 * hazards) * (0.3 + 0.7 * near)
-        return float(links**2 * ends * apart * shown * max(extent, 0.0) ** 0.25)
+        shown = (0.5 + 0.5 * hazards) * near**2
+        return float(links**2 * ends**2 * apart * shown * max(extent, 0.0) ** 0.25)
 
 
 def _seen(view: Camera, solid: Surface, points: FloatArray, tolerance: float = _TOLERANCE) -> BoolArray:
