@@ -25,7 +25,8 @@ from safe_ompl.pictures.render.animation import ENDINGS
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import setup_scenario
-from safe_ompl.viewer import Exhibit, View, save_film, save_page
+from safe_ompl.viewer import Exhibit, View, read_recording, save_film, save_page
+from safe_ompl.viewer.recordings import ENDING
 
 _PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
 _NONE = ("none",)
@@ -41,10 +42,10 @@ def add_command(commands: Any) -> None:
     )
     parser.add_argument(
         "what",
-        metavar="SCENARIO|RESULT|CERTIFICATE|TRAJECTORY",
+        metavar="SCENARIO|RESULT|CERTIFICATE|TRAJECTORY|TICKS",
         nargs="+",
         help="name or YAML file of a scenario; or files of `plan --json`, or of `plan --trajectory`, side by side; "
-        "or one of `plan --certificate`",
+        "or one of `plan --certificate`, or ticks.jsonl of `live`",
     )
     parser.add_argument(
         "--planners",
@@ -84,6 +85,12 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     if options.slice is not None and options.html is None:
         raise InputError("is for --html; a live view has a slider for it", "--slice")
     check_writable(options.html, "--html")
+    recordings = [name for name in options.what if Path(name).suffix.lower() == ENDING]
+    if recordings:
+        if len(options.what) > 1:
+            raise InputError(f"one recording at a time, not {', '.join(options.what)}")
+        recorded = read_recording(recordings[0])
+        return Show(lambda: recorded, options)
     files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
     if not files:
         if len(options.what) > 1:

@@ -16,6 +16,9 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.trajectories.trajectory import RATE, Trajectory
 
+ACCELERATION = "joint acceleration"
+"""What bounds the speed where no cap is reached."""
+
 
 @dataclass(frozen=True, eq=False)
 class TimedMotion:
@@ -39,6 +42,8 @@ class TimedMotion:
         Options of the danger field.
     name : str, optional
         Who planned it.
+    remarks : sequence of str, optional
+        T lines, what there is to say of each sample; by default how fast it is, and what bounds that.
 
     Raises
     ------
@@ -55,6 +60,7 @@ class TimedMotion:
     binding: tuple[str | None, ...] = ()
     danger: Mapping[str, Any] | None = None
     name: str = ""
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         times = finite_array(self.times, (None,), "times")
@@ -69,6 +75,8 @@ class TimedMotion:
                 raise InputError(f"must have {count} values, got shape {values.shape}", f"bounds by {to}")
         if len(self.binding) != count:
             raise InputError(f"must have {count} names, got {len(self.binding)}", "binding")
+        if len(self.remarks) not in (0, count):
+            raise InputError(f"must have {count} lines, or none, got {len(self.remarks)}", "remarks")
         for key, value in (
             ("times", times),
             ("configurations", configurations),
@@ -119,6 +127,14 @@ class TimedMotion:
     def sample(self, time: float) -> int:
         """Return the number of the sample at a time [s], or before it."""
         return int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 1))
+
+    def remark(self, time: float) -> str:
+        """Return what there is to say of it at a time [s]."""
+        sample = self.sample(time)
+        if self.remarks:
+            return f"{min(time, self.duration):.2f} s: {self.remarks[sample]}"
+        bound = self.binding[sample] or ACCELERATION
+        return f"{min(time, self.duration):.2f} s: {self.speeds[sample]:.2f} rad/s, bounded by {bound}"
 
     # ---------------------------------------------------------------------------------------------- files
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from safe_ompl.exchange.timed_motion import ACCELERATION
+
 Colour = tuple[float, float, float]
 """Red, green and blue of sRGB, each in [0, 1]."""
 
@@ -63,8 +65,6 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     return styles
 
 
-ACCELERATION = "joint acceleration"
-"""What bounds the speed where no cap is reached."""
 _CAPS = {
     ACCELERATION: "#8b96a1",
     "joint velocity": "#0b62b4",
@@ -73,6 +73,11 @@ _CAPS = {
     "danger": "#7d2f91",
     "tool speed": "#00876a",
     "link speed": "#b87a00",
+    "moving": "#0b62b4",  # and the states of a robot that is driven beside people
+    "slowed": "#b87a00",
+    "braking": "#c8452b",
+    "standing": "#3a444f",
+    "done": "#8b96a1",
 }
 _OTHER_CAPS = ("#596675", "#3a444f", "#aab2ba")
 

@@ -14,7 +14,8 @@ from safe_ompl.viewer.colours import NEUTRAL, START_COLOUR, mixed, rgb
 from safe_ompl.viewer.danger_layers import DangerPoints, FieldSlice
 from safe_ompl.viewer.exhibit import Exhibit
 from safe_ompl.viewer.figures import RobotFigure, RobotModel, add_scenery
-from safe_ompl.viewer.speed_board import SpeedBoard, told
+from safe_ompl.viewer.movers import MoverFigures
+from safe_ompl.viewer.speed_board import SpeedBoard
 from safe_ompl.viewer.traces import add_proof, add_timed_trace, add_trace
 
 SAMPLES = 121
@@ -48,6 +49,8 @@ class Booth:
     motion : TimedMotion or None
         The path in time.
     board : SpeedBoard or None
+    movers : MoverFigures or None
+        People and things that move.
     root, scenery : viser handles
         The place of the booth, and its scene.
     samples : ndarray, shape (SAMPLES, n)
@@ -68,12 +71,16 @@ class Booth:
         colour: Colour | None,
     ) -> None:
         self.name, self._view, self._exhibit = name, view, exhibit
+        self.node = f"/booth_{number}"
         self.samples = exhibit.along(name, _EVENLY)
         self.motion = exhibit.motions.get(name)
         self.board: SpeedBoard | None = None
-        self.node = f"/booth_{number}"
+        movers = exhibit.movers
+        self.movers = (
+            None if movers is None else MoverFigures(view, f"{self.node}/movers", movers, exhibit.scene)
+        )
         self.root = view.add_frame(self.node, show_axes=False)
-        self.scenery = add_scenery(view, f"{self.node}/scene", exhibit.scene)
+        self.scenery = add_scenery(view, f"{self.node}/scene", exhibit.still)
         paint = NEUTRAL if colour is None else mixed(NEUTRAL, colour, _TINT)
         self._robot = RobotFigure(view, f"{self.node}/robot", model, paint)
         self.ghosts = [] if colour is None else self._ghosts(model, colour)
@@ -107,9 +114,11 @@ class Booth:
                 layer.pose(q)
 
     def at_time(self, time: float) -> None:
-        """Show how fast the robot is at a time [s], and what bounds it, if its motion has times."""
+        """Show what belongs to a time [s] of a motion: how fast the robot is, and where people and things are."""
         if self.board is not None:
             self.board.at(time)
+        if self.movers is not None:
+            self.movers.at(time)
 
     def facts(self, q: FloatArray, share: float | None) -> str:
         """Return what there is to say of `q: (n,)` in words, as Markdown."""
@@ -121,7 +130,7 @@ class Booth:
             f"{1e3 * found.distance:.0f} mm: {found.link} – {found.obstacle}" for found in self.lines.found(q)
         ]
         if self.motion is not None and share is not None:
-            said.append(told(self.motion, share * self._exhibit.playing_time))
+            said.append(self.motion.remark(share * self._exhibit.playing_time))
         if self._exhibit.proof is not None and share is not None:
             said.append(f"proven: {self._exhibit.proof.at(share)}")
         return "  \n".join(said)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +19,7 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup import problem
 from safe_ompl.setup.result import PlanResult
+from safe_ompl.viewer.movers import Movers
 from safe_ompl.viewer.proof import Proof
 
 CERTIFIED = "certified path"
@@ -46,6 +47,8 @@ class Exhibit:
     motions : mapping of str to TimedMotion, optional
         Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
         configurations are the path of that name.
+    movers : Movers, optional
+        People and things that move meanwhile.
     title : str, optional
         Title of the page.
 
@@ -62,6 +65,7 @@ class Exhibit:
     danger: Mapping[str, Any] | None = field(default_factory=dict)
     proof: Proof | None = None
     motions: Mapping[str, TimedMotion] = field(default_factory=dict)
+    movers: Movers | None = None
     title: str = ""
 
     def __post_init__(self) -> None:
@@ -151,6 +155,18 @@ class Exhibit:
             name = motion.name or "motion"
             named[f"{name}, {len(named) + 1}" if name in named else name] = motion
         return cls(first.robot, first.scene, danger=first.danger, motions=named, title=title)
+
+    @cached_property
+    def still(self) -> Scene:
+        """The scene without what moves."""
+        moving = () if self.movers is None else self.movers.objects
+        return replace(self.scene, obstacles=tuple(o for o in self.scene if o.name not in moving))
+
+    @cached_property
+    def staged(self) -> Scene:
+        """The scene, and where people are at first: what decides from where to look."""
+        people = () if self.movers is None else self.movers.people_at(0.0)
+        return replace(self.scene, obstacles=(*self.scene, *people))
 
     @property
     def playing_time(self) -> float:

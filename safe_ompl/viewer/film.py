@@ -12,7 +12,6 @@ from safe_ompl.errors import InputError
 from safe_ompl.pictures.render.animation import render_animation
 from safe_ompl.viewer.clearance import Nearest
 from safe_ompl.viewer.exhibit import Exhibit
-from safe_ompl.viewer.speed_board import told
 
 RATE = 12.5  # [Hz]
 _FEWEST = 40  # frames
@@ -52,7 +51,7 @@ def save_film(exhibit: Exhibit, file: str | Path, *, rate: float = RATE) -> None
 
 def _captions(exhibit: Exhibit, name: str, way: FloatArray, shares: FloatArray) -> Sequence[str]:
     if name in exhibit.motions:
-        return [told(exhibit.motions[name], float(share) * exhibit.playing_time) for share in shares]
+        return [exhibit.motions[name].remark(float(share) * exhibit.playing_time) for share in shares]
     field = exhibit.danger_field
     dangers = None if field is None else field.values(way)
     nearest = Nearest(exhibit.robot, [obstacle for obstacle in exhibit.scene if obstacle.weight > 0])

@@ -11,7 +11,7 @@ from safe_ompl.viewer.view import View
 
 _REST = 0.8  # [s] at the goal, before it begins again
 _RATE = 25.0  # [Hz] of frames, where a motion has times
-_FEWEST, _MOST = 97, 501  # frames
+_FEWEST, _MOST = 97, 1501  # frames
 
 
 def save_page(exhibit: Exhibit, file: str | Path, *, slice_at: float | None = None) -> None:

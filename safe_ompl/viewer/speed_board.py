@@ -11,7 +11,6 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import SafeOmplError
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.pictures.plots.speeds import AXES, plot_speeds
-from safe_ompl.pictures.style import ACCELERATION
 from safe_ompl.viewer.figures import wxyz
 
 BOARD_SHAPE = 2.9 / 7.2
@@ -79,7 +78,7 @@ class SpeedBoard:
         share = left + width * min(time / self._motion.duration, 1.0)
         ends = np.array([self._place(share, bottom), self._place(share, bottom + height)])
         self._cursor.points = ends[None].astype(np.float32)
-        self._label.text = told(self._motion, time)
+        self._label.text = self._motion.remark(time)
         self._label.position = self._place(0.5, 1.02)
 
     def _place(self, across: float, above: float) -> FloatArray:
@@ -87,13 +86,6 @@ class SpeedBoard:
             self._corner + across * self._size[0] * self._right + above * self._size[1] * self._up
         )
         return place
-
-
-def told(motion: TimedMotion, time: float) -> str:
-    """Return in words how fast a motion is at a time [s], and what bounds it."""
-    sample = motion.sample(time)
-    bound = motion.binding[sample] or ACCELERATION
-    return f"{min(time, motion.duration):.2f} s: {motion.speeds[sample]:.2f} rad/s, bounded by {bound}"
 
 
 def _picture(motion: TimedMotion) -> Any:

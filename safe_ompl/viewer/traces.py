@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.pictures.style import ACCELERATION, Colour, cap_colours
+from safe_ompl.exchange.timed_motion import ACCELERATION, TimedMotion
+from safe_ompl.pictures.style import Colour, cap_colours
 from safe_ompl.robot.robot import Robot
 from safe_ompl.viewer import colours
 from safe_ompl.viewer.proof import Proof

@@ -143,7 +143,7 @@ class View:
 
     def _set_camera(self) -> None:
         paths = [booth.samples for booth in self.booths]
-        stage = Stage(self.exhibit.robot, self.exhibit.scene, paths)
+        stage = Stage(self.exhibit.robot, self.exhibit.staged, paths)
         self._landmarks = stage.landmarks()
         self._view = best_view(stage, (_SIZE[0] // len(paths), _SIZE[1]))
         right = self._view.axes()[1]

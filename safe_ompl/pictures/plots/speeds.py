@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
+from safe_ompl.exchange.timed_motion import ACCELERATION
 from safe_ompl.pictures.plots.data import curve
 from safe_ompl.pictures.plots.page import DPI, GREY, Page
-from safe_ompl.pictures.style import ACCELERATION, cap_colours
+from safe_ompl.pictures.style import cap_colours
 
 AXES = (0.085, 0.17, 0.9, 0.62)
 """Left, bottom, width and height of the axes, as shares of the picture: where a cursor has to go."""
