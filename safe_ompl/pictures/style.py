@@ -86,7 +86,7 @@ def cap_colours(names: Iterable[str]) -> dict[str, Colour]:
     """Return the colours of what bounds the speed of a motion, by name; that of accelerations among them."""
     others = 0
     colours = {ACCELERATION: _from_hex(_CAPS[ACCELERATION])}
-    for name in names:
+    for name in dict.fromkeys(names):
         code = _CAPS.get(name)
         if code is None:
             code = _OTHER_CAPS[others % len(_OTHER_CAPS)]

@@ -14,8 +14,9 @@ from safe_ompl.errors import InputError
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.portable import built_robot, built_scene
 from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.viewer.exhibit import Exhibit
-from safe_ompl.viewer.movers import Movers
+from safe_ompl.viewer.movers import Keypoints, Movers
 
 FORMAT, VERSION = "safe-ompl ticks", 1
 ENDING = ".jsonl"
@@ -53,7 +54,7 @@ def read_recording(file: str | Path) -> Exhibit:
         movers = Movers(
             times - times[0],
             {name: float(document.require(person, "height")) for name, person in people.items()},
-            [tick.get("people") or {} for tick in ticks],
+            [_keypoints(tick.get("people") or {}) for tick in ticks],
             [_places(tick.get("objects") or {}) for tick in ticks],
         )
     return Exhibit(
@@ -69,6 +70,14 @@ def _lines(file: str | Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, A
     if not lines or not all(isinstance(line, dict) for line in lines):
         raise InputError("must hold a JSON object in every line", str(file))
     return lines[0], lines[1:]
+
+
+def _keypoints(people: Mapping[str, Any]) -> dict[str, Keypoints]:
+    """Return the key points from which a `Person` is drawn; others, such as the pelvis, follow from them."""
+    return {
+        name: {point: place for point, place in points.items() if point in STANDING}
+        for name, points in people.items()
+    }
 
 
 def _places(objects: Mapping[str, Any]) -> dict[str, Pose]:

@@ -10,12 +10,13 @@ import numpy as np
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import SafeOmplError
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.pictures.plots.speeds import AXES, plot_speeds
+from safe_ompl.pictures.plots.speeds import AXES, SIZE, plot_speeds
 from safe_ompl.viewer.figures import wxyz
 
-BOARD_SHAPE = 2.9 / 7.2
+BOARD_SHAPE = SIZE[1] / SIZE[0]
 """Height over width."""
-_DPI = 110
+_DPI = 140
+_LINES, _LINE = 2, 0.15  # of words above the board, and how high a line is, in heights of the board
 _BEFORE = 0.004  # [m] that the cursor is in front of the board
 _CURSOR = (30, 30, 30)
 
@@ -54,7 +55,7 @@ class SpeedBoard:
         self._corner = centre - 0.5 * (self._size[0] * self._right + self._size[1] * up) + _BEFORE * normal
         image = _picture(motion)
         if image is not None:
-            turn = np.column_stack([self._right, up, normal])
+            turn = np.column_stack([self._right, -up, -normal])  # viser's y goes down the rows
             view.add_image(
                 name,
                 image,
@@ -69,7 +70,10 @@ class SpeedBoard:
         self._cursor = view.add_line_segments(
             f"{name}_cursor", np.zeros((1, 2, 3)), _CURSOR, thickness=0.006 * width
         )
-        self._label = view.add_label(f"{name}_told", "", anchor="bottom-center", font_screen_scale=0.9)
+        self._labels = [
+            view.add_label(f"{name}_told_{k}", "", anchor="bottom-center", font_screen_scale=0.9)
+            for k in range(_LINES)
+        ]
         self.at(0.0)
 
     def at(self, time: float) -> None:
@@ -78,8 +82,11 @@ class SpeedBoard:
         share = left + width * min(time / self._motion.duration, 1.0)
         ends = np.array([self._place(share, bottom), self._place(share, bottom + height)])
         self._cursor.points = ends[None].astype(np.float32)
-        self._label.text = self._motion.remark(time)
-        self._label.position = self._place(0.5, 1.02)
+        said = self._motion.remark(time).split("; ", _LINES - 1)
+        for k, label in enumerate(self._labels):
+            label.text = said[k] if k < len(said) else ""
+            label.visible = k < len(said)
+            label.position = self._place(0.5, 1.04 + _LINE * (len(said) - 1 - k))
 
     def _place(self, across: float, above: float) -> FloatArray:
         place: FloatArray = (

@@ -23,7 +23,7 @@ def add_trace(view: Any, name: str, points: FloatArray, colour: Colour) -> Any:
 def add_timed_trace(view: Any, name: str, motion: TimedMotion) -> Any:
     """Add the way of the tip, each piece in the colour of what bounds the speed there."""
     points = np.asarray(motion.robot.keypoints_batch(motion.configurations)[:, -1])
-    paints = cap_colours(motion.bounds)
+    paints = cap_colours([*motion.bounds, *filter(None, motion.binding)])
     paint = colours.as_bytes(np.array([paints[bound or ACCELERATION] for bound in motion.binding[:-1]]))
     segments = np.stack([points[:-1], points[1:]], axis=1)
     return view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=0.014)

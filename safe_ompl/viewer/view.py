@@ -25,6 +25,7 @@ from safe_ompl.viewer.speed_board import BOARD_SHAPE
 PORT = 8080
 _SIZE = (1200, 800)  # [px] of the window that cameras are chosen for
 _APART = 1.15  # widths of a booth from one to the next
+_BOARD = 1.25  # sizes of the robot's motion; width of a board
 _FIELD_OF_VIEW = 0.6  # [rad]
 _BACKGROUND = 245
 
@@ -152,7 +153,7 @@ class View:
         for booth in self.booths:
             booth.add_floor(stage)
         if self.exhibit.motions:
-            self._add_boards(stage.size, right)
+            self._add_boards(_BOARD * stage.size, right)
 
     def _add_boards(self, width: float, right: FloatArray) -> None:
         """Hang a board over each booth, seen from the front by the camera."""
@@ -160,7 +161,7 @@ class View:
         facing = np.array([back[0], back[1], 0.0])
         height = width * BOARD_SHAPE
         centre = 0.5 * (self._landmarks.min(axis=0) + self._landmarks.max(axis=0))
-        centre[2] = self._landmarks[:, 2].max() + 0.75 * height
+        centre[2] = self._landmarks[:, 2].max() + 0.65 * height
         for booth in self.booths:
             booth.add_board(centre, width, facing)
         corners = [

@@ -16,7 +16,9 @@ from safe_ompl.pictures.plots.data import curve
 from safe_ompl.pictures.plots.page import DPI, GREY, Page
 from safe_ompl.pictures.style import cap_colours
 
-AXES = (0.085, 0.17, 0.9, 0.62)
+SIZE = (6.0, 2.7)
+"""Width and height of the picture [inch]."""
+AXES = (0.105, 0.19, 0.87, 0.58)
 """Left, bottom, width and height of the axes, as shares of the picture: where a cursor has to go."""
 
 
@@ -56,13 +58,14 @@ def plot_speeds(
     caps = {name: np.asarray(values, dtype=float) for name, values in bounds.items()}
     if {len(s), len(binding), *map(len, caps.values())} != {len(t)}:
         raise InputError(f"times, speeds, bounds and binding must be equally many, got {len(t)} times")
-    colours = cap_colours(caps)
+    names = dict.fromkeys([*caps, *filter(None, binding), ACCELERATION])
+    colours = cap_colours(names)
     top = 1.25 * float(s.max()) or 1.0
-    with Page(file, 7.2, 2.9, dpi, arranged=False) as page:
+    with Page(file, *SIZE, dpi, arranged=False) as page:
         axes = page.figure.add_axes(AXES)
         for name, values in caps.items():
             axes.plot(t, np.where(values <= 2 * top, values, np.nan), color=colours[name], linewidth=1.2)
-        used = [name for name in (*caps, ACCELERATION) if name in {n or ACCELERATION for n in binding}]
+        used = [name for name in names if name in {n or ACCELERATION for n in binding}]
         for name in used:
             reached = np.array([(n or ACCELERATION) == name for n in binding])
             axes.plot(t, _joined(s, reached), color=colours[name], linewidth=3.4, label=name)
