@@ -72,7 +72,15 @@ def plot_speeds(
         axes.set(xlabel="time [s]", ylabel="speed [rad/s]", xlim=(0.0, float(t[-1])), ylim=(0.0, top))
         page.figure.text(AXES[0], 0.93, title, weight="bold", fontsize=12)
         page.figure.text(0.985, 0.93, f"{t[-1]:.2f} s", ha="right", color=GREY, fontsize=12)
-        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2, handlelength=1.2)
+        axes.legend(
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=4,
+            borderaxespad=0.2,
+            handlelength=1.2,
+            fontsize=9,
+            columnspacing=1.2,
+        )
     return page.figure
 
 

@@ -35,7 +35,8 @@ class RobotBody:
     Parameters
     ----------
     robot : Robot
-        Its visual geometry is drawn; its collision geometry if it has none; else capsules along its skeleton.
+        Its visual geometry is drawn; the collision geometry where a joint moves nothing visual; without either,
+        capsules along its skeleton.
     coarse : bool
         Draw the collision geometry, which has fewer triangles.
 
@@ -48,8 +49,10 @@ class RobotBody:
     def __init__(self, robot: Robot, *, coarse: bool = False) -> None:
         self._robot = robot
         self._geometry = robot.shared.collision_model if coarse else robot.visual_model
-        if not len(self._geometry.geometryObjects):
-            self._geometry = robot.shared.collision_model
+        shown = {part.parentJoint for part in self._geometry.geometryObjects}
+        for part in robot.shared.collision_model.geometryObjects:
+            if part.parentJoint not in shown:  # else the arm would be drawn in pieces
+                self._geometry.addGeometryObject(part)
         self.links = [
             Surface.from_triangles(*tessellate(part.geometry)) for part in self._geometry.geometryObjects
         ]
