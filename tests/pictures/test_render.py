@@ -467,7 +467,8 @@ def test_links_without_visual_shapes_are_drawn_as_they_collide(tmp_path) -> None
         f"<link name='b'><visual>{box}</visual><collision>{box}</collision></link>"
         f"<link name='c'><collision>{box}</collision></link>"
         f"<joint name='j' type='revolute'><parent link='a'/><child link='b'/>{joint}</joint>"
-        f"<joint name='k' type='revolute'><parent link='b'/><child link='c'/><origin xyz='1 0 0'/>{joint}</joint></robot>"
+        f"<joint name='k' type='revolute'><parent link='b'/><child link='c'/><origin xyz='1 0 0'/>{joint}"
+        "</joint></robot>"
     )
     body = RobotBody(Robot.from_urdf(file))
     assert len(body.links) == 2
