@@ -78,8 +78,8 @@ def plot_speeds(
             ncols=4,
             borderaxespad=0.2,
             handlelength=1.2,
-            fontsize=9,
-            columnspacing=1.2,
+            fontsize=8.5,
+            columnspacing=1.0,
         )
     return page.figure
 
