@@ -11,11 +11,15 @@ import pytest
 
 FOLDER = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
+ADAPTERS = sorted((FOLDER / "adapters").glob("*.py"))
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+@pytest.mark.parametrize("script", [*SCRIPTS, *ADAPTERS], ids=lambda script: script.stem)
 def test_it_is_short_and_runs(script, tmp_path):
-    assert len(script.read_text(encoding="utf-8").splitlines()) <= 40
+    text = script.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 40
+    for package in re.findall(r"\(pip install (\w+)\)", text):
+        pytest.importorskip(package, reason=f"{script.name} needs {package}, which is not installed here")
     run = subprocess.run(
         [sys.executable, str(script)], capture_output=True, text=True, timeout=120, cwd=tmp_path, check=False
     )
@@ -25,6 +29,7 @@ def test_it_is_short_and_runs(script, tmp_path):
 
 
 def test_the_list_of_examples_is_complete():
-    listed = re.findall(r"\]\((\w+\.py)\)", (FOLDER / "README.md").read_text(encoding="utf-8"))
-    assert sorted(listed) == [script.name for script in SCRIPTS]
-    assert len(listed) == 10
+    listed = re.findall(r"\]\(([\w/]+\.py)\)", (FOLDER / "README.md").read_text(encoding="utf-8"))
+    found = [script.relative_to(FOLDER).as_posix() for script in (*SCRIPTS, *ADAPTERS)]
+    assert sorted(listed) == sorted(found)
+    assert len(SCRIPTS) == 10

@@ -6,7 +6,7 @@ import platform
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, metadata, requires, version
 from time import perf_counter
 from typing import Any
 
@@ -69,16 +69,17 @@ def add_command(commands: Any) -> None:
 
 
 def examine() -> int:
-    """Show what is installed and plan once; return 0 if all that is needed works."""
+    """Show what is installed beside what is supported, and plan once; return 0 if all that is needed works."""
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_row("safe-ompl", __version__, "")
-    table.add_row("Python", platform.python_version(), f"{platform.system()} {platform.machine()}")
+    python = metadata("safe-ompl")["Requires-Python"] or ""
+    table.add_row("Python", platform.python_version(), f"{python}, {platform.system()} {platform.machine()}")
     healthy = True
     for requirement in requirements():
         said = requirement.found or "missing"
         wanted = f"needs {requirement.bounds}" if requirement.bounds else ""
         advice = f"pip install 'safe-ompl[{requirement.extra}]'" if requirement.extra else ""
-        words = "" if requirement.fits else "; ".join(filter(None, [wanted, advice]))
+        words = requirement.bounds if requirement.fits else "; ".join(filter(None, [wanted, advice]))
         table.add_row(requirement.name, said, escape(words))
         healthy &= requirement.fits or bool(requirement.extra)
     output_console().print(table)

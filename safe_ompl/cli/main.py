@@ -10,13 +10,17 @@ from typing import NoReturn
 
 import argcomplete
 
-from safe_ompl.cli import compare, completion, doctor, listing, mbm, plan, srdf, verify, view
+from safe_ompl.cli import compare, completion, doctor, listing, mbm, new, plan, srdf, verify, view
 from safe_ompl.cli.console import error_console, ompl_messages, shown_log
 from safe_ompl.errors import InputError, SafeOmplError
 from safe_ompl.version import __version__
 
 BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
 
+_FIRST = (
+    "first steps: safe-ompl view panda_shelf; for your own robot: safe-ompl new arm.urdf -o scenario.yaml, "
+    "then safe-ompl view scenario.yaml. "
+)
 _EPILOG = "exit status: 0 solved, 1 not solved, 2 bad input"
 
 
@@ -37,7 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         parser = command_line()
         argcomplete.autocomplete(parser)
-        options = parser.parse_args(arguments)
+        words = sys.argv[1:] if arguments is None else arguments
+        options = parser.parse_args(words or ["--help"])
         with ompl_messages(options.verbose), shown_log(console, options.verbose) as log:
             job = options.prepare(options)
             log.release()
@@ -66,7 +71,9 @@ def command_line() -> argparse.ArgumentParser:
     returns the exit status.
     """
     parser = _Parser(
-        prog="safe-ompl", description="Safety-oriented motion planning for robot arms.", epilog=_EPILOG
+        prog="safe-ompl",
+        description="Safety-oriented motion planning for robot arms.",
+        epilog=_FIRST + _EPILOG,
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
@@ -76,6 +83,7 @@ def command_line() -> argparse.ArgumentParser:
         verify.add_command,
         compare.add_command,
         mbm.add_command,
+        new.add_command,
         srdf.add_command,
         listing.add_commands,
         doctor.add_command,

@@ -26,7 +26,7 @@ from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.description.examples import EXAMPLES
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scenario.mbm import MbmFile
+from safe_ompl.scenario.mbm import WHERE_FROM, MbmFile
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.mbm import setup_problem
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
@@ -40,7 +40,7 @@ def add_command(commands: Any) -> None:
         "mbm",
         help="run a MotionBenchMaker file, one JSON line per problem",
         description="Run the problems of a MotionBenchMaker file (JSON form), one JSON line per problem. "
-        "Every obstacle is dangerous, with weight 1.",
+        f"Every obstacle is dangerous, with weight 1; {WHERE_FROM}.",
     )
     parser.add_argument("file", metavar="FILE", help="the problems")
     parser.add_argument("--families", type=names, metavar="A,B,...", help="default: all")

@@ -7,7 +7,9 @@ from typing import Any
 
 from safe_ompl.cli.arguments import seconds
 from safe_ompl.cli.console import output_console
-from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, opened
+from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
+from safe_ompl.exchange.form import marked
+from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.result import PlanResult
@@ -25,7 +27,8 @@ def add_timed_options(parser: Any) -> None:
     group.add_argument(
         "--trajectory",
         metavar="FILE",
-        help="write it in the shape of JointTrajectory (.json); implies --timed",
+        help="write it in the shape of JointTrajectory (.json), for controllers and `safe-ompl view`; "
+        "implies --timed",
     )
 
 
@@ -51,7 +54,17 @@ def show_timed(
         output_console().print(told(trajectory))
     if options.trajectory:
         with opened(options.trajectory) as stream:
-            print(trajectory.to_json(options.rate), file=stream)
+            print(json_line(_saved(trajectory, result, options.rate)), file=stream)
+
+
+def _saved(trajectory: Trajectory, result: PlanResult, rate: float) -> dict[str, Any]:
+    """Return the trajectory in the shape of JointTrajectory, with what `safe-ompl view` needs besides."""
+    assert result.robot is not None
+    assert result.scene is not None
+    motion = TimedMotion.of(
+        trajectory, result.robot, result.scene, rate=rate, danger=result.danger, name=result.planner
+    )
+    return marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
 
 
 def told(trajectory: Trajectory) -> str:

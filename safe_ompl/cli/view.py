@@ -1,4 +1,4 @@
-"""`safe-ompl view`: a scenario, results or a certificate in the browser, or as one HTML file."""
+"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or as a film."""
 
 from __future__ import annotations
 
@@ -14,15 +14,19 @@ from safe_ompl.benchmark.campaign import check_named_planner
 from safe_ompl.cli.arguments import add_run_options, count, load_scenario, names
 from safe_ompl.cli.console import error_console
 from safe_ompl.cli.files import check_writable
+from safe_ompl.cli.pictures import how_to_get_pictures
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.files import load
 from safe_ompl.exchange.form import read_json
+from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.format import FORMAT as CERTIFICATE
 from safe_ompl.paths.certificate.format import check_form
+from safe_ompl.pictures.render.animation import ENDINGS
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import setup_scenario
-from safe_ompl.viewer import Exhibit, View, save_page
+from safe_ompl.viewer import Exhibit, View, read_recording, save_film, save_page
+from safe_ompl.viewer.recordings import ENDING
 
 _PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
 _NONE = ("none",)
@@ -32,15 +36,16 @@ def add_command(commands: Any) -> None:
     """Add `view` to the commands."""
     parser = commands.add_parser(
         "view",
-        help="show a scenario, results or a certificate in the browser",
+        help="show a scenario, results, trajectories or a certificate in the browser",
         description="Show robot, scene, people, paths, danger and proofs in the browser. A scenario is planned first; "
         "a certificate is shown, not verified.",
     )
     parser.add_argument(
         "what",
-        metavar="SCENARIO|RESULT|CERTIFICATE",
+        metavar="SCENARIO|RESULT|CERTIFICATE|TRAJECTORY|TICKS",
         nargs="+",
-        help="name or YAML file of a scenario; or files of `plan --json`, side by side; or one of `plan --certificate`",
+        help="name or YAML file of a scenario; or files of `plan --json`, or of `plan --trajectory`, side by side; "
+        "or one of `plan --certificate`, or ticks.jsonl of `live`",
     )
     parser.add_argument(
         "--planners",
@@ -57,6 +62,11 @@ def add_command(commands: Any) -> None:
         "--slice", type=float, metavar="Z", help="with --html: a slice of the danger field at this height [m]"
     )
     parser.add_argument(
+        "--animation",
+        metavar="FILE",
+        help="write the motions side by side as one moving picture (.webp or .gif)",
+    )
+    parser.add_argument(
         "--port", type=count, default=8080, metavar="N", help="default: %(default)s, or the next free"
     )
     parser.add_argument(
@@ -67,13 +77,20 @@ def add_command(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    if find_spec("viser") is None:
+    _check_animation(options.animation)
+    if find_spec("viser") is None and options.animation is None:
         raise InputError("viser missing; get the viewer with: pip install 'safe-ompl[viewer]'")
     if options.html is not None and Path(options.html).suffix.lower() != ".html":
         raise InputError(f"{options.html!r} must end in .html", "--html")
     if options.slice is not None and options.html is None:
         raise InputError("is for --html; a live view has a slider for it", "--slice")
     check_writable(options.html, "--html")
+    recordings = [name for name in options.what if Path(name).suffix.lower() == ENDING]
+    if recordings:
+        if len(options.what) > 1:
+            raise InputError(f"one recording at a time, not {', '.join(options.what)}")
+        recorded = read_recording(recordings[0])
+        return Show(lambda: recorded, options)
     files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
     if not files:
         if len(options.what) > 1:
@@ -86,6 +103,17 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     return Show(lambda: exhibit, options)
 
 
+def _check_animation(file: str | None) -> None:
+    if file is None:
+        return
+    if Path(file).suffix.lower() not in ENDINGS:
+        raise InputError(f"{file!r} must end in {' or '.join(ENDINGS)}", "--animation")
+    advice = how_to_get_pictures()
+    if advice:
+        raise InputError(advice, "--animation")
+    check_writable(file, "--animation")
+
+
 @dataclass(frozen=True)
 class Show:
     """The job of `safe-ompl view`."""
@@ -94,11 +122,16 @@ class Show:
     options: argparse.Namespace
 
     def __call__(self) -> int:
-        """Write the page, or serve it until Ctrl-C."""
+        """Write what is asked for, or serve the view until Ctrl-C."""
         exhibit, options = self.exhibit(), self.options
+        if options.animation is not None:
+            with error_console().status("drawing"):
+                save_film(exhibit, options.animation)
+            error_console().print(f"moving picture in {options.animation}")
         if options.html is not None:
             save_page(exhibit, options.html, slice_at=options.slice)
             error_console().print(f"view in {options.html}")
+        if options.html is not None or options.animation is not None:
             return 0
         view = View(exhibit, port=options.port)
         error_console().print(f"view at {view.url}; Ctrl-C ends it")
@@ -139,10 +172,15 @@ def _loaded(files: Sequence[str]) -> Exhibit:
         with document.within(files[0], ": "):
             check_form(content)
             return Exhibit.of_certificate(content)
-    results = []
-    for file in files:
-        result = load(file)
-        if not isinstance(result, PlanResult):
-            raise InputError(f"must be a result or a certificate, not a {type(result).__name__}", file)
-        results.append(result)
-    return Exhibit.of_results(results, title=Path(files[0]).stem)
+    loaded = [load(file) for file in files]
+    title = Path(files[0]).stem
+    motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]
+    if motions and len(motions) == len(files):
+        return Exhibit.of_motions(motions, title=title)
+    for file, thing in zip(files, loaded, strict=True):
+        if not isinstance(thing, PlanResult):
+            also = ", together with trajectories only" if motions else ""
+            raise InputError(
+                f"must be a result, a certificate or a trajectory{also}, not a {type(thing).__name__}", file
+            )
+    return Exhibit.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)

@@ -10,12 +10,14 @@ from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import kind_of, marked, read_json, strict_json
 from safe_ompl.exchange.joint_path import JointPath
 from safe_ompl.exchange.results import result_from_mapping, result_to_mapping
+from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.portable import built_scene, carried_scene
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.result import PlanResult
 
 Saveable: TypeAlias = PlanResult | JointPath | Scene
+Loaded: TypeAlias = Saveable | TimedMotion
 
 
 def save(thing: Saveable, file: str | Path) -> None:
@@ -42,15 +44,15 @@ def saved(thing: Saveable) -> dict[str, Any]:
     raise InputError(f"can be a PlanResult, a JointPath or a Scene, not {type(thing).__name__}", "to save")
 
 
-def load(file: str | Path, *, robot: Robot | None = None) -> Saveable:
-    """Read what `save` wrote, or `safe-ompl plan --json`.
+def load(file: str | Path, *, robot: Robot | None = None) -> Loaded:
+    """Read what `save` wrote, or `safe-ompl plan --json` or `--trajectory`.
 
     Parameters
     ----------
     file : path-like
         The file.
     robot : Robot, optional
-        The robot of a result, where it does not travel in it.
+        The robot of a result or trajectory, where it does not travel in it.
 
     Raises
     ------
@@ -62,6 +64,8 @@ def load(file: str | Path, *, robot: Robot | None = None) -> Saveable:
         kind = kind_of(content)
         if kind == "result":
             return result_from_mapping(content, robot)
+        if kind == "trajectory":
+            return TimedMotion.from_mapping(content, robot)
         if kind == "path":
             return JointPath.from_mapping(content)
         return built_scene(document.mapping("scene", document.require(content, "scene")))

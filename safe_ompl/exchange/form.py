@@ -12,7 +12,7 @@ from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
 
 FORMAT, VERSION = "safe-ompl", 1
-KINDS = ("result", "path", "scene")
+KINDS = ("result", "path", "scene", "trajectory")
 
 
 def marked(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:

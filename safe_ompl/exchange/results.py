@@ -10,7 +10,7 @@ import numpy as np
 from safe_ompl import document
 from safe_ompl.arrays import finite_array
 from safe_ompl.counts import Counts
-from safe_ompl.paths.certificate.portable import built_robot, built_scene, carried_robot, carried_scene
+from safe_ompl.exchange.problems import Problem
 from safe_ompl.paths.report import ClearanceReport, DangerReport, PathReport
 from safe_ompl.robot.robot import Robot
 from safe_ompl.setup.optimise import Improvement
@@ -21,11 +21,7 @@ def result_to_mapping(result: PlanResult) -> dict[str, Any]:
     """Return a result as plain data; robot, scene and danger travel with it where it has them."""
     about = None
     if result.robot is not None and result.scene is not None:
-        about = {
-            "robot": carried_robot(result.robot),
-            "scene": carried_scene(result.scene),
-            "danger": None if result.danger is None else dict(result.danger),
-        }
+        about = Problem(result.robot, result.scene, result.danger).to_mapping()
     return {**result.as_dict(), "problem": about}
 
 
@@ -49,13 +45,7 @@ def result_from_mapping(data: Mapping[str, Any], robot: Robot | None = None) -> 
     about = data.get("problem")
     scene = danger = None
     if about is not None:
-        with document.within("problem"):
-            carried = document.mapping("carried", about)
-            with document.within("robot"):
-                robot = built_robot(document.require(carried, "robot")) if robot is None else robot
-            with document.within("scene"):
-                scene = built_scene(document.require(carried, "scene"))
-            danger = carried.get("danger")
+        robot, scene, danger = Problem.from_mapping(about, robot)
     return PlanResult(
         status=document.text("status", document.require(data, "status")),
         path=None if path is None else finite_array(path, (None, len(names)), "path"),

@@ -27,7 +27,7 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
     assert result.report.danger is not None
     curves = plot_plan(
         result.report.danger.profile,
-        file,
+        None,
         clearance=_clearances(setup, result.path) or None,
         improvements=[(step.time, step.cost) for step in result.improvements] or None,
         planner=result.planner,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from safe_ompl.exchange.timed_motion import ACCELERATION
+
 Colour = tuple[float, float, float]
 """Red, green and blue of sRGB, each in [0, 1]."""
 
@@ -61,6 +63,36 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
             styles[name] = PlannerStyle(_from_hex(str(colour)), tuple(map(float, dashes)), strong=False)
             others += 1
     return styles
+
+
+_CAPS = {
+    ACCELERATION: "#8b96a1",
+    "joint velocity": "#0b62b4",
+    "separation": "#c8452b",
+    "separation or contact": "#c8452b",
+    "danger": "#7d2f91",
+    "tool speed": "#00876a",
+    "link speed": "#b87a00",
+    "moving": "#0b62b4",  # and the states of a robot that is driven beside people
+    "slowed": "#b87a00",
+    "braking": "#c8452b",
+    "standing": "#3a444f",
+    "done": "#8b96a1",
+}
+_OTHER_CAPS = ("#596675", "#3a444f", "#aab2ba")
+
+
+def cap_colours(names: Iterable[str]) -> dict[str, Colour]:
+    """Return the colours of what bounds the speed of a motion, by name; that of accelerations among them."""
+    others = 0
+    colours = {ACCELERATION: _from_hex(_CAPS[ACCELERATION])}
+    for name in dict.fromkeys(names):
+        code = _CAPS.get(name)
+        if code is None:
+            code = _OTHER_CAPS[others % len(_OTHER_CAPS)]
+            others += 1
+        colours[name] = _from_hex(code)
+    return colours
 
 
 def _from_hex(code: str) -> Colour:

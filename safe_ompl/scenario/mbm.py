@@ -21,6 +21,10 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.goal import configuration_for
 from safe_ompl.scene.scene import Scene
 
+WHERE_FROM = (
+    "such files come from VAMP's repository: resources/ROBOT/problems.tar.bz2, made into problems.json by its script "
+    "resources/problem_tar_to_pkl_json.py"
+)
 _SLIGHTLY = 0.1  # [rad or m]; a goal this far outside the limits is still believed
 
 
@@ -124,8 +128,11 @@ class MbmFile:
             If it cannot be read, is not JSON, or does not hold lists of problems by family.
         """
         with document.within(str(path), ": "):
-            data = document.mapping("document", _read_json(Path(path)))
-            families = document.mapping("problems", document.require(data, "problems"))
+            try:
+                data = document.mapping("document", _read_json(Path(path)))
+                families = document.mapping("problems", document.require(data, "problems"))
+            except InputError as error:
+                raise InputError(f"{error}; {WHERE_FROM}") from None
             with document.within("problems"):
                 lists = {family: document.sequence(family, items) for family, items in families.items()}
             names = document.sequence("joints", data.get("joints", ()))

@@ -103,6 +103,11 @@ class Scenario:
             If it cannot be read or is not valid; the message names file, key and value.
         """
         file = Path(path)
+        if file.suffix.lower() in (".urdf", ".xacro"):
+            raise InputError(
+                f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it",
+                str(file),
+            )
         with document.reading(file) as data:
             return cls._from_mapping(data, file)
 

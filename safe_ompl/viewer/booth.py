@@ -14,7 +14,9 @@ from safe_ompl.viewer.colours import NEUTRAL, START_COLOUR, mixed, rgb
 from safe_ompl.viewer.danger_layers import DangerPoints, FieldSlice
 from safe_ompl.viewer.exhibit import Exhibit
 from safe_ompl.viewer.figures import RobotFigure, RobotModel, add_scenery
-from safe_ompl.viewer.traces import add_proof, add_trace
+from safe_ompl.viewer.movers import MoverFigures
+from safe_ompl.viewer.speed_board import SpeedBoard
+from safe_ompl.viewer.traces import add_proof, add_timed_trace, add_trace
 
 SAMPLES = 121
 _EVENLY = np.linspace(0.0, 1.0, SAMPLES)
@@ -44,6 +46,11 @@ class Booth:
     Attributes
     ----------
     name : str
+    motion : TimedMotion or None
+        The path in time.
+    board : SpeedBoard or None
+    movers : MoverFigures or None
+        People and things that move.
     root, scenery : viser handles
         The place of the booth, and its scene.
     samples : ndarray, shape (SAMPLES, n)
@@ -64,10 +71,16 @@ class Booth:
         colour: Colour | None,
     ) -> None:
         self.name, self._view, self._exhibit = name, view, exhibit
-        self.samples = exhibit.along(name, _EVENLY)
         self.node = f"/booth_{number}"
+        self.samples = exhibit.along(name, _EVENLY)
+        self.motion = exhibit.motions.get(name)
+        self.board: SpeedBoard | None = None
+        movers = exhibit.movers
+        self.movers = (
+            None if movers is None else MoverFigures(view, f"{self.node}/movers", movers, exhibit.scene)
+        )
         self.root = view.add_frame(self.node, show_axes=False)
-        self.scenery = add_scenery(view, f"{self.node}/scene", exhibit.scene)
+        self.scenery = add_scenery(view, f"{self.node}/scene", exhibit.still)
         paint = NEUTRAL if colour is None else mixed(NEUTRAL, colour, _TINT)
         self._robot = RobotFigure(view, f"{self.node}/robot", model, paint)
         self.ghosts = [] if colour is None else self._ghosts(model, colour)
@@ -78,7 +91,10 @@ class Booth:
         self.lines = ClearanceLines(view, f"{self.node}/clearance", nearest)
         tips = np.asarray(exhibit.robot.keypoints_batch(self.samples)[:, -1])
         if colour is not None:
-            add_trace(view, f"{self.node}/trace", tips, colour)
+            if self.motion is None:
+                add_trace(view, f"{self.node}/trace", tips, colour)
+            else:
+                add_timed_trace(view, f"{self.node}/trace", self.motion)
             view.add_label(f"{self.node}/name", name, position=self._above(), anchor="bottom-center")
         self.proof = None
         if exhibit.proof is not None:
@@ -97,6 +113,13 @@ class Booth:
             if layer is not None:
                 layer.pose(q)
 
+    def at_time(self, time: float) -> None:
+        """Show what belongs to a time [s] of a motion: how fast the robot is, and where people and things are."""
+        if self.board is not None:
+            self.board.at(time)
+        if self.movers is not None:
+            self.movers.at(time)
+
     def facts(self, q: FloatArray, share: float | None) -> str:
         """Return what there is to say of `q: (n,)` in words, as Markdown."""
         said = [f"**{self.name or self._exhibit.robot.name}**"]
@@ -106,9 +129,16 @@ class Booth:
         said += [
             f"{1e3 * found.distance:.0f} mm: {found.link} – {found.obstacle}" for found in self.lines.found(q)
         ]
+        if self.motion is not None and share is not None:
+            said.append(self.motion.remark(share * self._exhibit.playing_time))
         if self._exhibit.proof is not None and share is not None:
             said.append(f"proven: {self._exhibit.proof.at(share)}")
         return "  \n".join(said)
+
+    def add_board(self, centre: FloatArray, width: float, facing: FloatArray) -> None:
+        """Add a board with the speed against time, if the motion has times, see `SpeedBoard`."""
+        if self.motion is not None:
+            self.board = SpeedBoard(self._view, f"{self.node}/speed", self.motion, centre, width, facing)
 
     def add_floor(self, stage: Stage) -> None:
         """Add the floor of a stage, and a pedestal where the robot would hang in the air."""

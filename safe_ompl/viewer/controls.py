@@ -12,7 +12,6 @@ from safe_ompl.viewer.danger_layers import PLANES
 if TYPE_CHECKING:
     from safe_ompl.viewer.view import View
 
-PLAYING_TIME = 8.0  # [s] to play a path once
 _FRAME, _IDLE = 1 / 30, 0.1  # [s]
 _STEP = 1e-3
 
@@ -44,7 +43,7 @@ class Controls:
         if not self._playing:
             return _IDLE
         now = perf_counter()
-        share = self._view.share + (now - self._told) / PLAYING_TIME * self._speed.value
+        share = self._view.share + (now - self._told) / self._view.exhibit.playing_time * self._speed.value
         self._told = now
         self._go_to(share % 1.0)
         return _FRAME

@@ -122,7 +122,9 @@ class FieldSlice:
         grid = np.empty((rows, columns, 3))
         grid[..., _NORMAL[self.plane]] = self.offset
         grid[..., across] = self._low[across] + (np.arange(columns) + 0.5) / columns * size[0]
-        grid[..., up] = (self._high[up] - (np.arange(rows) + 0.5) / rows * size[1])[:, None]
+        grid[..., up] = (self._low[up] + (np.arange(rows) + 0.5) / rows * size[1])[
+            :, None
+        ]  # viser's y: by rows
         levels = self._field.field(q, grid.reshape(-1, 3))
         image = self._painted(levels).reshape(rows, columns, 4)
         if self._image is None:

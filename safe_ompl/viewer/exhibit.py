@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,15 +12,18 @@ import numpy as np
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
+from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.portable import built_robot, built_scene
 from safe_ompl.paths.curve import Curve
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup import problem
 from safe_ompl.setup.result import PlanResult
+from safe_ompl.viewer.movers import Movers
 from safe_ompl.viewer.proof import Proof
 
 CERTIFIED = "certified path"
+_PLAYING_TIME = 8.0  # [s] to play a path once that has no times
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,11 @@ class Exhibit:
         Options of the danger field, as those of `SafeSetup`; None: without danger.
     proof : Proof, optional
         The intervals that prove a path of the same name.
+    motions : mapping of str to TimedMotion, optional
+        Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
+        configurations are the path of that name.
+    movers : Movers, optional
+        People and things that move meanwhile.
     title : str, optional
         Title of the page.
 
@@ -56,10 +64,16 @@ class Exhibit:
     posture: FloatArray | None = None
     danger: Mapping[str, Any] | None = field(default_factory=dict)
     proof: Proof | None = None
+    motions: Mapping[str, TimedMotion] = field(default_factory=dict)
+    movers: Movers | None = None
     title: str = ""
 
     def __post_init__(self) -> None:
-        paths = {name: finite_array(way, (None, self.robot.n), name) for name, way in self.paths.items()}
+        moved = {name: motion.configurations for name, motion in self.motions.items()}
+        paths = {
+            name: finite_array(way, (None, self.robot.n), name)
+            for name, way in {**self.paths, **moved}.items()
+        }
         for name, way in paths.items():
             if not len(way):
                 raise InputError("must have a configuration at least, got none", f"path of {name}")
@@ -122,6 +136,43 @@ class Exhibit:
         assert first.scene is not None
         return cls(first.robot, first.scene, paths, posture, first.danger, title=title)
 
+    @classmethod
+    def of_motions(cls, motions: Sequence[TimedMotion], title: str = "") -> Exhibit:
+        """Return motions in time, by planner; the same planner again gets a number.
+
+        Raises
+        ------
+        InputError
+            If there is none, or they are about different robots or scenes.
+        """
+        if not motions:
+            raise InputError("no motion to show; give at least one")
+        first = motions[0]
+        named: dict[str, TimedMotion] = {}
+        for motion in motions:
+            if motion.scene != first.scene or motion.robot.joint_names != first.robot.joint_names:
+                raise InputError("motions must be about the same robot and scene to be shown together")
+            name = motion.name or "motion"
+            named[f"{name}, {len(named) + 1}" if name in named else name] = motion
+        return cls(first.robot, first.scene, danger=first.danger, motions=named, title=title)
+
+    @cached_property
+    def still(self) -> Scene:
+        """The scene without what moves."""
+        moving = () if self.movers is None else self.movers.objects
+        return replace(self.scene, obstacles=tuple(o for o in self.scene if o.name not in moving))
+
+    @cached_property
+    def staged(self) -> Scene:
+        """The scene, and where people are at first: what decides from where to look."""
+        people = () if self.movers is None else self.movers.people_at(0.0)
+        return replace(self.scene, obstacles=(*self.scene, *people))
+
+    @property
+    def playing_time(self) -> float:
+        """How long it plays [s]: as long as the longest motion in time, else some seconds."""
+        return max((motion.duration for motion in self.motions.values()), default=_PLAYING_TIME)
+
     @cached_property
     def danger_field(self) -> DangerField | None:
         """The danger of the robot in its scene; None where there is none, or nothing is dangerous."""
@@ -131,7 +182,9 @@ class Exhibit:
         return found if found.points is not None and len(found.points) else None
 
     def along(self, name: str, shares: FloatArray) -> FloatArray:
-        """Return the configurations (S, n) at fractions `shares: (S,)` of the length of a path."""
+        """Return the configurations (S, n) at fractions (S,) of the length of a path, or of the playing time."""
+        if name in self.motions:
+            return self.motions[name].at(shares * self.playing_time)
         if not self.paths:
             return np.repeat(self._start[None], len(shares), axis=0)
         curve = Curve(self.robot, self.paths[name])

@@ -114,7 +114,7 @@ def add_scenery(view: Any, name: str, scene: Scene) -> Any:
     for obstacle in scene:
         for k, thing in enumerate(painted(obstacle, marked)):
             view.add_mesh_simple(
-                f"{name}/{_node(obstacle.name)}/{k}",
+                f"{name}/{node_name(obstacle.name)}/{k}",
                 thing.surface.vertices,
                 thing.surface.faces,
                 color=rgb(thing.colour),
@@ -123,7 +123,7 @@ def add_scenery(view: Any, name: str, scene: Scene) -> Any:
     return root
 
 
-def _node(name: str) -> str:
+def node_name(name: str) -> str:
     """Return a name without the slashes that divide the tree of nodes."""
     return name.replace("/", "_")
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from safe_ompl.viewer.controls import PLAYING_TIME
 from safe_ompl.viewer.exhibit import Exhibit
 from safe_ompl.viewer.view import View
 
 _REST = 0.8  # [s] at the goal, before it begins again
-_FRAMES = 97
+_RATE = 25.0  # [Hz] of frames, where a motion has times
+_FEWEST, _MOST = 97, 1501  # frames
 
 
 def save_page(exhibit: Exhibit, file: str | Path, *, slice_at: float | None = None) -> None:
@@ -40,8 +40,11 @@ def save_page(exhibit: Exhibit, file: str | Path, *, slice_at: float | None = No
         view.go_to(0.0)
         recording = view.server.get_scene_serializer()
         if exhibit.paths:
-            for share in np.linspace(0.0, 1.0, _FRAMES)[1:]:
-                recording.insert_sleep(PLAYING_TIME / (_FRAMES - 1))
+            frames = (
+                int(np.clip(_RATE * exhibit.playing_time, _FEWEST, _MOST)) if exhibit.motions else _FEWEST
+            )
+            for share in np.linspace(0.0, 1.0, frames)[1:]:
+                recording.insert_sleep(exhibit.playing_time / (frames - 1))
                 view.go_to(float(share))
             recording.insert_sleep(_REST)
         Path(file).write_text(recording.as_html(), encoding="utf-8")

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.pictures.style import Colour
+from safe_ompl.exchange.timed_motion import ACCELERATION, TimedMotion
+from safe_ompl.pictures.style import Colour, cap_colours
 from safe_ompl.robot.robot import Robot
 from safe_ompl.viewer import colours
 from safe_ompl.viewer.proof import Proof
@@ -17,6 +18,15 @@ def add_trace(view: Any, name: str, points: FloatArray, colour: Colour) -> Any:
     """Add a line through `points: (P, 3)` [m]."""
     segments = np.stack([points[:-1], points[1:]], axis=1)
     return view.add_line_segments(name, segments, colours.rgb(colour), thickness=0.008)
+
+
+def add_timed_trace(view: Any, name: str, motion: TimedMotion) -> Any:
+    """Add the way of the tip, each piece in the colour of what bounds the speed there."""
+    points = np.asarray(motion.robot.keypoints_batch(motion.configurations)[:, -1])
+    paints = cap_colours([*motion.bounds, *filter(None, motion.binding)])
+    paint = colours.as_bytes(np.array([paints[bound or ACCELERATION] for bound in motion.binding[:-1]]))
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    return view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=0.014)
 
 
 def add_proof(view: Any, name: str, robot: Robot, samples: FloatArray, proof: Proof) -> Any:

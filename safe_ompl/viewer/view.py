@@ -20,10 +20,12 @@ from safe_ompl.viewer.booth import Booth
 from safe_ompl.viewer.controls import Controls
 from safe_ompl.viewer.exhibit import Exhibit
 from safe_ompl.viewer.figures import RobotModel
+from safe_ompl.viewer.speed_board import BOARD_SHAPE
 
 PORT = 8080
 _SIZE = (1200, 800)  # [px] of the window that cameras are chosen for
 _APART = 1.15  # widths of a booth from one to the next
+_BOARD = 1.25  # sizes of the robot's motion; width of a board
 _FIELD_OF_VIEW = 0.6  # [rad]
 _BACKGROUND = 245
 
@@ -103,6 +105,8 @@ class View:
         with self.server.atomic():
             for booth, q in zip(self.booths, self._postures, strict=True):
                 booth.pose(q)
+                if self._on_path:
+                    booth.at_time(self.share * self.exhibit.playing_time)
 
     def facts(self) -> list[str]:
         """Return for each booth what there is to say of its robot, as Markdown."""
@@ -140,7 +144,7 @@ class View:
 
     def _set_camera(self) -> None:
         paths = [booth.samples for booth in self.booths]
-        stage = Stage(self.exhibit.robot, self.exhibit.scene, paths)
+        stage = Stage(self.exhibit.robot, self.exhibit.staged, paths)
         self._landmarks = stage.landmarks()
         self._view = best_view(stage, (_SIZE[0] // len(paths), _SIZE[1]))
         right = self._view.axes()[1]
@@ -148,6 +152,23 @@ class View:
         self._step = _APART * float(np.ptp(across)) * right
         for booth in self.booths:
             booth.add_floor(stage)
+        if self.exhibit.motions:
+            self._add_boards(_BOARD * stage.size, right)
+
+    def _add_boards(self, width: float, right: FloatArray) -> None:
+        """Hang a board over each booth, seen from the front by the camera."""
+        back, _ = self._view.axes()
+        facing = np.array([back[0], back[1], 0.0])
+        height = width * BOARD_SHAPE
+        centre = 0.5 * (self._landmarks.min(axis=0) + self._landmarks.max(axis=0))
+        centre[2] = self._landmarks[:, 2].max() + 0.65 * height
+        for booth in self.booths:
+            booth.add_board(centre, width, facing)
+        corners = [
+            centre + 0.5 * (x * width * right + [0.0, 0.0, z * height]) for x in (-1, 1) for z in (-1, 1)
+        ]
+        self._landmarks = np.vstack([self._landmarks, *corners])
+        self._step = _APART * max(float(np.ptp(self._landmarks @ right)), width) * right
 
     def _camera_of(self, booths: int) -> Any:
         """Return the camera that sees so many booths beside each other."""

@@ -514,7 +514,6 @@ def assert_refused(outcome: tuple[int, str, str], *words: str) -> None:
 
 
 BAD_OPTIONS: dict[str, tuple[list[str], list[str]]] = {
-    "no command": ([], ["COMMAND"]),
     "no scenario": (["plan"], ["SCENARIO"]),
     "unknown command": (["fly"], ["fly", "plan"]),
     "unknown option": (["plan", "test.yaml", "--fast"], ["--fast"]),

@@ -66,7 +66,7 @@ def test_the_command_times_and_writes_a_joint_trajectory(scenario_file, tmp_path
     assert main(arguments) == 0
     assert "timed: " in capsys.readouterr().out
     told = json.loads(file.read_text())
-    assert set(told) == {"joint_names", "points", "duration", "limits", "caps"}
+    assert {"joint_names", "points", "duration", "limits", "caps"} <= set(told)
     assert [cap["name"] for cap in told["caps"]] == [
         "joint velocity",
         "bends beside people",

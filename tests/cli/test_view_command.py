@@ -17,12 +17,13 @@ pytest.importorskip("viser")
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("view")
-    result, proof = folder / "result.json", folder / "proof.json"
-    assert main(["plan", "planar2", "--json", str(result), "--certificate", str(proof)]) == 0
-    return {"RESULT": result, "CERTIFICATE": proof}
+    result, proof, motion = (folder / f"{name}.json" for name in ("result", "proof", "motion"))
+    written = ["--json", str(result), "--certificate", str(proof), "--trajectory", str(motion)]
+    assert main(["plan", "planar2", *written]) == 0
+    return {"RESULT": result, "CERTIFICATE": proof, "TRAJECTORY": motion}
 
 
-@pytest.mark.parametrize("what", ["SCENARIO", "RESULT", "CERTIFICATE"])
+@pytest.mark.parametrize("what", ["SCENARIO", "RESULT", "CERTIFICATE", "TRAJECTORY"])
 def test_a_page_is_written(what, files, tmp_path, capsys):
     page = tmp_path / "view.html"
     assert main(["view", str(files.get(what, "planar2")), "--html", str(page)]) == 0
@@ -37,10 +38,12 @@ def test_what_cannot_be_shown_is_refused(files, tmp_path, capsys):
     other.write_text(json.dumps({"format": "something"}))
     for words, said in [
         (["nowhere"], "nowhere"),
+        ([str(files["TRAJECTORY"]), str(files["RESULT"])], "together with trajectories only"),
         ([str(other)], "format: must be 'safe-ompl'"),
         (["planar2", "planar3"], "one scenario at a time"),
         (["planar2", str(files["RESULT"])], "not both"),
         (["planar2", "--html", "x.pdf"], "--html: 'x.pdf' must end in .html"),
+        (["planar2", "--animation", "x.mp4"], "--animation: 'x.mp4' must end in .webp or .gif"),
         (["planar2", "--slice", "0.3"], "--slice: is for --html"),
     ]:
         assert main(["view", *words]) == 2

@@ -456,3 +456,20 @@ def test_one_picture_of_a_real_robot() -> None:
     drawn = render_path(robot, Scene((person,)), path, size=SMALL, samples=4, ghosts=1)
     assert drawn.std() > 10
     assert Painted(_ball(1.0, (0, 0, 0)), (1.0, 0.0, 0.0)).glossy is False
+
+
+def test_links_without_visual_shapes_are_drawn_as_they_collide(tmp_path) -> None:
+    box = "<geometry><box size='0.2 0.1 0.1'/></geometry>"
+    joint = "<axis xyz='0 0 1'/><limit lower='-1' upper='1' velocity='1' effort='1'/>"
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        "<robot name='r'><link name='a'/>"
+        f"<link name='b'><visual>{box}</visual><collision>{box}</collision></link>"
+        f"<link name='c'><collision>{box}</collision></link>"
+        f"<joint name='j' type='revolute'><parent link='a'/><child link='b'/>{joint}</joint>"
+        f"<joint name='k' type='revolute'><parent link='b'/><child link='c'/><origin xyz='1 0 0'/>{joint}"
+        "</joint></robot>"
+    )
+    body = RobotBody(Robot.from_urdf(file))
+    assert len(body.links) == 2
+    assert body.posed(np.zeros(2)).vertices[:, 0].max() == pytest.approx(1.1)

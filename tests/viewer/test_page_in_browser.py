@@ -6,20 +6,25 @@ import io
 import json
 import shutil
 import time
+from contextlib import suppress
 from itertools import count
 
 import numpy as np
 import pytest
 
 from safe_ompl import Box, Obstacle, Pose, Robot, Scene
+from safe_ompl.exchange.timed_motion import TimedMotion
+from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.viewer import Exhibit, save_page
+from safe_ompl.viewer.movers import Movers
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 OPTIONS = (
     "headless no-sandbox use-angle=swiftshader enable-unsafe-swiftshader disable-quic no-first-run "
     "disable-background-networking disable-component-update disable-sync lang=en-US window-size=480,480"
 )
-PATIENCE = 60.0  # [s] a picture takes seconds without a graphics card, on a busy machine many
+BAR = "input[inputmode=decimal]"
+PATIENCE = 120.0  # [s] a picture takes seconds without a graphics card, on a busy machine many
 
 
 @pytest.fixture(scope="module")
@@ -38,27 +43,49 @@ def browser():
     driver.quit()
 
 
-@pytest.fixture(scope="module")
-def page(browser, tmp_path_factory, data_folder):
+@pytest.fixture(scope="module", params=["path", "drive"])
+def page(browser, tmp_path_factory, data_folder, request):
     robot = Robot.from_urdf(data_folder / "gripper_arm.urdf")
     middle = 0.5 * (robot.lower + robot.upper)
     path = np.array(
         [middle - 0.25 * (robot.upper - robot.lower), middle + 0.25 * (robot.upper - robot.lower)]
     )
     scene = Scene((Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.6, 0.0, 0.3)), weight=1.0),))
+    exhibit = (
+        Exhibit(robot, scene, {"SafePRM": path}) if request.param == "path" else drive(robot, scene, path)
+    )
     file = tmp_path_factory.mktemp("page") / "view.html"
-    save_page(Exhibit(robot, scene, {"SafePRM": path}), file)
+    save_page(exhibit, file)
+    browser.get_log("performance")  # of the page before
     browser.get(file.as_uri())
+    wait_for(lambda: browser.find_elements("css selector", BAR))
+    toggle_play(browser)  # a page at rest is drawn in time, even without a graphics card on a busy machine
     wait_for(lambda: np.ptp(picture(browser)) > 60)
-    toggle_play(browser)
     return browser
 
 
+def drive(robot, scene, path):
+    """Return a motion in time beside a person who walks."""
+    times = np.linspace(0.0, 8.0, 9)
+    shares = np.linspace(0.0, 1.0, 9)[:, None]
+    states = ("moving",) * 6 + ("braking",) * 2 + ("standing",)
+    motion = TimedMotion(robot, scene, times, path[0] + shares * (path[1] - path[0]), np.ones(9), {}, states)
+    body = {name: 1.75 * np.array(point) + [1.2, 0.0, -0.5] for name, point in STANDING.items()}
+    walk = [
+        {"anna": {name: np.add(p, [0.0, 0.2 * k, 0.0]).tolist() for name, p in body.items()}}
+        for k in range(9)
+    ]
+    movers = Movers(times, {"anna": 1.75}, walk, [{}] * 9)
+    return Exhibit(robot, scene, danger=None, motions={"live": motion}, movers=movers)
+
+
 def wait_for(condition):
+    exceptions = pytest.importorskip("selenium.common.exceptions")
     end = time.monotonic() + PATIENCE
     for tries in count():
-        if condition():
-            return
+        with suppress(exceptions.TimeoutException):  # of a picture, on a busy machine
+            if condition():
+                return
         assert time.monotonic() < end, f"not within {PATIENCE:g} s, {tries} tries"
         time.sleep(0.5)
 
@@ -73,12 +100,12 @@ def picture(browser):
 
 
 def toggle_play(browser):
-    bar = browser.find_element("css selector", "input[inputmode=decimal]")
+    bar = browser.find_element("css selector", BAR)
     bar.find_element("xpath", "./preceding::button[1]").click()
 
 
 def seek(browser, seconds):
-    bar = browser.find_element("css selector", "input[inputmode=decimal]")
+    bar = browser.find_element("css selector", BAR)
     bar.send_keys("\ue009a\ue000")  # Ctrl+A
     bar.send_keys(f"{seconds}\ue007")
 

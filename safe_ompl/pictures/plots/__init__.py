@@ -9,6 +9,7 @@ from safe_ompl.pictures.plots.cspace import plot_bubbles, plot_cspace_path
 from safe_ompl.pictures.plots.field import plot_field
 from safe_ompl.pictures.plots.plan import plot_plan
 from safe_ompl.pictures.plots.planners import plot_bands, plot_clearance_danger, plot_profiles, plot_times
+from safe_ompl.pictures.plots.speeds import plot_speeds
 
 __all__ = [
     "plot_bands",
@@ -18,5 +19,6 @@ __all__ = [
     "plot_field",
     "plot_plan",
     "plot_profiles",
+    "plot_speeds",
     "plot_times",
 ]

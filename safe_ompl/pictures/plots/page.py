@@ -38,12 +38,14 @@ class Page:
 
     Parameters
     ----------
-    file : path-like
-        Where it goes; the ending decides the format, missing folders are made.
+    file : path-like or None
+        Where it goes; the ending decides the format, missing folders are made. None: it is drawn on its canvas only.
     width, height : float
         [inch]
     dpi : int
         Pixels per inch.
+    arranged : bool
+        Whether Matplotlib arranges the axes; else they stand where they are put.
 
     Raises
     ------
@@ -51,17 +53,19 @@ class Page:
         If Matplotlib is not installed.
     """
 
-    def __init__(self, file: str | Path, width: float, height: float, dpi: int = DPI) -> None:
+    def __init__(
+        self, file: str | Path | None, width: float, height: float, dpi: int = DPI, *, arranged: bool = True
+    ) -> None:
         try:
             import matplotlib
             from matplotlib.backends.backend_agg import FigureCanvasAgg
             from matplotlib.figure import Figure
         except ImportError as missing:
             raise SafeOmplError("plots need Matplotlib: pip install 'safe-ompl[plots]'") from missing
-        self._file = Path(file)
+        self._file = None if file is None else Path(file)
         self._style = matplotlib.rc_context(_STYLE)
         with matplotlib.rc_context(_STYLE):
-            self.figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
+            self.figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained" if arranged else None)
             FigureCanvasAgg(self.figure)
 
     def __enter__(self) -> Page:
@@ -70,7 +74,9 @@ class Page:
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         try:
-            if error is None:
+            if error is None and self._file is None:
+                self.figure.canvas.draw()
+            elif error is None and self._file is not None:
                 self._file.parent.mkdir(parents=True, exist_ok=True)
                 self.figure.savefig(self._file)
         finally:

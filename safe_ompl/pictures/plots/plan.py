@@ -21,7 +21,7 @@ _CLEARANCES = ("0.25", "0.62")
 
 def plot_plan(
     danger: ArrayLike,
-    file: str | Path,
+    file: str | Path | None,
     *,
     clearance: ArrayLike | Mapping[str, ArrayLike] | None = None,
     near: float = 0.05,
@@ -51,7 +51,7 @@ def plot_plan(
     dpi : int
         Pixels per inch.
     file
-        As of all pictures, see `safe_ompl.pictures.plots`.
+        As of all pictures, see `safe_ompl.pictures.plots`; None: only the canvas of the figure is drawn.
 
     Raises
     ------

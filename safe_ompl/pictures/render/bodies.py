@@ -11,7 +11,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.pictures.render.mitsuba_renderer import Painted
 from safe_ompl.pictures.render.tessellation import Surface, tessellate, tube
 from safe_ompl.pictures.style import Colour
-from safe_ompl.scene.shapes.person import Person
+from safe_ompl.scene.shapes.person import Limb, Person
 
 if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _HARMLESS_SURFACE: Colour = (0.80, 0.68, 0.53)
 _DANGEROUS_SURFACE: Colour = (0.85, 0.45, 0.30)
 _SKIN: Colour = (0.86, 0.64, 0.51)
-_SHIRT: Colour = (0.83, 0.43, 0.29)
+SHIRT: Colour = (0.83, 0.43, 0.29)
 _TROUSERS: Colour = (0.30, 0.33, 0.40)
 _SHOES: Colour = (0.20, 0.20, 0.22)
 _HAIR: Colour = (0.29, 0.21, 0.16)
@@ -35,7 +35,8 @@ class RobotBody:
     Parameters
     ----------
     robot : Robot
-        Its visual geometry is drawn; its collision geometry if it has none; else capsules along its skeleton.
+        Its visual geometry is drawn; the collision geometry where a joint moves nothing visual; without either,
+        capsules along its skeleton.
     coarse : bool
         Draw the collision geometry, which has fewer triangles.
 
@@ -48,8 +49,10 @@ class RobotBody:
     def __init__(self, robot: Robot, *, coarse: bool = False) -> None:
         self._robot = robot
         self._geometry = robot.shared.collision_model if coarse else robot.visual_model
-        if not len(self._geometry.geometryObjects):
-            self._geometry = robot.shared.collision_model
+        shown = {part.parentJoint for part in self._geometry.geometryObjects}
+        for part in robot.shared.collision_model.geometryObjects:
+            if part.parentJoint not in shown:  # else the arm would be drawn in pieces
+                self._geometry.addGeometryObject(part)
         self.links = [
             Surface.from_triangles(*tessellate(part.geometry)) for part in self._geometry.geometryObjects
         ]
@@ -108,24 +111,34 @@ def painted(obstacle: Obstacle, marked: bool = True) -> list[Painted]:
     """
     own = None if obstacle.color is None else (obstacle.color[0], obstacle.color[1], obstacle.color[2])
     if isinstance(obstacle.shape, Person):
-        return _dressed(obstacle.shape, obstacle.pose.se3, own or _SHIRT)
+        return _dressed(obstacle.shape, obstacle.pose.se3, own or SHIRT)
     colour = own or (_DANGEROUS_SURFACE if marked and obstacle.weight > 0 else _HARMLESS_SURFACE)
     return [Painted(Surface.from_triangles(*obstacle.triangles(_CIRCLE_CORNERS)), colour)]
 
 
 def _dressed(person: Person, world: pin.SE3, shirt: Colour) -> list[Painted]:
-    clothes = _clothes(shirt)
     things = []
     for limb in person.limbs():
-        kind = limb.name.removeprefix("left_").removeprefix("right_")
-        place = world * limb.placement * (_HAIRLINE if kind == "head" else pin.SE3.Identity())
-        surface = Surface.from_triangles(*limb.shape.triangles(_CIRCLE_CORNERS))
-        heights = surface.vertices[surface.faces, 2].mean(axis=1)
-        covered = heights > (0.25 * limb.radius if kind == "head" else limb.length / 2)
-        for colour, faces in zip(clothes.get(kind, (_SKIN, _SKIN)), (~covered, covered), strict=True):
-            piece = surface.part(faces).moved(place.rotation, place.translation)
-            things.append(Painted(piece, colour))
+        place = world * limb.placement
+        for piece in clothed(limb, shirt):
+            surface = piece.surface.moved(place.rotation, place.translation)
+            things.append(Painted(surface, piece.colour))
     return things
+
+
+def clothed(limb: Limb, shirt: Colour = SHIRT) -> list[Painted]:
+    """Return the surfaces of a limb of a person in its own frame, along z: what is bare, and what is covered."""
+    kind = limb.name.removeprefix("left_").removeprefix("right_")
+    surface = Surface.from_triangles(*limb.shape.triangles(_CIRCLE_CORNERS))
+    heights = surface.vertices[surface.faces, 2].mean(axis=1)
+    covered = heights > (0.25 * limb.radius if kind == "head" else limb.length / 2)
+    turn = _HAIRLINE.rotation if kind == "head" else np.eye(3)
+    colours = _clothes(shirt).get(kind, (_SKIN, _SKIN))
+    return [
+        Painted(surface.part(faces).moved(turn, np.zeros(3)), colour)
+        for colour, faces in zip(colours, (~covered, covered), strict=True)
+        if faces.any()
+    ]
 
 
 def _clothes(shirt: Colour) -> dict[str, tuple[Colour, Colour]]:

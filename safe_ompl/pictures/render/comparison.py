@@ -138,4 +138,4 @@ def _write(figure: Any, x: float, y: float, text: str, points: float, colour: st
 
 
 def _panel_size(count: int) -> tuple[int, int]:
-    return {1: (900, 700), 2: (620, 540)}.get(count, (480, 420))
+    return {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(count, (620, 520))

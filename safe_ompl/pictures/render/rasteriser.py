@@ -1,4 +1,4 @@
-"""Quick pictures of coloured surfaces: a z-buffer with soft shadows, without noise, in NumPy alone."""
+"""Quick pictures of coloured surfaces: a z-buffer with soft shadows, without noise."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
+from safe_ompl.maths.kernels.triangles import lit_shares
 from safe_ompl.pictures.render.camera import Camera
 from safe_ompl.pictures.render.mitsuba_renderer import FLOOR_VALUE, Painted, linear
 from safe_ompl.pictures.render.tessellation import Surface
@@ -20,6 +21,7 @@ _SKY_LIGHTS, _KEY_LIGHTS = 24, 8
 _KEY_RADIUS = 0.12  # [rad]
 _LOWEST = 0.3  # sine of the elevation of the lowest light
 _MAP = 256  # texels along each side of a shadow map
+_FADING = 0.12  # share of its sides
 _BOUNCE = 0.22  # light from the floor on what looks down
 _GLOSS, _SHININESS = 0.16, 60.0
 
@@ -170,19 +172,19 @@ class _Light:
         self._corner = low[:2] - reach
         self._texel = float((high[:2] - low[:2] + 2 * reach).max()) / _MAP
         coarse = solid.simplified(0.8 * self._texel)
-        self._maps = [self._shadow_map(coarse, direction) for direction in self._directions]
-        covered = np.array([np.isfinite(shadow) for shadow in self._maps])
-        self._on_floor = _blurred(1.0 - np.tensordot(self._shares, covered, axes=1))
+        self._slants = self._directions[:, :2] / self._directions[:, 2:] / self._texel
+        self._maps = np.stack([self._shadow_map(coarse, slant) for slant in self._slants])
+        shaded = _blurred(np.tensordot(self._shares, np.isfinite(self._maps), axes=1))
+        self._on_floor = 1.0 - shaded * _fading(_MAP)
 
-    def _on_map(self, places: FloatArray, direction: FloatArray) -> FloatArray:
-        """Return the columns and rows (2, P) of the shadow map that places (P, 3) fall on."""
-        slant, height = direction[:2] / direction[2], places[:, 2] - self._floor
-        columns = [(places[:, k] - height * slant[k] - self._corner[k]) / self._texel for k in (0, 1)]
-        return np.stack(columns)
+    def _on_map(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the texels (P, 2) under places (P, 3), and their heights (P,) above the floor."""
+        return (places[:, :2] - self._corner) / self._texel, places[:, 2] - self._floor
 
-    def _shadow_map(self, solid: Surface, direction: FloatArray) -> NDArray[np.float32]:
-        """Return the height of the highest thing between each texel of the floor and the light: (S, S)."""
-        points = np.column_stack([*self._on_map(solid.vertices, direction), solid.vertices[:, 2]])
+    def _shadow_map(self, solid: Surface, slant: FloatArray) -> NDArray[np.float32]:
+        """Return the height above the floor of the highest thing between each texel and a light: (S, S)."""
+        texels, heights = self._on_map(solid.vertices)
+        points = np.column_stack([texels - heights[:, None] * slant, heights])
         return ZBuffer.of(points, solid.faces, (_MAP, _MAP)).nearness
 
     def on_floor(self, places: FloatArray) -> FloatArray:
@@ -200,21 +202,11 @@ class _Light:
 
     def on(self, places: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the light (P,) at places (P, 3) of surfaces with normals (P, 3), and the share of the key light."""
-        outside = np.asfortranarray(places + 1.5 * self._texel * normals)
-        heights = outside[:, 2] + self._texel
-        total = _BOUNCE * (0.5 - 0.5 * normals[:, 2])
-        key = np.zeros(len(places))
-        for k, (direction, share, shadow) in enumerate(
-            zip(self._directions, self._shares, self._maps, strict=True)
-        ):
-            column, row = np.rint(self._on_map(outside, direction)).astype(np.intp)
-            inside = (column >= 0) & (column < _MAP) & (row >= 0) & (row < _MAP)
-            above = shadow[np.where(inside, row, 0), np.where(inside, column, 0)]
-            lit = ~inside | (above <= heights)
-            total += lit * np.clip(normals @ direction, 0.0, None) * (share / direction[2])
-            if k >= _SKY_LIGHTS:
-                key += lit / _KEY_LIGHTS
-        return total, key
+        texels, heights = self._on_map(places + 1.5 * self._texel * normals)
+        lit = lit_shares(texels, heights, self._slants, self._maps, self._texel)
+        facing = np.clip(normals @ (self._directions / self._directions[:, 2:]).T, 0.0, None)
+        bounced = _BOUNCE * (0.5 - 0.5 * normals[:, 2])
+        return bounced + (lit * facing) @ self._shares, lit[:, _SKY_LIGHTS:].mean(axis=1)
 
 
 def _facets(surface: Surface) -> IntArray:
@@ -240,6 +232,13 @@ def _cone(axis: FloatArray) -> FloatArray:
     across /= np.linalg.norm(across)
     offset = np.outer(np.cos(turn), across) + np.outer(np.sin(turn), np.cross(axis, across))
     return np.asarray(np.cos(tilt)[:, None] * axis + np.sin(tilt)[:, None] * offset)
+
+
+def _fading(size: int) -> FloatArray:
+    """Return weights (size, size) that go down to 0 at the edges, beyond which shadows are not known."""
+    across = np.clip(np.minimum(np.arange(size), np.arange(size)[::-1]) / (_FADING * size), 0.0, 1.0)
+    across = across * across * (3.0 - 2.0 * across)
+    return np.asarray(np.minimum.outer(across, across))
 
 
 def _blurred(image: FloatArray, radius: int = 3) -> FloatArray:

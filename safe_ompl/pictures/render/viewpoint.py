@@ -12,11 +12,11 @@ from safe_ompl.pictures.render.zbuffer import ZBuffer, in_picture
 
 _AZIMUTHS = np.arange(20) * (2 * np.pi / 20)
 _ELEVATIONS = np.radians([20.0, 35.0])
-_HAZARD_POINTS = 200
+_HAZARD_POINTS, _END_POINTS = 200, 500
 _NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
 _COARSE = (160, 120)  # [px] of the picture in which views are compared
-_CELL = 0.01  # sizes of the robot's motion; what is smaller does not decide between views
-_TOLERANCE = 0.03  # relative, of depths
+_CELL = 0.02  # sizes of the robot's motion; what is smaller does not decide between views
+_TOLERANCE, _FINE = 0.03, 0.012  # relative, of depths; finer than a person is deep
 
 
 def best_view(
@@ -47,7 +47,7 @@ def best_view(
 
 
 class _Merit:
-    """The merit of a view: what share is seen of motion and hazards, how far apart they look, how large.
+    """The merit of a view: what share is seen of motion, its ends and hazards, how far apart they look, how large.
 
     Of a hazard, such as a person, the part that is nearest to the robot counts most: a hand must not be hidden by the
     back of who holds it out.
@@ -55,6 +55,7 @@ class _Merit:
 
     def __init__(self, stage: Stage) -> None:
         self._links = stage.skeletons()
+        self._ends = stage.ends.vertices[:: 1 + len(stage.ends.vertices) // _END_POINTS]
         hazards = np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in stage.hazards])
         self._points = hazards[:: 1 + len(hazards) // _HAZARD_POINTS]
         gaps = np.linalg.norm(self._points[:, None] - self._links[None], axis=2).min(axis=1, initial=np.inf)
@@ -69,17 +70,18 @@ class _Merit:
     def __call__(self, view: Camera) -> float:
         links = _seen(view, self._all, self._links).mean()
         hazards = _seen(view, self._things, self._points).mean() if len(self._points) else 1.0
-        near = _seen(view, self._everything, self._near).mean() if len(self._near) else 1.0
+        near = _seen(view, self._everything, self._near, _FINE).mean() if len(self._near) else 1.0
+        ends = _seen(view, self._all, self._ends).mean()
         apart = 1.0 - _before(view, self._hazards, self._links).mean()
         extent = np.linalg.det(np.cov(view.project(self._links), rowvar=False))
-        shown = (0.5 + 0.5 * hazards) * (0.3 + 0.7 * near)
-        return float(links**2 * apart * shown * max(extent, 0.0) ** 0.25)
+        shown = (0.5 + 0.5 * hazards) * near**2
+        return float(links**2 * ends**2 * apart * shown * max(extent, 0.0) ** 0.25)
 
 
-def _seen(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
+def _seen(view: Camera, solid: Surface, points: FloatArray, tolerance: float = _TOLERANCE) -> BoolArray:
     """Return whether a solid leaves points (P, 3) in view: (P,)."""
     nearest, own = _nearness(view, solid, points)
-    return np.asarray(own >= (1.0 - _TOLERANCE) * nearest)
+    return np.asarray(own >= (1.0 - tolerance) * nearest)
 
 
 def _before(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
