@@ -11,6 +11,7 @@ from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, opened
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.result import PlanResult
+from safe_ompl.trajectories.danger import MotionDanger
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.trajectory import RATE, Trajectory
 
@@ -46,9 +47,12 @@ def show_timed(
         people=scenario.people,
         tool_speed=scenario.motion.tool_speed,
         link_speed=scenario.motion.link_speed,
+        max_danger=scenario.motion.max_danger,
     )
     if options.json != STANDARD_OUTPUT and options.trajectory != STANDARD_OUTPUT:
         output_console().print(told(trajectory))
+        if any(obstacle.weight > 0 for obstacle in scenario.scene):
+            output_console().print(told_danger(trajectory.danger(result.danger_field().moving)))
     if options.trajectory:
         with opened(options.trajectory) as stream:
             print(trajectory.to_json(options.rate), file=stream)
@@ -63,3 +67,11 @@ def told(trajectory: Trajectory) -> str:
     shown = sorted(shares.items(), key=lambda item: -item[1])
     bounds = ", ".join(f"{name} {100 * span / trajectory.duration:.0f} %" for name, span in shown)
     return f"timed: {trajectory.duration:.3f} s, bounded by {bounds}"
+
+
+def told_danger(danger: MotionDanger) -> str:
+    """Return one line: how dangerous the robot is in motion."""
+    return (
+        f"danger in motion: mean {danger.mean:.3f}, peak {danger.peak:.3f}, proven to stay below "
+        f"{danger.proven_peak:.3f}"
+    )

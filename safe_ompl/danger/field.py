@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 from safe_ompl.arrays import FloatArray, IntArray, finite_array, positive
 from safe_ompl.collision.arguments import configuration, configurations
 from safe_ompl.counts import Counts
+from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.inputs import number
 from safe_ompl.maths import field as maths
 from safe_ompl.maths.field import Segments, Weighting
 from safe_ompl.robot.robot import Robot
@@ -47,12 +49,15 @@ class DangerField:
         k₁ > 0 of the elementary field (6). The danger is in k₁/m with unit weighting, else in k₁.
     sharpness : float
         β > 0 of the softmax, in units of 1/danger. Large values approach the maximum.
+    k2, gamma : float, optional
+        k₂ ≥ 0 and γ ≥ 0 of the kinetostatic field of the robot in motion, see `KinetostaticField`.
+        Default: k₁ · 0.25 s, and 1.
     counts : Counts, optional
         Where evaluations are counted.
 
     Attributes
     ----------
-    robot, aggregate, weighting, k1, sharpness, counts
+    robot, aggregate, weighting, k1, k2, gamma, sharpness, counts
         As given.
 
     Raises
@@ -82,6 +87,8 @@ class DangerField:
         weighting: Weighting = "unit",
         k1: float = 1.0,
         sharpness: float = 10.0,
+        k2: float | None = None,
+        gamma: float = 1.0,
         counts: Counts | None = None,
     ) -> None:
         if aggregate not in AGGREGATES:
@@ -96,10 +103,12 @@ class DangerField:
         self.weighting = weighting
         self.k1 = positive(k1, "k1")
         self.sharpness = positive(sharpness, "sharpness")
+        self.k2 = LEAD * self.k1 if k2 is None else number("k2", k2, at_least=0.0)
+        self.gamma = number("gamma", gamma, at_least=0.0)
         self.counts = Counts() if counts is None else counts
         self._points: FloatArray | PointSource = points if callable(points) else _danger_points(points)
-        number = None if self.points is None else len(self.points)
-        self._weights: FloatArray | None = None if weights is None else _danger_weights(weights, number)
+        count = None if self.points is None else len(self.points)
+        self._weights: FloatArray | None = None if weights is None else _danger_weights(weights, count)
         self._segments = Segments(robot.segments, _constant_lengths(robot))
 
     def __repr__(self) -> str:
@@ -118,6 +127,11 @@ class DangerField:
     def weights(self) -> FloatArray | None:
         """The weights (M,) of the danger points, read-only; None where all are 1."""
         return self._weights
+
+    @cached_property
+    def moving(self) -> KinetostaticField:
+        """The danger of the robot in motion, at (q, q̇), with the same danger points."""
+        return KinetostaticField(self)
 
     # ------------------------------------------------------------------------------ danger of configurations
 
@@ -287,6 +301,8 @@ class DangerField:
             weighting=self.weighting,
             k1=self.k1,
             sharpness=self.sharpness,
+            k2=self.k2,
+            gamma=self.gamma,
             counts=self.counts,
         )
 

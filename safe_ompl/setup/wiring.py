@@ -238,7 +238,7 @@ def danger_field(
     if not isinstance(options, Mapping):
         raise InputError(f"danger must be a mapping of options, or None for none, got {options!r}")
     with document.within("danger"):
-        document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "sharpness"))
+        document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "k2", "gamma", "sharpness"))
     options = dict(options)
     points, weights, _ = scene.danger_points(options.pop("spacing", None))
     return DangerField(robot, points, weights, counts=counts, **options)

@@ -178,6 +178,14 @@ class BlendedCurve:
             bounds.append(np.linspace(0.0, piece.length, number + 1))
         return self._cells(bounds)
 
+    def between(self, edges: FloatArray) -> Cells:
+        """Return the cells between arc lengths `edges: (N + 1,)`, among which are all ends of pieces."""
+        ends = np.append(self.starts[1:], self.length)
+        last = np.searchsorted(edges, ends, side="right") - 1
+        first = np.append(0, last[:-1])
+        rows = zip(self.starts, first, last, strict=True)
+        return self._cells([edges[a : b + 1] - start for start, a, b in rows])
+
     def divided(self, cells: Cells, parts: IntArray) -> Cells:
         """Return the cells, each in as many equal parts as `parts: (N,)` says."""
         bounds = []

@@ -86,3 +86,24 @@ def test_results_are_timed_where_they_were_made(beside_her):
         sent.timed()
     with pytest.raises(InputError, match="there is no path to time"):
         replace(result, path=None).timed()
+
+
+def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
+    result = plan(beside_her, time=5.0, seed=0)
+    free = result.timed()
+    field = result.danger_field()
+    assert field.gamma == 1
+    limit = 0.5 * (free.danger(field.moving).peak + field.values(free.at(free.law.times).q).max())
+    capped = result.timed(max_danger=limit)
+    assert capped.duration > free.duration
+    assert capped.danger(field.moving).peak <= limit
+    file = tmp_path / "dangerous.yaml"
+    motion = replace(beside_her.motion, max_danger=limit)
+    replace(beside_her, motion=motion, people=None, danger={"gamma": 0.0}).save(file)
+    assert Scenario.load(file).motion.max_danger == limit
+    assert main(["plan", str(file), "--timed"]) == 0
+    assert "danger in motion: mean" in capsys.readouterr().out
+    with pytest.raises(InputError, match="danger: give a danger"):
+        replace(result, danger=None).timed(max_danger=limit)
+    with pytest.raises(InputError, match="knows no danger"):
+        replace(result, danger=None).danger_field()

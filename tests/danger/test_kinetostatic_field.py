@@ -91,3 +91,12 @@ def test_one_state_and_what_is_refused(panda):
         KinetostaticField(moving.field, k2=-1)
     with pytest.raises(InputError, match="gamma must be a finite number >= 0"):
         KinetostaticField(moving.field, gamma=np.nan)
+
+
+def test_a_field_knows_the_one_of_the_robot_in_motion(panda):
+    field = DangerField(panda, POINTS, k1=2.0, k2=0.3, gamma=0.5)
+    Q, Qd = states(panda, 2)
+    np.testing.assert_allclose(field.moving.values(Q, Qd), KinetostaticField(field, 0.3, 0.5).values(Q, Qd))
+    assert DangerField(panda, POINTS, k1=2.0).moving.lead == 0.25
+    with pytest.raises(InputError, match="gamma must be a finite number >= 0"):
+        DangerField(panda, POINTS, gamma=-1)
