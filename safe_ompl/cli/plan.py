@@ -24,7 +24,7 @@ from safe_ompl.cli.console import error_console, output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
 from safe_ompl.cli.pictures import check_picture
 from safe_ompl.cli.tables import plan_table
-from safe_ompl.cli.timed import add_timed_options, rate_limits, show_timed
+from safe_ompl.cli.timed import add_timed_options, rate_limits, show_timed, timed
 from safe_ompl.cli.verify import certificate_of
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
@@ -130,16 +130,21 @@ class Plan:
                 print(json_line(self._saved(result)), file=stream)
         if options.json != STANDARD_OUTPUT:
             output_console().print(plan_table(self.scenario.name, self.setup.robot.name, result))
+        trajectory = None
+        if self.rate_limits is not None and result.path is not None:
+            trajectory = timed(result, self.scenario, self.rate_limits)
         if options.certificate and result.path is None:
             error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
         elif options.certificate:
-            proof = certificate_of(result, self.setup, self.scenario, self.robot, options.certificate)
+            proof = certificate_of(
+                result, self.setup, self.scenario, self.robot, options.certificate, trajectory
+            )
             with opened(options.certificate) as stream:
                 print(json_line(proof), file=stream)
         if options.plot and result.path is not None:
             draw_plan(self.setup, result, options.plot)
-        if self.rate_limits is not None and result.path is not None:
-            show_timed(result, self.scenario, self.rate_limits, options)
+        if trajectory is not None:
+            show_timed(trajectory, result, self.scenario, options)
         return 0 if result else 1
 
     def _saved(self, result: PlanResult) -> dict[str, Any]:

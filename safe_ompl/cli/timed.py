@@ -38,17 +38,21 @@ def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -
     return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration)
 
 
-def show_timed(
-    result: PlanResult, scenario: Scenario, limits: RateLimits, options: argparse.Namespace
-) -> None:
-    """Time the path, say how long it takes and what bounds it, and write the file that is asked for."""
-    trajectory = result.timed(
+def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Trajectory:
+    """Return the path in time, as the scenario has it."""
+    return result.timed(
         limits,
         people=scenario.people,
         tool_speed=scenario.motion.tool_speed,
         link_speed=scenario.motion.link_speed,
         max_danger=scenario.motion.max_danger,
     )
+
+
+def show_timed(
+    trajectory: Trajectory, result: PlanResult, scenario: Scenario, options: argparse.Namespace
+) -> None:
+    """Say how long it takes, what bounds it and how dangerous it is, and write the file that is asked for."""
     if options.json != STANDARD_OUTPUT and options.trajectory != STANDARD_OUTPUT:
         output_console().print(told(trajectory))
         if any(obstacle.weight > 0 for obstacle in scenario.scene):

@@ -102,7 +102,7 @@ def time_path(
         brakes = None if brakes is None else brakes[found.parents]
         caps.append(SpeedCap("danger", np.where(found.speeds < most[found.parents], found.speeds, np.inf)))
     squares = fastest_law(cells, limits, np.min([cap.speeds for cap in caps], axis=0))
-    return Trajectory(curve, TimeLaw.through(cells.edges, squares), limits, tuple(caps), brakes)
+    return Trajectory(curve, TimeLaw.through(cells.edges, squares), limits, tuple(caps), brakes, people)
 
 
 def _danger_cap(

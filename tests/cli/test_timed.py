@@ -77,6 +77,13 @@ def test_the_command_times_and_writes_a_joint_trajectory(scenario_file, tmp_path
     np.testing.assert_allclose(np.diff(times)[:-1], 0.02)
 
 
+def test_the_certificate_of_a_timed_plan_claims_its_stops(scenario_file, tmp_path, capsys):
+    file = tmp_path / "certificate.json"
+    assert main(["plan", str(scenario_file), "--time", "5", "--timed", "--certificate", str(file)]) == 0
+    assert main(["verify", str(file)]) == 0
+    assert "it stands before anyone of operator who moves no faster than 0.2 m/s" in capsys.readouterr().out
+
+
 def test_results_are_timed_where_they_were_made(beside_her):
     result = plan(beside_her, time=5.0, seed=0)
     trajectory = result.timed(tool_speed=0.5)
