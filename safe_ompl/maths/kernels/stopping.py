@@ -14,8 +14,8 @@ braking takes away from the end of cell j to the start of cell k, and with ṡ²
 
     T_jk ≤ τ_k,    or    V² ≤ R_k + u_k²,    or    T_stop(V) ≤ τ_k,
 
-u_k the speed that is harmless in the cell. All three stay true when V falls. And a stop is nowhere faster than the cap of
-its cell, on which b_k rests: V² ≤ R_k + cap_k². At the end of the path, and in corners that are no blends, the robot
+u_k the speed that is harmless in the cell. All three stay true when V falls. And a stop nowhere exceeds the cap of its
+cell, on which b_k rests: V² ≤ R_k + cap_k². At the end of the path, and in corners that are no blends, the robot
 stops: it never is so fast that it could not stop before, V² ≤ 2 Σ β h up to there.
 """
 

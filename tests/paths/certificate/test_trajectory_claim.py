@@ -36,7 +36,7 @@ def made(ur5, scene):
     """Return a trajectory beside a ball that may move."""
     motion = CertifiedMotion(CollisionChecker(ur5, scene))
     with pytest.MonkeyPatch.context() as patch:  # fewer cells: what is tested takes less time
-        patch.setattr("safe_ompl.trajectories.timing._CELLS", 40)
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
         return time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion, people=PEOPLE)
 
 
