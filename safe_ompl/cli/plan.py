@@ -34,6 +34,7 @@ from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.duration import COSTS
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.trajectories.limits import RateLimits
 
@@ -50,6 +51,12 @@ def add_command(commands: Any) -> None:
         type=seconds,
         metavar="SECONDS",
         help="plan, simplify, start anew and refine for so long; the best path counts",
+    )
+    parser.add_argument(
+        "--cost",
+        choices=COSTS,
+        default="danger",
+        help="what --simplify and --optimise make less: danger and length, or the duration beside people",
     )
     parser.add_argument(
         "--json",
@@ -121,6 +128,7 @@ class Plan:
             parameters=self.parameters,
             simplify=options.simplify,
             optimise=options.optimise,
+            cost=options.cost,
         )
         result = replace(result, setup_time=self.setup_time + result.setup_time)
         if result.interrupted:

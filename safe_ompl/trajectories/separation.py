@@ -110,6 +110,23 @@ class PeopleDistances:
             body.placement, body.geometry = place, shape
         self._data = fresh_data(self._geometry)
 
+    def times_at(self, Q: FloatArray) -> FloatArray:
+        """Return when the first limb may be at the robot (B,) [s] that stays at `Q: (B, n)`; see `SeparationBounds`."""
+        speed = self.speeds[self._limb]
+        slowness = np.where(speed > 0, 1 / np.where(speed > 0, speed, 1.0), 0.0)
+        times, bounds, still = (
+            np.empty(len(Q)),
+            np.full(len(self._body), -_UNKNOWN),
+            np.zeros(len(self._body)),
+        )
+        for j, q in enumerate(Q):
+            if j:
+                steps = self.robot.coupling.reach(np.abs(q - Q[j - 1])[None])[0]
+                bounds -= (self.robot.joint_radii @ steps)[self._body]
+            self._refresh(q, bounds, slowness, still, np.inf, by_limb=False)
+            times[j] = self._time(bounds, slowness).min()
+        return times
+
     def along(self, curve: BlendedCurve, cells: Cells, speeds: FloatArray, soon: float) -> SeparationBounds:
         """Return what is left in the cells of a curve.
 
