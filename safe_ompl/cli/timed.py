@@ -8,6 +8,8 @@ from typing import Any
 from safe_ompl.cli.arguments import seconds
 from safe_ompl.cli.console import output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, opened
+from safe_ompl.cli.pictures import check_picture
+from safe_ompl.pictures.plots import plot_motion
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.result import PlanResult
@@ -28,12 +30,19 @@ def add_timed_options(parser: Any) -> None:
         metavar="FILE",
         help="write it in the shape of JointTrajectory (.json); implies --timed",
     )
+    group.add_argument(
+        "--timed-plot",
+        metavar="FILE",
+        help="draw its speed under the caps that bind, its joints against their limits, and its danger (.png); implies "
+        "--timed",
+    )
 
 
 def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
     """Check what the options name, and return the limits of the scenario; None where nothing is timed."""
     check_writable(options.trajectory, "--trajectory")
-    if not (options.timed or options.trajectory):
+    check_picture(options.timed_plot, "--timed-plot")
+    if not (options.timed or options.trajectory or options.timed_plot):
         return None
     return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration)
 
@@ -53,10 +62,15 @@ def show_timed(
     trajectory: Trajectory, result: PlanResult, scenario: Scenario, options: argparse.Namespace
 ) -> None:
     """Say how long it takes, what bounds it and how dangerous it is, and write the file that is asked for."""
+    danger = None
+    if any(obstacle.weight > 0 for obstacle in scenario.scene):
+        danger = trajectory.danger(result.danger_field().moving)
     if options.json != STANDARD_OUTPUT and options.trajectory != STANDARD_OUTPUT:
         output_console().print(told(trajectory))
-        if any(obstacle.weight > 0 for obstacle in scenario.scene):
-            output_console().print(told_danger(trajectory.danger(result.danger_field().moving)))
+        if danger is not None:
+            output_console().print(told_danger(danger))
+    if options.timed_plot:
+        plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
     if options.trajectory:
         with opened(options.trajectory) as stream:
             print(trajectory.to_json(options.rate), file=stream)

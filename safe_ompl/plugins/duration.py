@@ -41,12 +41,12 @@ class DurationObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     Notes
     -----
-    What is a bound and what approximate: `motionCostHeuristic`, max_i |Δ_i|/v_i, is a lower bound of the time that any
-    way between two states takes. The cost itself is no bound of a trajectory's duration. It leaves out that corners
-    take time and that joints must accelerate, which makes it too low; that the path goes on while a stop lasts, so that it
-    is too low on the way towards people and too high on the way from them; and contact, danger, tool and link speeds.
-    Where people allow no speed at all it is 50 times that of the joints, not infinite, so that planners find a
-    way out. The duration of a path is what `PathTimer` says; `SafeSetup.plan(cost="duration")` minimises that.
+    A bound is `motionCostHeuristic`, max_i |Δ_i|/v_i: no way between two states takes less. The cost itself is no
+    bound of a trajectory's duration. Corners take time and joints must accelerate: that is left out and makes it too
+    low. The path goes on while a stop lasts: so it is too low on the way towards people, too high on the way from them.
+    Contact, danger, and speeds of tool and links do not count. Where people allow no speed at all it is 50 times the
+    time of the joints, not infinite, so that planners find a way out. The duration of a path is what `PathTimer` says;
+    `SafeSetup.plan(cost="duration")` minimises that.
     """
 
     def __init__(self, si: Any, timer: PathTimer, tolerance: float = 0.02) -> None:

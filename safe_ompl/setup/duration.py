@@ -26,8 +26,8 @@ from safe_ompl.trajectories.timing import CELLS, PathTimer
 
 Cost: TypeAlias = Literal["danger", "duration"]
 COSTS: tuple[Cost, ...] = ("danger", "duration")
-_STARTS = 4  # paths that are looked for before the best is made faster, and again when that ends
-_SIMPLIFICATION = 0.5  # [s] of each
+_STARTS = 2  # paths that are looked for before the best is made faster, and again when that ends
+_SIMPLIFICATION = 0.3  # [s] of each
 
 
 class TimedSetup(SimplifyingSetup):
@@ -103,8 +103,8 @@ class TimedSetup(SimplifyingSetup):
 class FastestPath:
     """Looks for the path that is driven in the least time.
 
-    Paths of a planner, and what danger-aware simplification makes of them, are timed; from several the best one is made
-    faster by local changes (`safe_ompl.trajectories.faster`).
+    Paths of a planner, and what simplification makes of them, are timed; of several the best one is made faster by
+    local changes (`safe_ompl.trajectories.faster`).
 
     Parameters
     ----------
@@ -127,6 +127,10 @@ class FastestPath:
         self.times: list[float] = []
         self.paths: list[FloatArray] = []
         self._timer, self._simplifier = timer, simplifier
+        shortest = Simplifier(
+            simplifier.checker, simplifier.danger.field, simplifier.motion, weight=0.0, clearance=0.0
+        )
+        self._simplifiers = simplifier, shortest
         self._rng = np.random.default_rng(seed)
         self._begin, self._least = perf_counter(), np.inf
 
@@ -157,7 +161,7 @@ class FastestPath:
     def settled(self, simplifier: Simplifier) -> tuple[FloatArray | None, tuple[Improvement, ...]]:
         """Return the fastest path, if there is one, and those that were fastest before it, in order.
 
-        While it looks, cells are coarse; here they are fine: a path that is no faster than others before it is left out.
+        While it looks cells are coarse. Here they are fine: a path that is no faster than one before it is left out.
         """
         best, rows = None, list[Improvement]()
         for time, path in zip(self.times, self.paths, strict=True):
@@ -168,12 +172,13 @@ class FastestPath:
         return best, tuple(rows)
 
     def _simplified(self, path: FloatArray, over: Stop) -> tuple[float, FloatArray]:
-        """Time a path and what simplification makes of it; return the faster one with its duration."""
+        """Time a path and what simplification for safety, and for length alone, make of it; return the fastest."""
         path = unrolled(self._timer.robot, path)
         candidates = [(self._timed(path), path)]
-        if not over():
-            simple = self._simplifier.simplify(path, timed(_SIMPLIFICATION, over), proven=True)
-            candidates.append((self._timed(simple), simple))
+        for simplifier in self._simplifiers:
+            if not over():
+                simple = simplifier.simplify(path, timed(_SIMPLIFICATION, over), proven=True)
+                candidates.append((self._timed(simple), simple))
         return min(candidates, key=lambda pair: pair[0])
 
     def _make_faster(self, path: FloatArray, over: Stop) -> None:
