@@ -94,16 +94,14 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 def _check_distinct(options: argparse.Namespace) -> None:
     """Raise an error if two results are to be written to one file."""
     written: dict[Path, str] = {}
-    for option in ("json", "certificate", "plot", "trajectory"):
-        file = getattr(options, option)
+    for key in ("json", "certificate", "plot", "trajectory", "timed_plot"):
+        file, option = getattr(options, key), f"--{key.replace('_', '-')}"
         if file is None or file == STANDARD_OUTPUT:
             continue
         place = Path(file).resolve()
         if place in written:
-            raise InputError(
-                f"{file!r} is written by {written[place]} already: give another file", f"--{option}"
-            )
-        written[place] = f"--{option}"
+            raise InputError(f"{file!r} is written by {written[place]} already: give another file", option)
+        written[place] = option
 
 
 @dataclass(frozen=True)

@@ -114,3 +114,25 @@ def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
         replace(result, danger=None).timed(max_danger=limit)
     with pytest.raises(InputError, match="knows no danger"):
         replace(result, danger=None).danger_field()
+
+
+def test_a_picture_of_the_motion(scenario_file, tmp_path):
+    pytest.importorskip("matplotlib")
+    file = tmp_path / "motion.png"
+    assert main(["plan", str(scenario_file), "--time", "5", "--timed-plot", str(file)]) == 0
+    assert file.stat().st_size > 10_000
+    assert main(["plan", str(scenario_file), "--timed-plot", str(tmp_path / "motion.txt")]) == 2
+
+
+def test_compare_tells_durations(scenario_file, tmp_path, capsys):
+    folder = tmp_path / "out"
+    planners = ["--planners", "SafeRRTConnect", "--runs", "2", "--time", "2", "--out", str(folder)]
+    assert main(["compare", str(scenario_file), "--timed", *planners]) == 0
+    assert "duration [s]" in capsys.readouterr().out
+    runs = json.loads((folder / "report.json").read_text())["runs"]
+    assert all(run["duration"] > 1 for run in runs)
+
+
+def test_planned_for_duration_by_the_command(scenario_file, capsys):
+    assert main(["plan", str(scenario_file), "--optimise", "1.5", "--cost", "duration", "--timed"]) == 0
+    assert "timed: " in capsys.readouterr().out

@@ -36,8 +36,8 @@ def plot_motion(
 ) -> Any:
     """Draw a trajectory.
 
-    Above its speed along the path, in the colour of the cap that binds, and the caps themselves; below the velocities and
-    accelerations of its joints as shares of their limits, and the danger where it is given.
+    Above its speed along the path, in the colour of the cap that binds, and the caps themselves; below the velocities
+    and accelerations of its joints as shares of their limits, and the danger where it is given.
 
     Parameters
     ----------
