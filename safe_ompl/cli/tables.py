@@ -113,7 +113,7 @@ def _add_columns(table: Table, columns: Sequence[_Column]) -> None:
 
 def durations_table(planners: Sequence[str], durations: Sequence[float | None]) -> Table:
     """Return a table of how long paths take: by planner median and best, and on how many the robot may not move."""
-    table = plain_table("planner", "duration [s]", "shortest [s]", "may not move", gap=1)
+    table = plain_table("planner", "duration, s", "shortest, s", "may not move", gap=1)
     for planner in dict.fromkeys(planners):
         rows = zip(planners, durations, strict=True)
         found = [duration for name, duration in rows if name == planner and duration is not None]

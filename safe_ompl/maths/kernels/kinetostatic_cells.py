@@ -1,4 +1,4 @@
-"""Upper bounds of the kinetostatic danger over cells of a motion (`docs/mathematics.md` §10).
+"""Upper bounds of the kinetostatic danger over cells of a motion (`docs/mathematics.md` §9).
 
 A cell is a piece of a curve q(s), half of it h long on either side of its centre. There no point of a link moves by
 more than V with s, nor with more than A along s (‖x′‖ ≤ V, ‖x″‖ ≤ A). With D the distance of p from the link at the
