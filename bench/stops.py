@@ -216,7 +216,6 @@ def main() -> None:
     parser.add_argument("--stops", type=int, default=100_000)
     parser.add_argument("--mutations", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
-    parts = ("stops", "time", "mutations")
     parser.add_argument(
         "--only", nargs="+", choices=("stops", "time", "mutations"), default=["stops", "time", "mutations"]
     )
