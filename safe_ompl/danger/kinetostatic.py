@@ -76,9 +76,22 @@ class KinetostaticField:
     def values(self, Q: ArrayLike, Qd: ArrayLike) -> FloatArray:
         """Return the danger (B,) at `Q: (B, n)` while the joints move at `Qd: (B, n)`."""
         Q, Qd = self._states(Q, Qd)
-        return self.field.aggregated(
-            self._fields(MovingSkeleton.of(self._joints, Q, Qd), self.field.points_at(Q))
+        field, points = self.field, self.field.points_at(Q)
+        skeleton = MovingSkeleton.of(self._joints, Q, Qd)
+        if field.aggregate != "max" or not points.shape[-2]:
+            return field.aggregated(self._fields(skeleton, points))
+        field.count(skeleton.keypoints, points)
+        highest = maths.highest(
+            skeleton.keypoints,
+            skeleton.velocities,
+            field.segments,
+            points,
+            np.ones(points.shape[-2]) if field.weights is None else field.weights,
+            self.lead,
+            self.lead * self.gamma,
+            weighting=field.weighting,
         )
+        return field.k1 * highest
 
     def gradients(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the gradients (B, n) of the danger by the configuration and by the joint velocities.
