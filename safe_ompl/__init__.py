@@ -27,6 +27,7 @@ from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner, planner_names
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.plugins.duration import DurationObjective
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective
@@ -48,7 +49,7 @@ from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
 from safe_ompl.setup.wiring import planner_data
 from safe_ompl.trajectories.caps import StandstillError
 from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import time_path
+from safe_ompl.trajectories.timing import PathTimer, time_path
 from safe_ompl.trajectories.trajectory import Trajectory
 from safe_ompl.version import __version__ as __version__
 
@@ -68,6 +69,7 @@ __all__ = [
     "DangerField",
     "DangerLimit",
     "DangerObjective",
+    "DurationObjective",
     "GoalRegion",
     "InputError",
     "JointPath",
@@ -75,6 +77,7 @@ __all__ = [
     "Mesh",
     "Obstacle",
     "PathReport",
+    "PathTimer",
     "PeakDangerObjective",
     "People",
     "Person",

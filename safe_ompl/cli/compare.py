@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +15,11 @@ from safe_ompl.cli.console import error_console, output_console, progress_bar
 from safe_ompl.cli.files import json_line, make_folder, opened
 from safe_ompl.cli.pictures import how_to_get_pictures
 from safe_ompl.cli.plan import record
-from safe_ompl.cli.tables import comparison_table
+from safe_ompl.cli.tables import comparison_table, durations_table
 from safe_ompl.pictures.results import draw_comparison
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.trajectories.faster import duration_of
+from safe_ompl.trajectories.timing import CELLS
 
 _RUNS = 30
 
@@ -50,6 +53,11 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for report and pictures (default: compare-SCENARIO)"
     )
+    parser.add_argument(
+        "--timed",
+        action="store_true",
+        help="compare, too, how long the paths take within the scenario's limits and beside its people",
+    )
     parser.set_defaults(prepare=prepare)
 
 
@@ -60,9 +68,11 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)
     campaign.check(setup)
+    if options.timed:
+        setup.timer  # noqa: B018  # whatever it lacks is said now
     folder = options.out or Path(f"compare-{scenario.name}")
     make_folder(folder, "--out")
-    return Compare(campaign, setup, options.processes, folder)
+    return Compare(campaign, setup, options.processes, folder, options.timed)
 
 
 @dataclass(frozen=True)
@@ -73,15 +83,25 @@ class Compare:
     setup: SafeSetup
     processes: int
     folder: Path
+    timed: bool = False
 
     def __call__(self) -> int:
         """Run the campaign, show the table, write the report, draw the pictures."""
         results = self._results()
         summaries = summarize(results)
-        self._write_report(results, summaries)
+        durations = None
+        if self.timed:
+            durations = [self._duration(result) for result in results]
+        self._write_report(results, summaries, durations)
         output_console().print(comparison_table(self.campaign, self.setup.robot.name, summaries))
+        if durations is not None:
+            output_console().print(durations_table([result.planner for result in results], durations))
         self._draw(summaries)
         return 0 if all(summary.solved for summary in summaries) else 1
+
+    def _duration(self, result: PlanResult) -> float | None:
+        """Return how long a path takes [s], +inf where nothing allows motion; None where there is none."""
+        return None if result.path is None else duration_of(self.setup.timer, result.path, CELLS)
 
     def _results(self) -> list[PlanResult]:
         found = []
@@ -92,15 +112,22 @@ class Compare:
                 progress.advance(task)
         return found
 
-    def _write_report(self, results: Sequence[PlanResult], summaries: Sequence[Summary]) -> None:
+    def _write_report(
+        self,
+        results: Sequence[PlanResult],
+        summaries: Sequence[Summary],
+        durations: Sequence[float | None] | None,
+    ) -> None:
         name = self.campaign.scenario.name
-        report = {
+        report: dict[str, Any] = {
             "scenario": name,
             "robot": self.setup.robot.name,
             "seed": self.campaign.seed,
             "summary": [summary.as_dict() for summary in summaries],
             "runs": [record(name, self.setup.robot, result) for result in results],
         }
+        for run, duration in zip(report["runs"], durations or (), strict=False):
+            run["duration"] = duration if duration is not None and math.isfinite(duration) else None
         with opened(str(self.folder / "report.json")) as stream:
             print(json_line(report), file=stream)
 

@@ -24,7 +24,7 @@ from safe_ompl.cli.console import error_console, output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
 from safe_ompl.cli.pictures import check_picture
 from safe_ompl.cli.tables import plan_table
-from safe_ompl.cli.timed import add_timed_options, rate_limits, show_timed
+from safe_ompl.cli.timed import add_timed_options, rate_limits, show_timed, timed
 from safe_ompl.cli.verify import certificate_of
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
@@ -34,6 +34,7 @@ from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.duration import COSTS
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.trajectories.limits import RateLimits
 
@@ -50,6 +51,12 @@ def add_command(commands: Any) -> None:
         type=seconds,
         metavar="SECONDS",
         help="plan, simplify, start anew and refine for so long; the best path counts",
+    )
+    parser.add_argument(
+        "--cost",
+        choices=COSTS,
+        default="danger",
+        help="what --simplify and --optimise make less: danger and length, or the duration beside people",
     )
     parser.add_argument(
         "--json",
@@ -87,16 +94,14 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 def _check_distinct(options: argparse.Namespace) -> None:
     """Raise an error if two results are to be written to one file."""
     written: dict[Path, str] = {}
-    for option in ("json", "certificate", "plot", "trajectory"):
-        file = getattr(options, option)
+    for key in ("json", "certificate", "plot", "trajectory", "timed_plot"):
+        file, option = getattr(options, key), f"--{key.replace('_', '-')}"
         if file is None or file == STANDARD_OUTPUT:
             continue
         place = Path(file).resolve()
         if place in written:
-            raise InputError(
-                f"{file!r} is written by {written[place]} already: give another file", f"--{option}"
-            )
-        written[place] = f"--{option}"
+            raise InputError(f"{file!r} is written by {written[place]} already: give another file", option)
+        written[place] = option
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,7 @@ class Plan:
             parameters=self.parameters,
             simplify=options.simplify,
             optimise=options.optimise,
+            cost=options.cost,
         )
         result = replace(result, setup_time=self.setup_time + result.setup_time)
         if result.interrupted:
@@ -130,16 +136,21 @@ class Plan:
                 print(json_line(self._saved(result)), file=stream)
         if options.json != STANDARD_OUTPUT:
             output_console().print(plan_table(self.scenario.name, self.setup.robot.name, result))
+        trajectory = None
+        if self.rate_limits is not None and result.path is not None:
+            trajectory = timed(result, self.scenario, self.rate_limits)
         if options.certificate and result.path is None:
             error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
         elif options.certificate:
-            proof = certificate_of(result, self.setup, self.scenario, self.robot, options.certificate)
+            proof = certificate_of(
+                result, self.setup, self.scenario, self.robot, options.certificate, trajectory
+            )
             with opened(options.certificate) as stream:
                 print(json_line(proof), file=stream)
         if options.plot and result.path is not None:
             draw_plan(self.setup, result, options.plot)
-        if self.rate_limits is not None and result.path is not None:
-            show_timed(result, self.scenario, self.rate_limits, options)
+        if trajectory is not None:
+            show_timed(trajectory, result, self.scenario, options)
         return 0 if result else 1
 
     def _saved(self, result: PlanResult) -> dict[str, Any]:

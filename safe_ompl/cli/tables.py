@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -108,6 +109,22 @@ def _add_columns(table: Table, columns: Sequence[_Column]) -> None:
         # A space at the end of each line: headings stand above the digits, not above the mark.
         heading = column.heading.replace("\n", " \n") + " "
         table.add_column(heading, justify="right", vertical="bottom", no_wrap=True)
+
+
+def durations_table(planners: Sequence[str], durations: Sequence[float | None]) -> Table:
+    """Return a table of how long paths take: by planner median and best, and on how many the robot may not move."""
+    table = plain_table("planner", "duration, s", "shortest, s", "may not move", gap=1)
+    for planner in dict.fromkeys(planners):
+        rows = zip(planners, durations, strict=True)
+        found = [duration for name, duration in rows if name == planner and duration is not None]
+        middle = statistics.median(found) if found else math.nan
+        table.add_row(
+            planner,
+            written_number(middle, 2),
+            written_number(min(found, default=math.nan), 2),
+            f"{sum(map(math.isinf, found))} of {len(found)}",
+        )
+    return table
 
 
 # --------------------------------------------------------------------------------------------- one result

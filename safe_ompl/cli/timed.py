@@ -8,11 +8,14 @@ from typing import Any
 from safe_ompl.cli.arguments import seconds
 from safe_ompl.cli.console import output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
+from safe_ompl.cli.pictures import check_picture
 from safe_ompl.exchange.form import marked
 from safe_ompl.exchange.timed_motion import TimedMotion
+from safe_ompl.pictures.plots import plot_motion
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.result import PlanResult
+from safe_ompl.trajectories.danger import MotionDanger
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.trajectory import RATE, Trajectory
 
@@ -30,28 +33,47 @@ def add_timed_options(parser: Any) -> None:
         help="write it in the shape of JointTrajectory (.json), for controllers and `safe-ompl view`; "
         "implies --timed",
     )
+    group.add_argument(
+        "--timed-plot",
+        metavar="FILE",
+        help="draw its speed under the caps that bind, its joints against their limits, and its danger (.png); implies "
+        "--timed",
+    )
 
 
 def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
     """Check what the options name, and return the limits of the scenario; None where nothing is timed."""
     check_writable(options.trajectory, "--trajectory")
-    if not (options.timed or options.trajectory):
+    check_picture(options.timed_plot, "--timed-plot")
+    if not (options.timed or options.trajectory or options.timed_plot):
         return None
     return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration)
 
 
-def show_timed(
-    result: PlanResult, scenario: Scenario, limits: RateLimits, options: argparse.Namespace
-) -> None:
-    """Time the path, say how long it takes and what bounds it, and write the file that is asked for."""
-    trajectory = result.timed(
+def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Trajectory:
+    """Return the path in time, as the scenario has it."""
+    return result.timed(
         limits,
         people=scenario.people,
         tool_speed=scenario.motion.tool_speed,
         link_speed=scenario.motion.link_speed,
+        max_danger=scenario.motion.max_danger,
     )
+
+
+def show_timed(
+    trajectory: Trajectory, result: PlanResult, scenario: Scenario, options: argparse.Namespace
+) -> None:
+    """Say how long it takes, what bounds it and how dangerous it is, and write the file that is asked for."""
+    danger = None
+    if any(obstacle.weight > 0 for obstacle in scenario.scene):
+        danger = trajectory.danger(result.danger_field().moving)
     if options.json != STANDARD_OUTPUT and options.trajectory != STANDARD_OUTPUT:
         output_console().print(told(trajectory))
+        if danger is not None:
+            output_console().print(told_danger(danger))
+    if options.timed_plot:
+        plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
     if options.trajectory:
         with opened(options.trajectory) as stream:
             print(json_line(_saved(trajectory, result, options.rate)), file=stream)
@@ -76,3 +98,11 @@ def told(trajectory: Trajectory) -> str:
     shown = sorted(shares.items(), key=lambda item: -item[1])
     bounds = ", ".join(f"{name} {100 * span / trajectory.duration:.0f} %" for name, span in shown)
     return f"timed: {trajectory.duration:.3f} s, bounded by {bounds}"
+
+
+def told_danger(danger: MotionDanger) -> str:
+    """Return one line: how dangerous the robot is in motion."""
+    return (
+        f"danger in motion: mean {danger.mean:.3f}, peak {danger.peak:.3f}, proven to stay below "
+        f"{danger.proven_peak:.3f}"
+    )

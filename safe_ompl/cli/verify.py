@@ -22,6 +22,7 @@ from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.problem import danger_field
 from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
+from safe_ompl.trajectories.trajectory import Trajectory
 
 REFUSED = 1
 
@@ -152,9 +153,14 @@ def _read_certificate(file: str) -> Mapping[str, Any]:
 
 
 def certificate_of(
-    result: PlanResult, setup: SafeSetup, scenario: Scenario, spec: RobotSpec, file: str
+    result: PlanResult,
+    setup: SafeSetup,
+    scenario: Scenario,
+    spec: RobotSpec,
+    file: str,
+    trajectory: Trajectory | None = None,
 ) -> dict[str, Any]:
-    """Return the certificate of a solved plan, for `file`: files that it names are relative to that."""
+    """Return the certificate of a solved plan, and of its trajectory, for `file`: names in it are relative to that."""
     assert result.path is not None
     folder, wanted = Path(file).parent, setup.getMinClearance()
     speeds, time = setup.getMovingObstacles()
@@ -169,6 +175,7 @@ def certificate_of(
         clearance=None if wanted is None else wanted.as_dict(),
         moving_obstacles={"speeds": speeds, "time": time} if speeds else None,
         tool=setup.tool_claim(),
+        trajectory=trajectory,
         source={
             "scenario": document.file_name(scenario.file.resolve(), folder),
             "robot": None if spec is scenario.robot else spec.to_mapping(folder),

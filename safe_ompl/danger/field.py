@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray, IntArray, positive
 from safe_ompl.counts import Counts
+from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
 from safe_ompl.danger.obstacles import DangerousObstacles
 from safe_ompl.danger.point_groups import PointGroups
 from safe_ompl.danger.points import DangerPoints, PointSource
 from safe_ompl.danger.robot_field import RobotField
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.inputs import number
 from safe_ompl.maths import field as maths
 from safe_ompl.maths.kernels import danger as kernel
 from safe_ompl.maths.kernels import field as field_kernel
@@ -54,12 +56,15 @@ class DangerField(RobotField):
         k₁ > 0 of the elementary field (6). The danger is in k₁/m with unit weighting, else in k₁.
     sharpness : float
         β > 0 of the softmax, in units of 1/danger. Large values approach the maximum.
+    k2, gamma : float, optional
+        k₂ ≥ 0 and γ ≥ 0 of the kinetostatic field of the robot in motion, see `KinetostaticField`.
+        Default: k₁ · 0.25 s, and 1.
     counts : Counts, optional
         Where evaluations are counted.
 
     Attributes
     ----------
-    robot, aggregate, weighting, k1, sharpness, counts
+    robot, aggregate, weighting, k1, k2, gamma, sharpness, counts
         As given.
     revision : int
         How often obstacles have moved. What was computed at another revision is of another scene.
@@ -91,6 +96,8 @@ class DangerField(RobotField):
         weighting: Weighting = "unit",
         k1: float = 1.0,
         sharpness: float = 10.0,
+        k2: float | None = None,
+        gamma: float = 1.0,
         counts: Counts | None = None,
     ) -> None:
         if aggregate not in AGGREGATES:
@@ -98,6 +105,8 @@ class DangerField(RobotField):
         super().__init__(robot, weighting, k1, counts)
         self.aggregate = aggregate
         self.sharpness = positive(sharpness, "sharpness")
+        self.k2 = LEAD * self.k1 if k2 is None else number("k2", k2, at_least=0.0)
+        self.gamma = number("gamma", gamma, at_least=0.0)
         tree = robot.kinematics
         self._skeleton = tree.joints, tree.keypoints, self._segments.pairs
         self._by_length = weighting == "length"
@@ -180,6 +189,11 @@ class DangerField(RobotField):
     def weights(self) -> FloatArray | None:
         """The weights (M,) of the danger points, read-only; None where all are 1."""
         return self._danger_points.weights
+
+    @cached_property
+    def moving(self) -> KinetostaticField:
+        """The danger of the robot in motion, at (q, q̇), with the same danger points."""
+        return KinetostaticField(self)
 
     # ------------------------------------------------------------------------------ danger of configurations
 
@@ -346,6 +360,8 @@ class DangerField(RobotField):
             weighting=self.weighting,
             k1=self.k1,
             sharpness=self.sharpness,
+            k2=self.k2,
+            gamma=self.gamma,
             counts=self.counts,
         )
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.arguments import configuration, configurations
-from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.moving_skeleton import JointMotions, MovingSkeleton
 from safe_ompl.inputs import finite_array, number
 from safe_ompl.maths import kinetostatic as maths
+
+if TYPE_CHECKING:
+    from safe_ompl.danger.field import DangerField
 
 LEAD = 0.25  # [s] k₂/k₁ of the authors' own code
 
@@ -28,10 +31,10 @@ class KinetostaticField:
     field : DangerField
         The static field: robot, danger points, weights, aggregate, weighting and k₁.
     k2 : float, optional
-        k₂ ≥ 0; k₂/k₁ is a time [s]. Default: k₁ · 0.25 s.
-    gamma : float
-        γ ≥ 0. With γ ≥ 1 motion never makes the danger less than at rest; with 0 it is the danger predicted k₂/k₁
-        ahead.
+        k₂ ≥ 0; k₂/k₁ is a time [s]. Default: the field's own.
+    gamma : float, optional
+        γ ≥ 0; default: the field's own. With γ ≥ 1 motion never makes the danger less than at rest; with 0 it is the
+        danger predicted k₂/k₁ ahead.
 
     Attributes
     ----------
@@ -44,10 +47,10 @@ class KinetostaticField:
         If k₂ or γ is negative or not finite.
     """
 
-    def __init__(self, field: DangerField, k2: float | None = None, gamma: float = 1.0) -> None:
+    def __init__(self, field: DangerField, k2: float | None = None, gamma: float | None = None) -> None:
         self.field = field
-        self.k2 = LEAD * field.k1 if k2 is None else number("k2", k2, at_least=0.0)
-        self.gamma = number("gamma", gamma, at_least=0.0)
+        self.k2 = field.k2 if k2 is None else number("k2", k2, at_least=0.0)
+        self.gamma = field.gamma if gamma is None else number("gamma", gamma, at_least=0.0)
 
     def __repr__(self) -> str:
         return f"KinetostaticField({self.field!r}, k2={self.k2:g}, gamma={self.gamma:g})"
@@ -73,9 +76,22 @@ class KinetostaticField:
     def values(self, Q: ArrayLike, Qd: ArrayLike) -> FloatArray:
         """Return the danger (B,) at `Q: (B, n)` while the joints move at `Qd: (B, n)`."""
         Q, Qd = self._states(Q, Qd)
-        return self.field.aggregated(
-            self._fields(MovingSkeleton.of(self._joints, Q, Qd), self.field.points_at(Q))
+        field, points = self.field, self.field.points_at(Q)
+        skeleton = MovingSkeleton.of(self._joints, Q, Qd)
+        if field.aggregate != "max" or not points.shape[-2]:
+            return field.aggregated(self._fields(skeleton, points))
+        field.count(skeleton.keypoints, points)
+        highest = maths.highest(
+            skeleton.keypoints,
+            skeleton.velocities,
+            field.segments,
+            points,
+            np.ones(points.shape[-2]) if field.weights is None else field.weights,
+            self.lead,
+            self.lead * self.gamma,
+            weighting=field.weighting,
         )
+        return field.k1 * highest
 
     def gradients(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the gradients (B, n) of the danger by the configuration and by the joint velocities.

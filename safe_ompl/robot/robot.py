@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.inputs import number
 from safe_ompl.robot.bodies.reach import JointChain
 from safe_ompl.robot.construction.attachment import Attachment, as_pose
 from safe_ompl.robot.construction.blueprint import (
@@ -23,6 +24,7 @@ from safe_ompl.robot.construction.blueprint import (
     PoseLike,
     RangeByJoint,
     Ranges,
+    WithAccelerations,
     check_prefixes,
     standing,
 )
@@ -341,6 +343,33 @@ class Robot(DisplacementBounds):
         """Return the same robot with an object in its gripper, as `with_attached` describes it."""
         blueprint = Attached(self.blueprint, item)
         return Robot(blueprint, blueprint.applied(self.shared))
+
+    def with_accelerations(self, limits: Mapping[str, float]) -> Robot:
+        """Return the same robot that knows acceleration limits of its joints; URDFs have none.
+
+        Parameters
+        ----------
+        limits : mapping of str to float
+            By joint [rad/s² or m/s²]; of joints that are not named what was known before stays.
+
+        Raises
+        ------
+        UnknownNameError
+            If it plans with no joint of such a name.
+        InputError
+            If a limit is not positive.
+        """
+        for name, limit in limits.items():
+            if name not in self.joint_names:
+                raise UnknownNameError("joint", name, self.joint_names, "accelerations")
+            number(f"acceleration limit of joint {name!r}", limit, above=0.0)
+        chosen = {name: float(limit) for name, limit in limits.items()}
+        return Robot(WithAccelerations(self.blueprint, chosen), self.shared)
+
+    @property
+    def accelerations(self) -> dict[str, float]:
+        """Acceleration limits that are known, by joint [rad/s² or m/s²]; see `with_accelerations`."""
+        return self.blueprint.accelerations()
 
     def without_attached(self, name: str) -> Robot:
         """Return the same robot without the object called `name`; raise UnknownNameError if it holds none."""

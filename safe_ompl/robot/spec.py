@@ -49,6 +49,8 @@ class RobotSpec:
         Group of the SRDF whose joints move, state of the SRDF in which others are held.
     collision : {"required", "visual", "optional"}, optional
         What collides of links without collision shapes.
+    accelerations : mapping of str to float, optional
+        Acceleration limits by joint [rad/s² or m/s²]: URDFs have none. Those of a scenario's `motion` come first.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class RobotSpec:
     group: str | None = None
     locked_state: str | None = None
     collision: CollisionSource = "required"
+    accelerations: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if sum((self.example is not None, self.urdf is not None, bool(self.robots))) != 1:
@@ -97,6 +100,7 @@ class RobotSpec:
             "base": None if self.base is None else as_pose(self.base, "base"),
             "mobile_base": None if self.mobile_base is None else mobile_ranges(self.mobile_base),
             "attached": tuple(self.attached),
+            "accelerations": _accelerations(self.accelerations),
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)
@@ -136,7 +140,8 @@ class RobotSpec:
         set_fields = {
             f.name: getattr(self, f.name)
             for f in fields(self)
-            if getattr(self, f.name) != f.default and (f.name != "robots" or self.robots)
+            if getattr(self, f.name) != f.default
+            and (f.name not in ("robots", "accelerations") or getattr(self, f.name))
         }
         for key in ("urdf", "srdf"):
             if key in set_fields:
@@ -156,7 +161,7 @@ class RobotSpec:
         robot = self._empty_handed()
         for item in self.attached:
             robot = robot.holding(item)
-        return robot
+        return robot.with_accelerations(self.accelerations) if self.accelerations else robot
 
     def _empty_handed(self) -> Robot:
         if self.robots:
@@ -188,3 +193,9 @@ def _joint_values(locked: Mapping[str, float]) -> dict[str, float]:
     joints = document.mapping("locked", locked)
     with document.within("locked"):
         return {joint: document.number(joint, value) for joint, value in joints.items()}
+
+
+def _accelerations(limits: Mapping[str, float]) -> dict[str, float]:
+    joints = document.mapping("accelerations", limits)
+    with document.within("accelerations"):
+        return {joint: document.number(joint, limit, above=0.0) for joint, limit in joints.items()}

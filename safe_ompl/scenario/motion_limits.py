@@ -22,6 +22,8 @@ class MotionLimits:
         `RateLimits.of`.
     tool_speed, link_speed : float, optional
         Of the tip, and of any point of any link [m/s].
+    max_danger : float, optional
+        Of the kinetostatic danger, that grows with speed: k2 and gamma are options of the scenario's danger.
 
     Raises
     ------
@@ -33,11 +35,12 @@ class MotionLimits:
     acceleration: ByJoint | None = None
     tool_speed: float | None = None
     link_speed: float | None = None
+    max_danger: float | None = None
 
     def __post_init__(self) -> None:
         for key in ("velocity", "acceleration"):
             object.__setattr__(self, key, _by_joint(key, getattr(self, key)))
-        for key in ("tool_speed", "link_speed"):
+        for key in ("tool_speed", "link_speed", "max_danger"):
             if getattr(self, key) is not None:
                 object.__setattr__(self, key, document.number(key, getattr(self, key), above=0.0))
 

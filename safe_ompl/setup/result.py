@@ -9,12 +9,14 @@ from typing import Any
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.counts import Counts
+from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError, StaleSceneError
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.validation import Validation
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.optimise import Improvement
+from safe_ompl.setup.wiring import danger_field
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 from safe_ompl.trajectories.trajectory import Trajectory
@@ -80,7 +82,9 @@ class PlanResult:
     motion: CertifiedMotion | None = field(default=None, compare=False, repr=False)
 
     def timed(self, limits: RateLimits | None = None, **options: Any) -> Trajectory:
-        """Return the path as a trajectory; parameters and errors of `time_path`, whose `robot` and `motion` are known.
+        """Return the path as a trajectory; parameters and errors of `time_path`.
+
+        It knows `robot`, `motion` and, where `max_danger` is given, `danger`: what was planned for.
 
         Raises
         ------
@@ -97,7 +101,21 @@ class PlanResult:
             raise StaleSceneError(
                 "obstacles have moved since this was planned: plan again, or call time_path"
             )
+        if options.get("max_danger") is not None and self.danger is not None:
+            options = {"danger": self.danger_field().moving, **options}
         return time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
+
+    def danger_field(self) -> DangerField:
+        """Return the danger field that was planned with; that of the robot in motion is its `moving`.
+
+        Raises
+        ------
+        InputError
+            If the plan knew no danger, or the result comes from another process.
+        """
+        if self.robot is None or self.scene is None or self.danger is None:
+            raise InputError("the result knows no danger: it was planned without, or in another process")
+        return danger_field(self.robot, self.scene, self.danger)
 
     @property
     def report_time(self) -> float:

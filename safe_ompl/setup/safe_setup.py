@@ -21,12 +21,13 @@ from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.setup.duration import Cost, FastestPath, TimedSetup
 from safe_ompl.setup.endpoints import check_endpoints
 from safe_ompl.setup.given_planner import check_planner, nodes_of, seed_ompl
 from safe_ompl.setup.interrupts import Interrupts
+from safe_ompl.setup.optimise import Optimisation
 from safe_ompl.setup.optimise import optimise as optimise_paths
 from safe_ompl.setup.result import PlanResult as PlanResult
-from safe_ompl.setup.simplification import SimplifyingSetup
 from safe_ompl.setup.time_limits import positive_time, simplification_time, termination
 
 _log = logging.getLogger(__name__)
@@ -34,7 +35,7 @@ _log = logging.getLogger(__name__)
 _SHORTEST = 1e-3  # [s] a planner gets at least this
 
 
-class SafeSetup(SimplifyingSetup):
+class SafeSetup(TimedSetup):
     """An `og.SimpleSetup` with the robot's joint space, certified motions and the danger objective.
 
     Everything that OMPL's SimpleSetup does works as usual; `plan` is a short cut that also reports.
@@ -112,6 +113,7 @@ class SafeSetup(SimplifyingSetup):
         parameters: Mapping[str, Any] | None = None,
         simplify: bool | float = False,
         optimise: float | None = None,
+        cost: Cost = "danger",
         report: bool = True,
     ) -> PlanResult:
         """Plan from the start to a goal, and validate the path.
@@ -131,6 +133,9 @@ class SafeSetup(SimplifyingSetup):
             no longer than the time limit allows.
         optimise : float, optional
             Go on for so many seconds in all, instead of `time`: simplify, start anew, and return the best path.
+        cost : {"danger", "duration"}
+            What simplification and optimisation make less: length and danger, or the time that the trajectory takes
+            within what `setMotionLimits` says. OMPL's planners plan with a `DurationObjective` then.
         report : bool
             Whether the result has a report; its danger and clearance are computed when they are looked at. The path is
             validated in any case.
@@ -138,7 +143,8 @@ class SafeSetup(SimplifyingSetup):
         Raises
         ------
         InputError
-            Time not positive, unknown planner or parameter, a planner of another setup; to optimise without danger.
+            Time not positive, unknown planner or parameter, a planner of another setup; to optimise without danger;
+            unknown cost, or limits missing that a duration needs.
         PlanningError
             If a planner returns a path that the validator refuses, or that is not from a start to the goal.
         KeyboardInterrupt
@@ -148,6 +154,7 @@ class SafeSetup(SimplifyingSetup):
         begin = perf_counter()
         time = positive_time("time limit", time if optimise is None else optimise)
         duration = simplification_time(simplify)
+        self._choose_cost(cost, planner, parameters)
         planner, name = self.prepare(planner, seed, parameters)
         if duration is None and optimise is None:
             result = self._planned(planner, name, seed, time, None)
@@ -178,7 +185,7 @@ class SafeSetup(SimplifyingSetup):
         if found is not None and exact and duration is not None:
             left = time - (planned - begin)
             if left > 0:
-                self.simplifySolution(min(duration, left) if duration else left)
+                self._make_cheaper(min(duration, left) if duration else left, seed)
                 found = self.solution()
             else:
                 _log.info("planning took all of the time limit: the path is not simplified")
@@ -277,7 +284,13 @@ class SafeSetup(SimplifyingSetup):
             status = found.asString()
             return self.solution()
 
-        found = optimise_paths(search, simplifier, time - (perf_counter() - begin), stop)
+        left = time - (perf_counter() - begin)
+        found: Optimisation | FastestPath
+        if self._cost == "duration":
+            found = FastestPath(self.timer, simplifier, int(seed))
+            found.search(search, left, stop)
+        else:
+            found = optimise_paths(search, simplifier, left, stop)
         path, improvements = found.settled(simplifier)
         if self.user_checks and path is not None:
             path = next((best for best in (path, *reversed(found.paths)) if self.is_free(best)), None)
@@ -302,6 +315,7 @@ def plan(
     *,
     simplify: bool | float = False,
     optimise: float | None = None,
+    cost: Cost = "danger",
     report: bool = True,
 ) -> PlanResult:
     """Plan a scenario.
@@ -318,7 +332,7 @@ def plan(
         Seed.
     parameters : mapping, optional
         Planner parameters that override those of the scenario.
-    simplify, optimise, report
+    simplify, optimise, cost, report
         As in `SafeSetup.plan`.
 
     Returns
@@ -344,6 +358,7 @@ def plan(
         parameters={**own, **(parameters or {})},
         simplify=simplify,
         optimise=optimise,
+        cost=cost,
         report=report,
     )
     return replace(result, setup_time=built + result.setup_time)
@@ -356,6 +371,7 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
     goals = scenario.goal_configurations(robot) if goal.configurations else None
     with document.within(str(scenario.file or scenario.name), ": "):
         setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
+        setup.setMotionLimits(scenario.motion, scenario.people)
         if goal.position is not None:
             setup.setWorkspaceGoal(goal.position, goal.rotation, goal.tolerance)
         elif goal.region is not None:

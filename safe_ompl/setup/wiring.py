@@ -239,6 +239,6 @@ def danger_field(
     if not isinstance(options, Mapping):
         raise InputError(f"danger must be a mapping of options, or None for none, got {options!r}")
     with document.within("danger"):
-        document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "sharpness"))
+        document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "k2", "gamma", "sharpness"))
     options = dict(options)
     return DangerField.of_scene(robot, scene, options.pop("spacing", None), counts=counts, **options)

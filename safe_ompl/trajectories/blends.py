@@ -26,7 +26,7 @@ def blended(path: FloatArray, robot: Robot, tolerance: float, motion: CertifiedM
     """Return the path (N, n) with its corners rounded.
 
     An arc that leaves the edges at a distance l from a corner where the path turns by α has the radius l/tan(α/2), and
-    is l (1 − cos(α/2))/sin(α/2) away from the corner at most. The largest one within the tolerance is taken that uses
+    is l tan(α/4) away from the corner at most. The largest one within the tolerance is taken that uses
     no more than half of either edge and is proven; where none is, the robot stops in the corner.
 
     Parameters
@@ -101,7 +101,7 @@ def _arc(
     inward = second - np.cos(turn) * first
     inward = inward - (inward @ first) * first
     inward /= np.linalg.norm(inward)
-    longest = min(room, tolerance * np.sin(turn / 2) / (1 - np.cos(turn / 2)))
+    longest = min(room, tolerance / np.tan(turn / 4))
     for share in _SMALLER:
         l = share * longest  # noqa: E741 - the formula's name
         radius = l / np.tan(turn / 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.danger.moving_skeleton import JointMotions
 from safe_ompl.robot.bodies.reach import Hull, bounding_hull
 from safe_ompl.robot.robot import Robot
@@ -65,10 +65,29 @@ class BodySpeeds:
         return found
 
     def _accelerations(self, cells: Cells) -> FloatArray:
-        coupling = self._robot.coupling
-        steps, bends = (coupling.reach(bound)[:, None] for bound in (cells.slopes, cells.bends))
-        turn = np.where(self._joints.prismatic, 0.0, steps * self._moved)
-        below = np.cumsum(turn, axis=2) - turn
-        moved = steps * self._radii
-        found: FloatArray = (moved * (2 * below + turn)).sum(axis=2) + (bends * self._radii).sum(axis=2)
-        return found
+        steps, bends = (self._robot.coupling.reach(bound) for bound in (cells.slopes, cells.bends))
+        return acceleration_bounds(self._radii, self._moved, self._joints.prismatic, steps, bends)
+
+
+def acceleration_bounds(
+    radii: FloatArray,
+    moved: FloatArray | BoolArray,
+    prismatic: BoolArray,
+    steps: FloatArray,
+    bends: FloatArray,
+) -> FloatArray:
+    """Return bounds (N, G) of ‖x″‖ of every point of G bodies along a curve, by arc length; see `BodySpeeds`.
+
+    Parameters
+    ----------
+    radii, moved : ndarray, shape (G, m)
+        Displacement radii R̄ by the m joints of the model, and which of them move each body.
+    prismatic : ndarray of bool, shape (m,)
+        Which joints slide.
+    steps, bends : ndarray, shape (N, m)
+        Bounds of |q′| and |q″| of these joints.
+    """
+    turn = np.where(prismatic, 0.0, steps[:, None] * moved)
+    below = np.cumsum(turn, axis=2) - turn
+    found: FloatArray = (steps[:, None] * radii * (2 * below + turn)).sum(axis=2) + bends @ radii.T
+    return found

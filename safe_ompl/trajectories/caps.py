@@ -20,7 +20,6 @@ from safe_ompl.trajectories.time_law import velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap
 
 _BENDING = 0.5  # share of the accelerations that arcs may take beside people; the rest is left for braking
-_LOSS = 0.02  # share of the time that is left which the length of a cell may cost
 _INSTANT = 0.005  # [s] times shorter than this count as this
 _FINEST = 1e-3  # [rad] no cell is divided into smaller ones
 
@@ -81,7 +80,13 @@ class PeopleCaps(NamedTuple):
 
 
 def people_caps(
-    curve: BlendedCurve, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances
+    curve: BlendedCurve,
+    cells: Cells,
+    bodies: BodySpeeds,
+    limits: RateLimits,
+    distances: PeopleDistances,
+    *,
+    loss: float = 0.02,
 ) -> PeopleCaps:
     """Return the caps by separation and by contact.
 
@@ -89,7 +94,7 @@ def people_caps(
     not brake harder than it began. From any instant on the robot stands before anyone who is as fast as `people` says
     comes nearer than the clearance, or it is so slow when she may that the region of her body bears it; see
     `safe_ompl.maths.kernels.stopping`. Cells are divided where they bound the speed and are so long that the robot's
-    motion within makes a difference.
+    motion within costs more than a `loss`, a share of the time that is left.
 
     Raises
     ------
@@ -110,7 +115,7 @@ def people_caps(
         ends = _next_stops(cells)
         allowed, limb, where = stopping_speeds(cells.sizes, brakes, left.times, harmless, caps, ends)
         if not last:
-            cells = curve.divided(cells, _parts(cells, speeds, left, limb, where, distances))
+            cells = curve.divided(cells, _parts(cells, speeds, left, limb, where, distances, loss))
     _check_start(left.distances[0], distances)
     for j in np.flatnonzero(allowed <= 0):
         raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances))
@@ -133,13 +138,14 @@ def _parts(
     limb: IntArray,
     where: IntArray,
     distances: PeopleDistances,
+    loss: float,
 ) -> IntArray:
     """Return into how many parts (N,) to divide cells, so that motion within them costs little of the time left."""
     parts: IntArray = np.ones(len(cells), dtype=np.intp)
     for k, m in {(int(where[j]), int(limb[j])) for j in np.flatnonzero(limb >= 0)}:
         speed = distances.speeds[m]
         lost = speeds[k, left.nearest[k, m]] * cells.sizes[k] / 2 / speed if speed else 0.0
-        wanted = lost / (_LOSS * max(left.times[k, m] + lost, _INSTANT))
+        wanted = lost / (loss * max(left.times[k, m] + lost, _INSTANT))
         parts[k] = max(parts[k], min(np.ceil(wanted), np.ceil(cells.sizes[k] / _FINEST)))
     return parts
 

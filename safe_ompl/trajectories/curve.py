@@ -154,6 +154,16 @@ class BlendedCurve:
         arcs = sum(piece.curvature > 0 for piece in self.pieces)
         return f"BlendedCurve({self.length:.3g} rad, {arcs} blends, {len(self.stops)} stops)"
 
+    def rest(self, s: float) -> BlendedCurve:
+        """Return the curve from an arc length 0 ≤ s < length on."""
+        k = int(self.piece_at(np.array([s]))[0])
+        first, *others = self.pieces[k:]
+        cut = s - float(self.starts[k])
+        place = first.places(np.array([cut]))
+        inward = place.bend[0] / first.curvature if first.curvature else first.inward
+        rest = Piece(place.q[0], place.slope[0], inward, first.length - cut, first.curvature)
+        return BlendedCurve([rest, *others], [stop - k for stop in self.stops if stop > k])
+
     def piece_at(self, s: FloatArray) -> IntArray:
         """Return the piece (S,) at each of the arc lengths `s: (S,)`; the later one where two meet."""
         found: IntArray = np.searchsorted(self.starts, s, side="right") - 1
@@ -177,6 +187,14 @@ class BlendedCurve:
             number = max(1, int(np.ceil(piece.length * max(1 / step, piece.curvature / turn))))
             bounds.append(np.linspace(0.0, piece.length, number + 1))
         return self._cells(bounds)
+
+    def between(self, edges: FloatArray) -> Cells:
+        """Return the cells between arc lengths `edges: (N + 1,)`, among which are all ends of pieces."""
+        ends = np.append(self.starts[1:], self.length)
+        last = np.searchsorted(edges, ends, side="right") - 1
+        first = np.append(0, last[:-1])
+        rows = zip(self.starts, first, last, strict=True)
+        return self._cells([edges[a : b + 1] - start for start, a, b in rows])
 
     def divided(self, cells: Cells, parts: IntArray) -> Cells:
         """Return the cells, each in as many equal parts as `parts: (N,)` says."""

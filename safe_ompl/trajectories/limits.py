@@ -67,7 +67,8 @@ class RateLimits:
         velocity : float, mapping of str to float, or array_like of shape (n,), optional
             One for all joints, those of some joints, or all. Default: the URDF's.
         acceleration : float, mapping of str to float, or array_like of shape (n,), optional
-            As above. Default: what reaches the velocity limit in 0.25 s, which a warning says: URDFs know none.
+            As above. Default: the robot's own (`Robot.with_accelerations`, or its entry in a scenario), and where it
+            has none what reaches the velocity limit in 0.25 s, which a warning says: URDFs know none.
 
         Raises
         ------
@@ -84,12 +85,14 @@ class RateLimits:
                     f"velocity={{{name!r}: 2.0}} [rad/s or m/s]"
                 )
         default = velocities / _RISE
-        accelerations = _chosen(robot, acceleration, default, "acceleration")
-        unsaid = [
-            name for name, a, b in zip(robot.joint_names, accelerations, default, strict=True) if a == b
-        ]
-        if acceleration is None or (isinstance(acceleration, Mapping) and unsaid):
-            _say_default(robot.name, tuple(unsaid), tuple(default.tolist()))
+        own = robot.accelerations
+        known = _chosen(robot, own, default, "acceleration")
+        accelerations = _chosen(robot, acceleration, known, "acceleration")
+        said = {**own, **(acceleration if isinstance(acceleration, Mapping) else {})}
+        unsaid = [name for name in robot.joint_names if name not in said]
+        if unsaid and (acceleration is None or isinstance(acceleration, Mapping)):
+            values = dict(zip(robot.joint_names, default.tolist(), strict=True))
+            _say_default(robot.name, tuple(unsaid), tuple(values[name] for name in unsaid))
         return cls(robot.joint_names, velocities, accelerations)
 
     def as_dict(self) -> dict[str, dict[str, float]]:

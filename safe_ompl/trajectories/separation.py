@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.queries import DISTANCE_ERROR, fresh_data
+from safe_ompl.errors import InputError
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.scene import Scene
@@ -68,11 +69,14 @@ class PeopleDistances:
         self.links = tuple(body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects)
         moving = [k for k, body in enumerate(bodies.geometryObjects) if body.parentJoint != 0]
         limbs, pairs = [], []
-        for name in people.names(scene):
+        self._names = people.names(scene)
+        self._parts: dict[str, int] = {}
+        for name in self._names:
             for part, shape, placement in scene[name].geometries():
                 added = self._geometry.addGeometryObject(
                     pin.GeometryObject(f"person:{part}", 0, placement, shape)
                 )
+                self._parts[part] = int(added)
                 limbs.append((name, part[len(name) + 1 :]))
                 pairs += [(body, int(added), len(limbs) - 1) for body in moving]
         for body, added, _ in pairs:
@@ -83,6 +87,45 @@ class PeopleDistances:
         self._data = fresh_data(self._geometry)
         self._kinematics = robot.shared.model.createData()
         self.speeds: FloatArray = np.array([people.speed_of(limb) for _, limb in limbs])
+
+    def move(self, scene: Scene) -> None:
+        """Put the people where another scene has them.
+
+        Raises
+        ------
+        InputError
+            If they have other limbs there.
+        UnknownNameError
+            If the scene has no obstacle of such a name.
+        """
+        found = {
+            part: (shape, place) for name in self._names for part, shape, place in scene[name].geometries()
+        }
+        if set(found) != set(self._parts):
+            raise InputError(
+                f"the people are not the same: {sorted(set(found) ^ set(self._parts))[0]!r}", "scene"
+            )
+        for part, (shape, place) in found.items():
+            body = self._geometry.geometryObjects[self._parts[part]]
+            body.placement, body.geometry = place, shape
+        self._data = fresh_data(self._geometry)
+
+    def times_at(self, Q: FloatArray) -> FloatArray:
+        """Return when the first limb may be at the robot (B,) [s] that stays at `Q: (B, n)`; see `SeparationBounds`."""
+        speed = self.speeds[self._limb]
+        slowness = np.where(speed > 0, 1 / np.where(speed > 0, speed, 1.0), 0.0)
+        times, bounds, still = (
+            np.empty(len(Q)),
+            np.full(len(self._body), -_UNKNOWN),
+            np.zeros(len(self._body)),
+        )
+        for j, q in enumerate(Q):
+            if j:
+                steps = self.robot.coupling.reach(np.abs(q - Q[j - 1])[None])[0]
+                bounds -= (self.robot.joint_radii @ steps)[self._body]
+            self._refresh(q, bounds, slowness, still, np.inf, by_limb=False)
+            times[j] = self._time(bounds, slowness).min()
+        return times
 
     def along(self, curve: BlendedCurve, cells: Cells, speeds: FloatArray, soon: float) -> SeparationBounds:
         """Return what is left in the cells of a curve.

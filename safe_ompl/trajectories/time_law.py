@@ -69,7 +69,7 @@ def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     return cap
 
 
-def fastest_law(cells: Cells, limits: RateLimits, cap: FloatArray) -> FloatArray:
+def fastest_law(cells: Cells, limits: RateLimits, cap: FloatArray, speed: float = 0.0) -> FloatArray:
     """Return ṡ² (N+1,) of the fastest law within joint limits and a cap of ṡ.
 
     Parameters
@@ -80,10 +80,12 @@ def fastest_law(cells: Cells, limits: RateLimits, cap: FloatArray) -> FloatArray
         Of the joints.
     cap : ndarray, shape (N,)
         Largest ṡ in each cell.
+    speed : float
+        ṡ where it begins. If nothing in time slows it down from there, it begins with the largest ṡ that is possible.
     """
     within = np.minimum(cap, velocity_cap(cells, limits)) ** 2
     most = np.minimum(np.append(within, 0.0), np.concatenate([[0.0], within]))
-    most[0] = 0.0
+    most[0] = min(within[0], speed * speed)
     most[cells.stops] = 0.0
     found: FloatArray = fastest(
         cells.sizes,

@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.danger.kinetostatic import KinetostaticField
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import float_array, number, positive
+from safe_ompl.scenario.people import People
 from safe_ompl.trajectories.curve import BlendedCurve
+from safe_ompl.trajectories.danger import MotionDanger, motion_danger
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.time_law import TimeLaw
 
@@ -67,6 +70,8 @@ class Trajectory:
         What the speed along the path keeps to.
     brakes : ndarray, shape (N,), or None
         Deceleration along the path that a stop may take in each cell [rad/s²]; caps by people rest on it.
+    people : People or None
+        Beside whom it stops in time.
     """
 
     curve: BlendedCurve
@@ -74,6 +79,7 @@ class Trajectory:
     limits: RateLimits
     caps: tuple[SpeedCap, ...] = ()
     brakes: FloatArray | None = None
+    people: People | None = None
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -172,6 +178,16 @@ class Trajectory:
             for k in np.flatnonzero((cap.speeds <= least) & (fastest >= cap.speeds * (1 - _BINDS))):
                 names[int(k)] = cap.name
         return tuple(names)
+
+    def danger(self, field: KinetostaticField) -> MotionDanger:
+        """Return the danger of the robot in motion: over time, its mean, its peak, and a proven bound of the peak.
+
+        Raises
+        ------
+        InputError
+            If a callable gives the danger points.
+        """
+        return motion_danger(self.curve, self.law, field)
 
     # ---------------------------------------------------------------------------------------------------- export
 

@@ -77,6 +77,13 @@ def test_the_command_times_and_writes_a_joint_trajectory(scenario_file, tmp_path
     np.testing.assert_allclose(np.diff(times)[:-1], 0.02)
 
 
+def test_the_certificate_of_a_timed_plan_claims_its_stops(scenario_file, tmp_path, capsys):
+    file = tmp_path / "certificate.json"
+    assert main(["plan", str(scenario_file), "--time", "5", "--timed", "--certificate", str(file)]) == 0
+    assert main(["verify", str(file)]) == 0
+    assert "it stands before anyone of operator who moves no faster than 0.2 m/s" in capsys.readouterr().out
+
+
 def test_results_are_timed_where_they_were_made(beside_her):
     result = plan(beside_her, time=5.0, seed=0)
     trajectory = result.timed(tool_speed=0.5)
@@ -86,3 +93,46 @@ def test_results_are_timed_where_they_were_made(beside_her):
         sent.timed()
     with pytest.raises(InputError, match="there is no path to time"):
         replace(result, path=None).timed()
+
+
+def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
+    result = plan(beside_her, time=5.0, seed=0)
+    free = result.timed()
+    field = result.danger_field()
+    assert field.gamma == 1
+    limit = 0.5 * (free.danger(field.moving).peak + field.values(free.at(free.law.times).q).max())
+    capped = result.timed(max_danger=limit)
+    assert capped.duration > free.duration
+    assert capped.danger(field.moving).peak <= limit
+    file = tmp_path / "dangerous.yaml"
+    motion = replace(beside_her.motion, max_danger=limit)
+    replace(beside_her, motion=motion, people=None, danger={"gamma": 0.0}).save(file)
+    assert Scenario.load(file).motion.max_danger == limit
+    assert main(["plan", str(file), "--timed"]) == 0
+    assert "danger in motion: mean" in capsys.readouterr().out
+    with pytest.raises(InputError, match="danger: give a danger"):
+        replace(result, danger=None).timed(max_danger=limit)
+    with pytest.raises(InputError, match="knows no danger"):
+        replace(result, danger=None).danger_field()
+
+
+def test_a_picture_of_the_motion(scenario_file, tmp_path):
+    pytest.importorskip("matplotlib")
+    file = tmp_path / "motion.png"
+    assert main(["plan", str(scenario_file), "--time", "5", "--timed-plot", str(file)]) == 0
+    assert file.stat().st_size > 10_000
+    assert main(["plan", str(scenario_file), "--timed-plot", str(tmp_path / "motion.txt")]) == 2
+
+
+def test_compare_tells_durations(scenario_file, tmp_path, capsys):
+    folder = tmp_path / "out"
+    planners = ["--planners", "SafeRRTConnect", "--runs", "2", "--time", "2", "--out", str(folder)]
+    assert main(["compare", str(scenario_file), "--timed", *planners]) == 0
+    assert "duration, s" in capsys.readouterr().out
+    runs = json.loads((folder / "report.json").read_text())["runs"]
+    assert all(run["duration"] > 1 for run in runs)
+
+
+def test_planned_for_duration_by_the_command(scenario_file, capsys):
+    assert main(["plan", str(scenario_file), "--optimise", "1.5", "--cost", "duration", "--timed"]) == 0
+    assert "timed: " in capsys.readouterr().out

@@ -91,3 +91,26 @@ def test_one_state_and_what_is_refused(panda):
         KinetostaticField(moving.field, k2=-1)
     with pytest.raises(InputError, match="gamma must be a finite number >= 0"):
         KinetostaticField(moving.field, gamma=np.nan)
+
+
+def test_a_field_knows_the_one_of_the_robot_in_motion(panda):
+    field = DangerField(panda, POINTS, k1=2.0, k2=0.3, gamma=0.5)
+    Q, Qd = states(panda, 2)
+    np.testing.assert_allclose(field.moving.values(Q, Qd), KinetostaticField(field, 0.3, 0.5).values(Q, Qd))
+    assert DangerField(panda, POINTS, k1=2.0).moving.lead == 0.25
+    with pytest.raises(InputError, match="gamma must be a finite number >= 0"):
+        DangerField(panda, POINTS, gamma=-1)
+
+
+@pytest.mark.parametrize("weighting", ["unit", "length"])
+@pytest.mark.parametrize("gamma", [0.0, 1.0])
+def test_the_maximum_is_that_of_all_points_though_few_are_evaluated(panda, weighting, gamma):
+    rng = np.random.default_rng(3)
+    points, weights = rng.uniform(-0.9, 0.9, (80, 3)), rng.uniform(0.2, 3.0, 80)
+    kind = {"weighting": weighting, "k1": 2.0, "gamma": gamma}
+    field = DangerField(panda, points, weights, **kind)
+    Q, Qd = states(panda, 12)
+    pairs = zip(points, weights, strict=True)  # a mean over one point takes no bounds
+    alone = [DangerField(panda, p[None], w[None], aggregate="mean", **kind).moving for p, w in pairs]
+    expected = np.max([one.values(Q, Qd) for one in alone], axis=0)
+    np.testing.assert_allclose(field.moving.values(Q, Qd), expected, rtol=1e-12)

@@ -198,3 +198,14 @@ def test_paths_that_are_none(panda, panda_limits, path, message):
 def test_limits_of_another_robot(ur5, panda_limits):
     with pytest.raises(InputError, match="the limits are for the joints"):
         time_path(np.zeros((2, 6)), ur5, panda_limits)
+
+
+def test_corners_that_hardly_turn(panda, shelf_path, shelf_motion, panda_limits):
+    first, second = np.array(shelf_path[0]), np.array(shelf_path[1])
+    middle = (first + second) / 2
+    for turn in (1e-8, 1e-6, 1e-4):
+        aside = middle + turn * np.array([0, 1, 0, 0, 0, 0, 0])
+        with np.errstate(all="raise"):
+            trajectory = time_path([first, aside, second], panda, panda_limits, motion=shelf_motion)
+        straight = time_path([first, second], panda, panda_limits, motion=shelf_motion)
+        assert trajectory.duration == pytest.approx(straight.duration, rel=5e-3)

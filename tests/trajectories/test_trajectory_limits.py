@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.paths.certificate.recipe import recipe
+from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.trajectories.limits import RateLimits, _say_default
 
 
@@ -57,3 +60,36 @@ def test_a_urdf_without_velocities_asks_for_them(tmp_path):
 def test_unknown_joints_are_named(panda):
     with pytest.raises(UnknownNameError, match="unknown joint 'elbow'"):
         RateLimits.of(panda, {"elbow": 1.0})
+
+
+def test_accelerations_that_the_robot_knows(panda, caplog):
+    first, second, *_ = panda.joint_names
+    robot = panda.with_accelerations({first: 15.0, second: 7.5})
+    assert robot.accelerations == {first: 15.0, second: 7.5}
+    assert robot.with_accelerations({first: 3.0}).accelerations == {first: 3.0, second: 7.5}
+    assert panda.accelerations == {}
+    _say_default.cache_clear()
+    assert RateLimits.of(robot).acceleration[:2].tolist() == [15.0, 7.5]
+    assert first not in caplog.text
+    assert panda.joint_names[2] in caplog.text
+    assert RateLimits.of(robot, acceleration={second: 1.0}).acceleration[:2].tolist() == [15.0, 1.0]
+    assert RateLimits.of(robot, acceleration=2.0).acceleration.tolist() == [2.0] * 7
+    with pytest.raises(UnknownNameError, match="unknown joint 'elbow'"):
+        panda.with_accelerations({"elbow": 1.0})
+    with pytest.raises(InputError, match="must be a positive number"):
+        panda.with_accelerations({first: 0.0})
+
+
+def test_accelerations_of_a_scenario_of_a_cell_and_of_a_certificate(panda, tmp_path):
+    first = panda.joint_names[0]
+    spec = RobotSpec.from_mapping({"example": "panda", "accelerations": {first: 12.0}}, tmp_path)
+    assert spec.to_mapping(tmp_path) == {"example": "panda", "accelerations": {first: 12.0}}
+    robot = spec.build()
+    assert robot.accelerations == {first: 12.0}
+    assert robot_hash(robot) == robot_hash(panda)
+    assert recipe(robot.blueprint) == recipe(panda.blueprint)
+    cell = Robot.combined("cell", {"left": robot, "right": panda.with_base((0, 1, 0))})
+    assert cell.accelerations == {f"left_{first}": 12.0}
+    assert "accelerations" not in RobotSpec("panda").to_mapping(tmp_path)
+    with pytest.raises(InputError, match=f"accelerations.{first}: must be"):
+        RobotSpec("panda", accelerations={first: -1.0})

@@ -8,12 +8,12 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numba import njit
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.maths.kernels.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def factored(blocks: FloatArray, beside: FloatArray) -> FloatArray:
     """Return the factor's band (N·n, 2n) of a matrix with blocks (N, n, n), and (N − 1, n, n) right of them."""
     count, n = blocks.shape[:2]
@@ -36,7 +36,7 @@ def factored(blocks: FloatArray, beside: FloatArray) -> FloatArray:
     return band
 
 
-@njit(cache=True)
+@compiled
 def solved(band: FloatArray, right: FloatArray) -> FloatArray:
     """Return x with L Lᵀ x = `right: (N·n,)`, L given by its band (N·n, 2n)."""
     w, x = band.shape[1] - 1, right.copy()

@@ -5,17 +5,17 @@ from __future__ import annotations
 from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.maths.kernels.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def _steps(length: float, step: float) -> int:
     return max(1, ceil(length / step - 1e-9))
 
 
-@njit(cache=True)
+@compiled
 def _profile(radius: float, length: float, spacing: float) -> FloatArray:
     """Return rings (K, 2) of a capsule about z, of a ball for length 0: distance from the axis, and height."""
     if length == 0.0:
@@ -35,7 +35,7 @@ def _profile(radius: float, length: float, spacing: float) -> FloatArray:
     return rings
 
 
-@njit(cache=True)
+@compiled
 def _frame(axis: FloatArray) -> FloatArray:
     """Return the rotation (3, 3) that takes z to the unit vector `axis` on the shortest way."""
     frame = np.eye(3)
@@ -49,7 +49,7 @@ def _frame(axis: FloatArray) -> FloatArray:
     return frame
 
 
-@njit(cache=True)
+@compiled
 def _depth(point: FloatArray, start: FloatArray, axis: FloatArray, squared: float, radius: float) -> float:
     """How deep a point lies inside the capsule about start … start + axis; negative outside [m]."""
     t = 0.0
@@ -63,7 +63,7 @@ def _depth(point: FloatArray, start: FloatArray, axis: FloatArray, squared: floa
     return radius - sqrt(away)
 
 
-@njit(cache=True)
+@compiled
 def surface_points(starts: FloatArray, ends: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
     """Return points (M, 3) [m] on L capsules, those deeper than `spacing` inside another one left out.
 

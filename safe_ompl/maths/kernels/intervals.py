@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from numba import njit
-
 from safe_ompl.arrays import FloatArray
+from safe_ompl.maths.kernels.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def within(values: FloatArray, bounds: FloatArray) -> bool:
     """Return whether all values (n,) lie within their bounds (2, n), lower and upper; NaN never does."""
     for i in range(values.shape[0]):  # noqa: SIM110  # Numba has no all()

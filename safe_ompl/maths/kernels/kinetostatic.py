@@ -131,6 +131,29 @@ def _turn(z: complex, w: complex) -> float:
 
 
 @compiled
+def link_parts(
+    u: FloatArray,
+    v: FloatArray,
+    w: FloatArray,
+    va: FloatArray,
+    vb: FloatArray,
+    D: FloatArray,
+    isotropic: bool,
+) -> tuple[float, float, float]:
+    """Return φ, φ̇ and I (0 unless wanted) of one link, u = p − a and v = p − b; +inf on the link."""
+    d1, d2 = sqrt(_dot(u, u)), sqrt(_dot(v, v))
+    half = _half_gap(u, v, d1, d2)
+    if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
+        return inf, inf, inf
+    length = max(sqrt(_dot(w, w)), _ZERO)
+    S, c = d1 + d2, 1 / half
+    phi = log1p(length * (S + length) * c) / length
+    kappa = _stretch(S, length, c, phi)[0]
+    rate = c * (_dot(u, va) / d1 + _dot(v, vb) / d2) + kappa * _dot(w, D)
+    return phi, rate, _isotropic(u, w, va, D)[0] if isotropic else 0.0
+
+
+@compiled
 def link_terms(
     keypoints: FloatArray,
     velocities: FloatArray,
@@ -152,25 +175,16 @@ def link_terms(
             for x in range(3):
                 w[x] = keypoints[b, j, x] - keypoints[b, i, x]
                 D[x] = vb[x] - va[x]
-            length = max(sqrt(_dot(w, w)), _ZERO)
-            scale = length if by_length else 1.0
+            scale = max(sqrt(_dot(w, w)), _ZERO) if by_length else 1.0
             for p in range(M):
                 for x in range(3):
                     u[x] = fields[p, x] - keypoints[b, i, x]
                     v[x] = fields[p, x] - keypoints[b, j, x]
-                d1, d2 = sqrt(_dot(u, u)), sqrt(_dot(v, v))
-                half = _half_gap(u, v, d1, d2)
-                if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
-                    out[0, b, p] = out[1, b, p] = out[2, b, p] = inf
-                    continue
-                S, c = d1 + d2, 1 / half
-                phi = log1p(length * (S + length) * c) / length
-                kappa = _stretch(S, length, c, phi)[0]
-                rate = c * (_dot(u, va) / d1 + _dot(v, vb) / d2) + kappa * _dot(w, D)
+                phi, rate, iso = link_parts(u, v, w, va, vb, D, isotropic)
                 out[0, b, p] += scale * phi
                 out[1, b, p] += scale * rate
                 if isotropic:
-                    out[2, b, p] += scale * _isotropic(u, w, va, D)[0]
+                    out[2, b, p] += scale * iso
     return out
 
 

@@ -14,8 +14,9 @@ braking takes away from the end of cell j to the start of cell k, and with ṡ²
 
     T_jk ≤ τ_k,    or    V² ≤ R_k + u_k²,    or    T_stop(V) ≤ τ_k,
 
-u_k the speed that is harmless in the cell. All three stay true when V falls. At the end of the path, and in corners
-that are no blends, the robot stops: it never is so fast that it could not stop before, V² ≤ 2 Σ β h up to there.
+u_k the speed that is harmless in the cell. All three stay true when V falls. And a stop nowhere exceeds the cap of its
+cell, on which b_k rests: V² ≤ R_k + cap_k². At the end of the path, and in corners that are no blends, the robot
+stops: it never is so fast that it could not stop before, V² ≤ 2 Σ β h up to there.
 """
 
 from __future__ import annotations
@@ -96,6 +97,7 @@ def stopping_speeds(
                 gone += 2 * weakest[k - 1] * sizes[k - 1]
             if k > j and speeds[j] ** 2 <= gone:
                 break
+            speeds[j] = min(speeds[j], sqrt(gone + caps[k] ** 2))
             weakest[k] = min(weakest[k - 1], brakes[k]) if k > j else brakes[k]
             latest = inf
             for m in range(M):

@@ -60,7 +60,7 @@ def fastest(
     limits: FloatArray,
     most: FloatArray,
 ) -> FloatArray:
-    """Return the largest x = ṡ² (N+1,) at the grid points that starts and ends at rest.
+    """Return the largest x = ṡ² (N+1,) at the grid points that ends at rest.
 
     Backward, K_j is the largest x_j ≤ most_j from which some x_(j+1) ≤ K_(j+1) is reached; all smaller ones do as well,
     for the feasible (x_j, x_(j+1)) are a convex set with the origin in it. Forward, each x_(j+1) is the largest one.
@@ -74,7 +74,7 @@ def fastest(
     limits : (n,)
         Accelerations.
     most : (N+1,)
-        Bounds of x; zero at both ends.
+        Bounds of x; zero at the end. The first one is where it begins, if the rest can be driven from there.
     """
     N = len(sizes)
     reach = most.copy()
@@ -93,6 +93,7 @@ def fastest(
                 bad = middle
         reach[j] = good
     x = np.zeros(N + 1)
+    x[0] = reach[0]
     for j in range(N):
         cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, reach[j + 1])
         low, high = _next_range(x[j], sizes[j], *cell)

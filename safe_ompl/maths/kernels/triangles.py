@@ -5,13 +5,13 @@ from __future__ import annotations
 from math import ceil, floor
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.maths.kernels.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def nearest_triangles(
     points: FloatArray, faces: IntArray, width: int, height: int
 ) -> tuple[NDArray[np.float32], IntArray]:
@@ -51,7 +51,7 @@ def nearest_triangles(
     return nearness, owner
 
 
-@njit(cache=True)
+@compiled
 def lit_shares(
     places: FloatArray, heights: FloatArray, slants: FloatArray, maps: NDArray[np.float32], tolerance: float
 ) -> NDArray[np.bool_]:

@@ -13,7 +13,8 @@ import numpy as np
 
 from safe_ompl import document
 from safe_ompl.errors import CertificateError, InputError, UnknownNameError
-from safe_ompl.paths.certificate.format import CLAIMS, OPTIONAL
+from safe_ompl.paths.certificate.format import CLAIMS
+from safe_ompl.paths.certificate.trajectory_claims import check_trajectory_claim, claimed_of_trajectory
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.cloud import PointCloud
@@ -36,6 +37,7 @@ def check_claims(content: Mapping[str, Any], robot: Robot, scene: Scene) -> None
     check_clearance(content["clearance"], robot, scene)
     check_moving_obstacles(content["moving_obstacles"], scene)
     check_tool(content.get("tool"))
+    check_trajectory_claim(content.get("trajectory"), robot, scene)
     if content["danger"] is not None:
         with document.within("danger"):
             _check_danger(document.mapping("claim", content["danger"]), scene)
@@ -165,7 +167,11 @@ def claimed(content: Mapping[str, Any]) -> tuple[str, ...]:
     if moving is not None:
         speeds = ", ".join(f"{name} {speed:g} m/s" for name, speed in moving["speeds"].items())
         said.append(f"the same while obstacles move no faster than {speeds}, for {moving['time']:g} s")
-    return (*said, *_claimed_of_tool(content.get("tool") or {}))
+    return (
+        *said,
+        *_claimed_of_tool(content.get("tool") or {}),
+        *claimed_of_trajectory(content.get("trajectory")),
+    )
 
 
 def _claimed_of_tool(claim: Mapping[str, Any]) -> list[str]:
@@ -189,9 +195,11 @@ def _range(key: str, low: float, high: float) -> str:
 
 
 def not_claimed(content: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return which claims a certificate could make, but does not."""
-    claims = {**{key: content[key] for key in CLAIMS}, **{key: content.get(key) for key in OPTIONAL}}
-    return tuple(key.replace("_", " ") for key, claim in claims.items() if claim is None)
+    """Return which claims a certificate could make, but does not; of time only where the path is timed."""
+    claims = {**{key: content[key] for key in CLAIMS}, "tool": content.get("tool")}
+    missing = [key.replace("_", " ") for key, claim in claims.items() if claim is None]
+    trajectory = content.get("trajectory")
+    return (*missing, *(["stops"] if trajectory is not None and trajectory["stops"] is None else []))
 
 
 def not_covered(content: Mapping[str, Any]) -> tuple[str, ...]:

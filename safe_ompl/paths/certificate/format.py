@@ -18,7 +18,10 @@ from safe_ompl.errors import InputError
 FORMAT, VERSION = "safe-ompl certificate", 2
 OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
 CLAIMS = ("clearance", "danger", "moving_obstacles")  # besides freedom; None where nothing is claimed
-OPTIONAL = ("tool",)  # claims that came later: a certificate without the key claims nothing of it
+OPTIONAL = (
+    "tool",
+    "trajectory",
+)  # claims that came later: a certificate without the key claims nothing of it
 KEYS = (
     *("format", "version", "source", "robot", "scene", "joint_names", "path", "pairs"),
     *(*CLAIMS, "also_sampled", "edges", "digest"),

@@ -24,8 +24,10 @@ from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.paths.certificate.claims import check_clearance, check_moving_obstacles, check_tool
 from safe_ompl.paths.certificate.format import FORMAT, OBSTACLE, VERSION, digest, edges_of
 from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
+from safe_ompl.paths.certificate.trajectory_claims import trajectory_claim
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
+from safe_ompl.trajectories.trajectory import Trajectory
 
 _FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
 _FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any more
@@ -46,6 +48,7 @@ def certificate(
     clearance: Mapping[str, Any] | None = None,
     moving_obstacles: Mapping[str, Any] | None = None,
     tool: Mapping[str, Any] | None = None,
+    trajectory: Trajectory | None = None,
     also_sampled: str | None = None,
     source: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -74,6 +77,9 @@ def certificate(
     tool : mapping, optional
         Claim limits of the tool, too: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle`
         [rad], a `position` with bounds of `x`, `y` and `z` [m]; either or both.
+    trajectory : Trajectory, optional
+        Claim the path in time, too: duration, limits of joint velocities and accelerations, that the curve is free, and
+        its stops beside people, except where these may end in contact.
     also_sampled : str, optional
         What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad": whoever verifies
         is told that it is not covered.
@@ -118,6 +124,8 @@ def certificate(
     }
     if tool is not None:
         content["tool"] = _tool_claim(tool, robot, points)
+    if trajectory is not None:
+        content["trajectory"] = trajectory_claim(trajectory, scene)
     return {**content, "digest": digest(content)}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -42,10 +42,16 @@ class PlainDanger:
 
     def exceeded(self, start: FloatArray, delta: FloatArray, limit: float) -> tuple[float, float] | None:
         """Return where on an edge, and by how much, a danger is not proven to keep to a limit; else None."""
+        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), limit)
+
+    def exceeded_along(
+        self, place: Callable[[float], FloatArray], steps: FloatArray, limit: float
+    ) -> tuple[float, float] | None:
+        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`."""
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()
-            value, bound, moved = self._bounded(start + centre * delta, half * np.abs(delta))
+            value, bound, moved = self._bounded(place(centre), half * steps)
             if bound <= limit * (1 + _ROUNDING):
                 continue
             if value > limit * (1 + _ROUNDING) or moved < _SMALLEST:

@@ -9,7 +9,7 @@ each other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from typing import Any
 
 import coal
@@ -62,9 +62,9 @@ class Separations:
         self.names += [(link, name) for name, _, _, _ in self._obstacles for link in moving]
 
     def examined(
-        self, q: FloatArray, steps: FloatArray
+        self, q: FloatArray, steps: FloatArray, only: Container[tuple[str, str]] | None = None
     ) -> Iterator[tuple[tuple[str, str], float, float, float]]:
-        """For each pair: its names, its distance at `q`, how far it can approach in `steps`, what it must keep."""
+        """For each pair, or some: names, distance at `q`, how far it can approach in `steps`, what it must keep."""
         robot, links = self._robot, self._links
         steps = robot.coupling.reach(steps)
         pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
@@ -72,6 +72,8 @@ class Separations:
         poses = [coal.Transform3s(place.rotation, place.translation) for place in places]
         radii = self._radii(places)
         for a, b in self._own:
+            if only is not None and (links[a].name, links[b].name) not in only:
+                continue
             apart = self._distance(links[a].geometry, poses[a], links[b].geometry, poses[b])
             only_a = [i for i in self._movers[a] if i not in self._movers[b]]
             only_b = [i for i in self._movers[b] if i not in self._movers[a]]
@@ -84,6 +86,8 @@ class Separations:
                 continue
             approach = float(sum(radii[k][i] * steps[i] for i in self._movers[k]))
             for (name, _, shape, pose), required in zip(self._obstacles, self._required[k], strict=True):
+                if only is not None and (link.name, name) not in only:
+                    continue
                 apart = self._distance(link.geometry, poses[k], shape, pose)
                 yield (link.name, name), apart, approach, required
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import acos, sqrt
 from typing import Any
 
@@ -37,10 +37,16 @@ class PlainTool:
 
     def exceeded(self, start: FloatArray, delta: FloatArray) -> tuple[float, str] | None:
         """Return where on an edge, and which limit is not proven to be kept; else None."""
+        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta))
+
+    def exceeded_along(
+        self, place: Callable[[float], FloatArray], steps: FloatArray
+    ) -> tuple[float, str] | None:
+        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`."""
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()
-            for name, excess, change in self._excesses(start + centre * delta, half * np.abs(delta)):
+            for name, excess, change in self._excesses(place(centre), half * steps):
                 if excess + change <= _ROUNDING:
                     continue
                 if excess > _ROUNDING or change < _SMALLEST:

@@ -20,6 +20,7 @@ from safe_ompl.paths.certificate.format import check_form, digest
 from safe_ompl.paths.certificate.plain_danger import PlainDanger
 from safe_ompl.paths.certificate.plain_distances import Separations, plain_name
 from safe_ompl.paths.certificate.plain_tool import PlainTool
+from safe_ompl.paths.certificate.plain_trajectory import check_trajectory
 from safe_ompl.paths.certificate.portable import built_robot, built_scene, links_without_collision
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
@@ -45,7 +46,8 @@ class Verified:
     claims : tuple of str
         What holds, in words.
     not_claimed : tuple of str
-        What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles" and "tool".
+        What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles", "tool"
+        and, where it claims a trajectory, its "stops".
     not_covered : tuple of str
         Of what nothing is proven: links without collision geometry, checks that were only sampled.
     """
@@ -127,6 +129,7 @@ def _verified(content: Mapping[str, Any], robot: Robot, scene: Scene) -> Verifie
             intervals += 1
     _check_danger(content["danger"], robot, scene, path, ends)
     _check_tool(content.get("tool"), robot, path, ends)
+    check_trajectory(content, robot, scene, path, separations)
     if content["digest"] != digest(content):
         raise CertificateError(
             "every interval holds, but the file is not as it was written: its digest differs"

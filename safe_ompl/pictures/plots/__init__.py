@@ -7,6 +7,7 @@ above it. Without Matplotlib they raise a SafeOmplError.
 
 from safe_ompl.pictures.plots.cspace import plot_bubbles, plot_cspace_path
 from safe_ompl.pictures.plots.field import plot_field
+from safe_ompl.pictures.plots.motion import plot_motion
 from safe_ompl.pictures.plots.plan import plot_plan
 from safe_ompl.pictures.plots.planners import plot_bands, plot_clearance_danger, plot_profiles, plot_times
 from safe_ompl.pictures.plots.speeds import plot_speeds
@@ -17,6 +18,7 @@ __all__ = [
     "plot_clearance_danger",
     "plot_cspace_path",
     "plot_field",
+    "plot_motion",
     "plot_plan",
     "plot_profiles",
     "plot_speeds",

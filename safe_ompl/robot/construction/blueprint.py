@@ -42,6 +42,10 @@ class Blueprint(ABC):
         """Return the objects that the robot holds, the last one last."""
         return ()
 
+    def accelerations(self) -> dict[str, float]:
+        """Return the acceleration limits that are known, by joint [rad/s² or m/s²]."""
+        return {}
+
     def without(self, name: str) -> Blueprint:
         """Return the blueprint of the same robot without an object; raise UnknownNameError if it holds none."""
         raise UnknownNameError("attached object", name, ())
@@ -72,6 +76,10 @@ class _Change(Blueprint):
     def attached(self) -> tuple[Attachment, ...]:
         """Return those of the robot that is changed."""
         return self.of.attached()
+
+    def accelerations(self) -> dict[str, float]:
+        """Return those of the robot that is changed."""
+        return self.of.accelerations()
 
     def without(self, name: str) -> Blueprint:
         """Take the object from the robot that is changed."""
@@ -133,6 +141,21 @@ class Attached(_Change):
 
 
 @dataclass(frozen=True)
+class WithAccelerations(_Change):
+    """A robot whose acceleration limits are known, by joint [rad/s² or m/s²]."""
+
+    limits: Mapping[str, float]
+
+    def applied(self, parts: RobotParts) -> RobotParts:
+        """Change nothing: no model of Pinocchio's holds accelerations."""
+        return parts
+
+    def accelerations(self) -> dict[str, float]:
+        """Return these, and the others that were known before."""
+        return {**self.of.accelerations(), **self.limits}
+
+
+@dataclass(frozen=True)
 class Combined(Blueprint):
     """Several robots in one cell as one robot; see `Robot.combined`."""
 
@@ -167,6 +190,14 @@ class Combined(Blueprint):
             for prefix, blueprint in self.robots.items()
             for item in blueprint.attached()
         )
+
+    def accelerations(self) -> dict[str, float]:
+        """Return those of all robots, under the names that joints have here."""
+        return {
+            f"{prefix}_{joint}": limit
+            for prefix, blueprint in self.robots.items()
+            for joint, limit in blueprint.accelerations().items()
+        }
 
     def without(self, name: str) -> Blueprint:
         """Take the object from the robot with the prefix of its name."""

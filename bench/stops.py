@@ -1,0 +1,234 @@
+"""Stops against an adversary, and mutated certificates: `python bench/stops.py [--stops N] [--mutations N]`.
+
+stops      From random instants of trajectories beside a person the robot brakes, while every limb runs straight at the
+           nearest link at its speed, from where she was measured before the reaction time. `reached` must be 0. The
+           full run, --stops 100000, takes about a quarter of an hour.
+time       CPU time of caps and law for panda_shelf, of all of `time_path`, and of the coarse form for who replans.
+mutations  One number of a certificate of a timed motion is changed, and the digest with it. What is accepted is asked
+           of samples: `false` must be 0. The full run, --mutations 1000, takes about ten minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import logging
+from collections.abc import Iterator
+from time import process_time
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from _timing import print_table
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.collision.queries import fresh_data
+from safe_ompl.errors import CertificateError, InputError
+from safe_ompl.paths.certificate.format import digest
+from safe_ompl.paths.certificate.issue import certificate
+from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.people import People
+from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.scene.scene import Scene
+from safe_ompl.trajectories.curve import BlendedCurve, Piece
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.time_law import TimeLaw
+from safe_ompl.trajectories.timing import PathTimer
+from safe_ompl.trajectories.trajectory import Trajectory
+
+BETWEEN = {
+    "panda_shelf": [[0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785]],
+    "ur5_handover": [[0.6, -1.9, 2.2, -2.0, -1.57, 0], [-0.8, -1.9, 2.2, -2.0, -1.57, 0]],
+}
+ACCELERATIONS = {"panda_shelf": [15, 7.5, 10, 12.5, 15, 20, 20], "ur5_handover": 8.0}
+INSTANTS = 5  # of each stop
+
+
+class Problem:
+    """A path beside a person, and what times it."""
+
+    def __init__(self, name: str, people: People) -> None:
+        scenario = Scenario.load(find_scenario(name))
+        self.name, self.people, self.scene = name, people, scenario.scene
+        self.robot = robot = scenario.build_robot()
+        ends = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
+        self.path = np.array([ends[0], *BETWEEN[name], ends[1]])
+        motion = CertifiedMotion(CollisionChecker(robot, scenario.scene))
+        limits = RateLimits.of(robot, acceleration=ACCELERATIONS[name])
+        self.timer = PathTimer(robot, limits, motion=motion, people=people)
+        self.trajectory = self.timer.time(self.path)
+
+
+class Limbs:
+    """Distances of limbs from the robot by all pairs, nothing left out."""
+
+    def __init__(self, robot: Robot, scene: Scene, names: tuple[str, ...]) -> None:
+        self._robot = robot
+        self._geometry = robot.shared.collision_model.copy()
+        self._geometry.removeAllCollisionPairs()
+        moving = [k for k, body in enumerate(self._geometry.geometryObjects) if body.parentJoint]
+        self.limbs: list[str] = []
+        for name in names:
+            for part, shape, place in scene[name].geometries():
+                added = self._geometry.addGeometryObject(pin.GeometryObject(part, 0, place, shape))
+                self.limbs.append(part[len(name) + 1 :])
+                for body in moving:
+                    self._geometry.addCollisionPair(pin.CollisionPair(body, int(added)))
+        self._data, self._memory = fresh_data(self._geometry), robot.shared.model.createData()
+
+    def at(self, q: FloatArray) -> FloatArray:
+        """Return the distance of every limb [m]."""
+        model, full = self._robot.shared.model, self._robot.pinocchio_configuration(q)
+        pin.computeDistances(model, self._memory, self._geometry, self._data, full)
+        found = np.array([result.min_distance for result in self._data.distanceResults])
+        return found.reshape(len(self.limbs), -1).min(axis=1)
+
+
+def left_in_stops(
+    trajectory: Trajectory, limbs: Limbs, speeds: FloatArray, claim: tuple[float, float], begins: FloatArray
+) -> Iterator[float]:
+    """Yield for every stop the least that is left beyond what must be left [m], at instants at which it moves."""
+    reaction, clearance = claim
+    for begin in begins:
+        stop, least = trajectory.stop_from(float(begin)), np.inf
+        for t in np.linspace(0, stop.duration * (1 - 1e-6), INSTANTS):
+            q, qd, _ = stop.at(float(t))
+            if np.abs(qd).max() > 1e-9:
+                least = min(least, float((limbs.at(q) - speeds * (reaction + t)).min()) - clearance)
+        yield least
+
+
+def stops(number: int, rng: np.random.Generator) -> None:
+    """Run the adversary."""
+    problems = [
+        Problem("panda_shelf", People()),
+        Problem("panda_shelf", People(speed=1.2, reaction_time=0.05, clearance=0.05)),
+        Problem("panda_shelf", People(speed=1.0, speeds={"right_hand": 2.0, "head": 0.3})),
+        Problem("ur5_handover", People(speed=0.8, reaction_time=0.05)),
+    ]
+    rows: list[tuple[object, ...]] = []
+    for problem in problems:
+        people, trajectory = problem.people, problem.trajectory
+        limbs = Limbs(problem.robot, problem.scene, people.names(problem.scene))
+        speeds = np.array([people.speed_of(limb) for limb in limbs.limbs])
+        begins = rng.uniform(0, trajectory.duration, number // len(problems))
+        claim = (people.reaction_time, people.clearance)
+        left = np.array(list(left_in_stops(trajectory, limbs, speeds, claim, begins)))
+        row = (problem.name, f"{people.speed:g}", f"{trajectory.duration:.2f}", len(left))
+        rows.append((*row, int((left <= 0).sum()), f"{1e3 * left.min():.2f}"))
+    print_table(("scenario", "m/s", "duration [s]", "stops", "reached", "least left [mm]"), rows)
+
+
+def times(rounds: int = 20) -> None:
+    """Print how long timing takes."""
+    problem = Problem("panda_shelf", People())
+    rows: list[tuple[object, ...]] = []
+    for what, cells in (
+        ("time_path", 400),
+        ("rest of a motion, 100 cells", 100),
+        ("rest of a motion, 60 cells", 60),
+    ):
+        begin = process_time()
+        for _ in range(rounds):
+            if cells == 400:
+                found = problem.timer.time(problem.path)
+            else:
+                problem.timer.move(problem.scene)
+                found = problem.timer.retimed(problem.trajectory, 0.0, cells=cells)
+        rows.append((what, f"{1e3 * (process_time() - begin) / rounds:.1f}", f"{found.duration:.2f}"))
+    print_table(("panda_shelf", "CPU time [ms]", "duration [s]"), rows)
+
+
+def leaves(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the way to every number of a document."""
+    if isinstance(value, dict):
+        for key in value:
+            yield from leaves(value[key], (*at, key))
+    elif isinstance(value, list):
+        for k, item in enumerate(value):
+            yield from leaves(item, (*at, k))
+    elif isinstance(value, (int, float)):
+        yield at
+
+
+def mutations(number: int, rng: np.random.Generator) -> None:
+    """Mutate certificates."""
+    people = People(speed=1.2, reaction_time=0.05, clearance=0.05)
+    problem = Problem("panda_shelf", people)
+    written = certificate(problem.path, problem.robot, problem.scene, trajectory=problem.trajectory)
+    verify(written, problem.robot, problem.scene)
+    by_key: dict[str, list[tuple[Any, ...]]] = {}
+    for way in leaves(written["trajectory"]):
+        by_key.setdefault("/".join(key for key in way if isinstance(key, str)), []).append(way)
+    refused, true, false = 0, 0, 0
+    for _ in range(number):
+        ways = by_key[str(rng.choice(sorted(by_key)))]
+        way = ways[int(rng.integers(len(ways)))]
+        content = copy.deepcopy(written)
+        inner: Any = content["trajectory"]
+        for key in way[:-1]:
+            inner = inner[key]
+        value = inner[way[-1]]
+        change = float(rng.choice([-1, 1]) * 10 ** rng.uniform(-4, 0))
+        inner[way[-1]] = (
+            value + int(rng.choice([-1, 1])) if isinstance(value, int) else value * (1 + change) or change
+        )
+        try:
+            verify({**content, "digest": digest(content)}, problem.robot, problem.scene)
+        except (CertificateError, InputError):
+            refused += 1
+            continue
+        holds = _holds(content["trajectory"], problem, rng)
+        true, false = true + holds, false + (not holds)
+    print_table(
+        ("mutations", "refused", "accepted: still true", "accepted: false"), [(number, refused, true, false)]
+    )
+
+
+def _holds(claim: dict[str, Any], problem: Problem, rng: np.random.Generator) -> bool:
+    """Return whether samples of a claimed motion and of its stops keep to what is claimed."""
+    pieces = [
+        Piece(*(np.array(p[key]) for key in ("start", "forward", "inward")), p["length"], p["curvature"])
+        for p in claim["pieces"]
+    ]
+    limits = RateLimits.of(problem.robot, claim["velocity"], claim["acceleration"])
+    law = TimeLaw.through(np.array(claim["edges"]), np.array(claim["squares"]))
+    stop = claim["stops"]
+    motion = Trajectory(BlendedCurve(pieces, claim["corners"]), law, limits, brakes=np.array(stop["brakes"]))
+    state = motion.at(np.linspace(0, motion.duration, 2000))
+    fast = (np.abs(state.qd) > limits.velocity * (1 + 1e-6)).any()
+    if fast or (np.abs(state.qdd) > limits.acceleration * (1 + 1e-6)).any():
+        return False
+    limbs = Limbs(problem.robot, problem.scene, tuple(stop["who"]))
+    speeds = np.array([stop["speeds"].get(limb, stop["speed"]) for limb in limbs.limbs])
+    begins = rng.uniform(0, motion.duration, 60)
+    return min(left_in_stops(motion, limbs, speeds, (stop["reaction_time"], stop["clearance"]), begins)) > 0
+
+
+def main() -> None:
+    """Run the parts that are asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--stops", type=int, default=100_000)
+    parser.add_argument("--mutations", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--only", nargs="+", choices=("stops", "time", "mutations"), default=["stops", "time", "mutations"]
+    )
+    options = parser.parse_args()
+    logging.disable(logging.WARNING)
+    rng = np.random.default_rng(options.seed)
+    if "stops" in options.only:
+        stops(options.stops, rng)
+    if "time" in options.only:
+        times()
+    if "mutations" in options.only:
+        mutations(options.mutations, rng)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,213 @@
+"""A timed motion that a certificate claims, checked by plain means: limits, freedom, stops.
+
+**Stops.** A stop that begins in cell j decelerates by min(b_j … b_k) in cell k. It takes longest from the end of the
+cell, at the largest speed there; and when it is in cell k, then no later than the stop from the start of cell j that
+ends at the end of cell k. The later of both over all j that get there is the latest instant τ_k at which a stop can
+still move in cell k. The robot must be farther from every limb there than the clearance, and what the limb
+covers at its speed in the reaction time and in τ_k.
+
+**Distances.** An interval in which every pair is farther apart at the centre than the two can approach each other, plus
+what they must keep, holds; pairs that are not are looked at again in both halves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.errors import CertificateError
+from safe_ompl.paths.certificate.format import OBSTACLE
+from safe_ompl.paths.certificate.plain_curve import PlainMotion
+from safe_ompl.paths.certificate.plain_danger import PlainDanger
+from safe_ompl.paths.certificate.plain_distances import Separations, plain_name
+from safe_ompl.paths.certificate.plain_tool import PlainTool
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+
+_GJK = 1e-5  # [m] coal's distances are at most this far off
+_SMALLEST = 1e-7  # [m] intervals in which bodies approach less are not divided any more
+_ROUNDING = 1e-9
+
+
+def check_trajectory(
+    content: Mapping[str, Any], robot: Robot, scene: Scene, path: FloatArray, separations: Separations
+) -> None:
+    """Raise CertificateError unless the timed motion of a certificate, if it claims one, is as claimed."""
+    claim = content.get("trajectory")
+    if claim is None:
+        return
+    motion = PlainMotion(claim, robot, path)
+    velocity, acceleration = (
+        finite_array(claim[key], (robot.n,), f"trajectory: {key}") for key in ("velocity", "acceleration")
+    )
+    if abs(motion.duration - float(claim["duration"])) > _ROUNDING * motion.duration:
+        raise CertificateError(
+            f"trajectory: it takes {motion.duration:.6f} s, {claim['duration']} s are claimed"
+        )
+    sizes, squares = np.diff(motion.edges), motion.squares
+    pushes = np.diff(squares) / (2 * sizes)
+    failure = motion.exceeded(np.column_stack([squares[:-1], squares[1:]]), pushes, velocity, acceleration)
+    if failure is not None:
+        raise CertificateError(f"trajectory: {failure}")
+    stops = claim["stops"]
+    required = Required(scene, None, np.zeros(len(sizes)))
+    if stops is not None:
+        brakes = finite_array(stops["brakes"], (len(sizes),), "trajectory: brakes")
+        latest, fastest = latest_instants(motion, brakes)
+        failure = motion.exceeded(np.column_stack([fastest, fastest]), -brakes, velocity, acceleration)
+        if failure is not None:
+            raise CertificateError(f"trajectory: in a stop {failure}")
+        required = Required(scene, stops, latest)
+    _check_free(motion, separations, required)
+    _check_danger_and_tool(content, motion, robot, scene)
+
+
+def latest_instants(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the latest instants [s] of stops in each cell (C,), and the largest ṡ² there.
+
+    Raises
+    ------
+    CertificateError
+        If a deceleration is not positive, or a stop would go beyond where the robot must stand.
+    """
+    if not (brakes > 0).all():
+        raise CertificateError("trajectory: a stop does not decelerate")
+    sizes, squares = np.diff(motion.edges), motion.squares
+    latest = np.zeros(len(sizes))
+    fastest = np.maximum(squares[:-1], squares[1:])
+    for j in range(len(sizes)):
+        end = int(motion.ends[j])
+        weakest = np.minimum.accumulate(brakes[j:end])
+        taken = np.concatenate(
+            [[0.0], np.cumsum(2 * weakest * sizes[j:end])]
+        )  # of ṡ², from the start of j on
+        top = max(squares[j], squares[j + 1])
+        spare = _ROUNDING * max(top, 1e-6)
+        if squares[j] > taken[-1] + spare or squares[j + 1] > taken[-1] - taken[1] + spare:
+            raise CertificateError(
+                f"trajectory: a stop from {motion.edges[j]:.6f} rad goes beyond where the robot must stand"
+            )
+        last = int(
+            np.searchsorted(taken[1:] - taken[1], top, side="left")
+        )  # cells that are reached: j … j + last
+        last = min(max(last, 1), end - j)
+        whole = _stop_duration(top, weakest[1:], sizes[j + 1 : end], brakes[j])
+        ending = _durations(taken[: last + 1], sizes[j : j + last])
+        reached = slice(j, j + last)
+        latest[reached] = np.maximum(latest[reached], np.minimum(whole, ending))
+        entry = max(
+            squares[j] - taken[1], squares[j + 1]
+        )  # ṡ² at the end of cell j: linear in where the stop begins
+        after = entry - (taken[1:last] - taken[1])
+        fastest[j + 1 : j + last] = np.maximum(fastest[j + 1 : j + last], after)
+    return latest, fastest
+
+
+def _stop_duration(square: float, brakes: FloatArray, sizes: FloatArray, first: float) -> float:
+    """Return how long a stop takes that begins where cells with these decelerations begin; `first` if there is none."""
+    time, brake = 0.0, first
+    for brake, size in zip(brakes.tolist(), sizes.tolist(), strict=True):
+        after = square - 2 * brake * size
+        if after <= 0:
+            break
+        time += 2 * size / (square**0.5 + after**0.5)
+        square = after
+    return float(time + square**0.5 / brake)
+
+
+def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return for each cell how long the stop takes that begins with the first cell and ends with this one."""
+    left = np.maximum(taken[1:, None] - taken[None, :], 0.0)  # (end, grid point): ṡ²
+    speeds = np.sqrt(left)
+    both = speeds[:, :-1] + speeds[:, 1:]
+    spans = np.where(both > 0, 2 * sizes / np.where(both > 0, both, 1.0), 0.0)
+    found: FloatArray = np.tril(spans).sum(axis=1)
+    return found
+
+
+class Required:
+    """What bodies must keep from limbs of people in the cells of a motion [m].
+
+    Parameters
+    ----------
+    scene : Scene
+        Where people are.
+    stops : mapping or None
+        `who`, `speed`, `speeds`, `reaction_time` and `clearance` of a certificate.
+    latest : ndarray, shape (C,)
+        Latest instants of stops [s].
+    """
+
+    def __init__(self, scene: Scene, stops: Mapping[str, Any] | None, latest: FloatArray) -> None:
+        self._stops, self._latest = stops, latest
+        self._speeds: dict[str, float] = {}
+        for name in [] if stops is None else stops["who"]:
+            for part, _, _ in scene[name].geometries():
+                limb = part[len(name) + 1 :]
+                assert stops is not None
+                self._speeds[OBSTACLE + part] = float(stops["speeds"].get(limb, stops["speed"]))
+
+    def of(self, part: str, first: int, last: int) -> float:
+        """Return what must be kept from a body in the cells from the first to the last."""
+        if part not in self._speeds:
+            return 0.0
+        assert self._stops is not None
+        time = float(self._stops["reaction_time"]) + float(self._latest[first : last + 1].max())
+        return float(self._stops["clearance"]) + self._speeds[part] * time
+
+
+def _check_free(motion: PlainMotion, separations: Separations, required: Required) -> None:
+    """Raise CertificateError unless all pairs keep apart, everywhere on the curve."""
+    edges = motion.edges
+    for piece, start in zip(motion.pieces, motion.starts, strict=False):
+        waiting = [(0.0, piece.length, set(separations.names))]
+        while waiting:
+            first, last, pairs = waiting.pop()
+            middle, half = (first + last) / 2, (last - first) / 2
+            cells = np.searchsorted(edges, [start + first + _ROUNDING, start + last - _ROUNDING]) - 1
+            low, high = (min(max(int(cell), 0), len(edges) - 2) for cell in cells)
+            near = set()
+            for pair, distance, approach, kept in separations.examined(
+                piece.at(middle), piece.steps(half), pairs
+            ):
+                wanted = kept + required.of(pair[1], low, high)
+                if distance - _GJK > approach + wanted:
+                    continue
+                if approach < _SMALLEST or (low == high and distance - _GJK <= wanted):
+                    between = " and ".join(repr(plain_name(name)) for name in pair)
+                    raise CertificateError(
+                        f"trajectory: {between} are {1e3 * distance:.3f} mm apart near {start + middle:.6f} rad, "
+                        f"{1e3 * wanted:.3f} mm are needed"
+                    )
+                near.add(pair)
+            if near:
+                waiting += [(first, middle, near), (middle, last, near)]
+
+
+def _check_danger_and_tool(
+    content: Mapping[str, Any], motion: PlainMotion, robot: Robot, scene: Scene
+) -> None:
+    danger = None if content["danger"] is None else PlainDanger(robot, scene, content["danger"])
+    tool = None if content.get("tool") is None else PlainTool(robot, content["tool"])
+    for k, piece in enumerate(motion.pieces):
+        half = piece.length / 2
+
+        def place(t: float, piece: Any = piece) -> FloatArray:
+            q: FloatArray = piece.at(t * piece.length)
+            return q
+
+        steps = piece.steps(2 * half)
+        if danger is not None:
+            bound = float(content["danger"]["bound"])
+            failed = danger.exceeded_along(place, steps, bound)
+            if failed is not None:
+                raise CertificateError(
+                    f"trajectory: piece {k}: danger {failed[1]:.4f}, {bound:.4f} is claimed of the path"
+                )
+        if tool is not None:
+            lost = tool.exceeded_along(place, steps)
+            if lost is not None:
+                raise CertificateError(f"trajectory: piece {k}: the {lost[1]} of the tool is not as claimed")

@@ -1,0 +1,290 @@
+"""The danger of a robot that moves along a curve: bounds over whole cells, the cap of the speed, what a motion has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.danger.kinetostatic import KinetostaticField
+from safe_ompl.danger.moving_skeleton import JointMotions, MovingSkeleton
+from safe_ompl.errors import InputError
+from safe_ompl.maths.kernels.kinetostatic_cells import cell_bounds
+from safe_ompl.trajectories.body_speeds import acceleration_bounds
+from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.time_law import TimeLaw
+
+_HALVINGS = 50
+_FINEST = 1e-3  # [rad] no cell is divided into smaller ones
+_LOSS = 0.02  # share of the speed that the length of a cell may cost
+_ROUNDS = 3  # of division, for a cap
+_TIGHT = 1.02  # a proven peak of no more than this times the sampled one needs no finer cells
+_PEAK_ROUNDS = 8
+_PARTS = 3
+
+
+class Spans(NamedTuple):
+    """Parts of a curve: centres (N,), half lengths (N,), and bounds (N, n) of |q′| and |q″| in them."""
+
+    centres: FloatArray
+    halves: FloatArray
+    slopes: FloatArray
+    bends: FloatArray
+
+    @classmethod
+    def of(cls, cells: Cells, rows: IntArray | None = None) -> Spans:
+        """Return some cells, or all."""
+        spans = cls(cells.centres, cells.sizes / 2, cells.slopes, cells.bends)
+        return spans if rows is None else cls(*(values[rows] for values in spans))
+
+    def points(self) -> Spans:
+        """Return the centres alone."""
+        return self._replace(halves=np.zeros(len(self.halves)))
+
+
+class SpanDanger(NamedTuple):
+    """Bounds of the danger in spans: at the danger points it is at most level + ṡ·push, each (N, M), unweighted."""
+
+    levels: FloatArray
+    pushes: FloatArray
+
+
+class MovingDanger:
+    """Bounds of the kinetostatic danger of a robot along a curve.
+
+    Parameters
+    ----------
+    field : KinetostaticField
+        The danger; its danger points must be fixed.
+
+    Raises
+    ------
+    InputError
+        If a callable gives the danger points.
+    """
+
+    def __init__(self, field: KinetostaticField) -> None:
+        if field.field.points is None:
+            raise InputError(
+                "danger cannot be bounded where the danger points depend on the configuration "
+                "(a callable gives them); give the points themselves"
+            )
+        self.field = field
+        self._joints = JointMotions(field.field.robot)
+
+    def bounds(
+        self, curve: BlendedCurve, spans: Spans, rates: FloatArray, enough: float = -np.inf
+    ) -> SpanDanger:
+        """Return bounds over spans of a curve.
+
+        Parameters
+        ----------
+        curve, spans
+            Which ones.
+        rates : ndarray, shape (N,)
+            ṡ ≥ 0. Where a danger point is proven, by a cheaper and looser bound, to bring no more danger with it
+        enough : float
+            than this, that bound will do. Only where the danger is the maximum over danger points.
+        """
+        field = self.field.field
+        robot, points = field.robot, field.points
+        assert points is not None
+        place = curve.at(spans.centres)
+        skeleton = MovingSkeleton.of(self._joints, place.q, place.slope)
+        steps, bends = (robot.coupling.reach(bound) for bound in (spans.slopes, spans.bends))
+        sliding = self._joints.prismatic
+        accelerations = acceleration_bounds(
+            robot.joint_keypoint_radii, robot.joint_keypoint_support, sliding, steps, bends
+        )
+        speeds = np.linalg.norm(skeleton.velocities, axis=2) + spans.halves[:, None] * accelerations
+        weights = np.ones(len(points)) if field.weights is None else field.weights
+        start, end = np.ascontiguousarray(field.segments.pairs.T)
+        field.count(skeleton.keypoints, points)
+        level, push = cell_bounds(
+            *(np.ascontiguousarray(a) for a in (skeleton.keypoints, skeleton.velocities)),
+            start,
+            end,
+            np.ascontiguousarray(points),
+            speeds,
+            accelerations,
+            spans.halves,
+            steps[:, sliding].sum(axis=1),
+            self.field.gamma,
+            field.weighting == "length",
+            self.field.lead * rates,
+            (enough if field.aggregate == "max" else -np.inf) / (field.k1 * weights),
+        )
+        return SpanDanger(field.k1 * level, self.field.k2 * push)
+
+    def at(self, bounds: SpanDanger, rates: FloatArray) -> FloatArray:
+        """Return a bound of the danger (N,) in spans where ṡ is `rates: (N,)`."""
+        with np.errstate(invalid="ignore"):  # 0·∞, where a point may be reached
+            fields = bounds.levels + rates[:, None] * bounds.pushes
+        return self.field.field.aggregated(np.where(np.isnan(fields), np.inf, fields))
+
+    def allowed(self, bounds: SpanDanger, limit: float, most: FloatArray) -> FloatArray:
+        """Return the largest ṡ (N,) ≤ `most` with which the danger is proven to keep to a limit; −1: not at rest.
+
+        The bound is convex in ṡ: if it keeps to the limit at rest and at some speed, so it does at all between.
+        """
+        still = np.zeros(len(most))
+        if self.field.field.aggregate == "max":
+            weights = self.field.field.weights
+            share = limit if weights is None else limit / weights
+            with np.errstate(divide="ignore", invalid="ignore"):
+                speeds = np.where(bounds.pushes > 0, (share - bounds.levels) / bounds.pushes, np.inf)
+            found = np.minimum(most, speeds.min(axis=1, initial=np.inf))
+        else:
+            found = self._bisected(bounds, limit, most)
+        return np.where(self.at(bounds, still) <= limit, found, -1.0)
+
+    def _bisected(self, bounds: SpanDanger, limit: float, most: FloatArray) -> FloatArray:
+        good, bad = np.where(self.at(bounds, most) <= limit, most, 0.0), most
+        for _ in range(_HALVINGS):
+            middle = (good + bad) / 2
+            holds = self.at(bounds, middle) <= limit
+            good, bad = np.where(holds, middle, good), np.where(holds, bad, middle)
+        return good
+
+
+# ------------------------------------------------------------------------------------------------- a cap of the speed
+
+
+class DangerCap(NamedTuple):
+    """What a limit of the danger allows.
+
+    Attributes
+    ----------
+    cells : Cells
+        As fine as it takes.
+    parents : ndarray of int, shape (N,)
+        The given cells in which they are.
+    speeds : ndarray, shape (N,)
+        Largest ṡ; −1 where the danger at rest is above the limit.
+    """
+
+    cells: Cells
+    parents: IntArray
+    speeds: FloatArray
+
+
+def danger_cap(
+    curve: BlendedCurve, cells: Cells, danger: MovingDanger, limit: float, most: FloatArray
+) -> DangerCap:
+    """Return the speeds with which the danger of the moving robot keeps to a limit.
+
+    Along a curve the danger is φ + ṡ (φ′ + γI) k₂/k₁. Cells are divided where they bound the speed and are so long that
+    it makes a difference.
+
+    Parameters
+    ----------
+    curve, cells
+        The curve.
+    danger : MovingDanger
+        Of which field.
+    limit : float
+        The largest danger.
+    most : ndarray, shape (N,)
+        ṡ is no larger for other reasons.
+    """
+
+    def capped(spans: Spans, most: FloatArray) -> FloatArray:
+        return danger.allowed(danger.bounds(curve, spans, most, limit), limit, most)
+
+    parents: IntArray = np.arange(len(cells))
+    speeds, exact = capped(Spans.of(cells), most), most.copy()
+    new = np.ones(len(cells), dtype=bool)
+    for _ in range(_ROUNDS):
+        rows = np.flatnonzero(new & (speeds < most[parents]))
+        exact[rows] = capped(Spans.of(cells, rows).points(), most[parents[rows]])
+        loss = 1 - np.maximum(speeds, 0) / np.maximum(exact, 1e-12)
+        wanted = np.minimum(np.ceil(loss / _LOSS), np.ceil(cells.sizes / _FINEST))
+        parts: IntArray = np.where(exact > 0, np.maximum(wanted, 1), 1).astype(np.intp)
+        if (parts == 1).all():
+            break
+        of = np.repeat(np.arange(len(cells)), parts)
+        cells, parents, speeds, new = curve.divided(cells, parts), parents[of], speeds[of], parts[of] > 1
+        exact = exact[of]
+        divided = np.flatnonzero(new)
+        speeds[divided] = capped(Spans.of(cells, divided), most[parents[divided]])
+        exact[divided] = most[parents[divided]]
+    return DangerCap(cells, parents, speeds)
+
+
+# ------------------------------------------------------------------------------------------- the danger of a motion
+
+
+@dataclass(frozen=True)
+class MotionDanger:
+    """The kinetostatic danger along a motion in time.
+
+    Attributes
+    ----------
+    times, values : ndarray, shape (T,)
+        Danger [k₁/m, or k₁] at times [s]: at the edges of the law's cells and between them.
+    mean : float
+        Over time.
+    peak : float
+        The largest of the values.
+    proven_peak : float
+        It is nowhere larger; +inf where it cannot be kept from a danger point.
+    """
+
+    times: FloatArray
+    values: FloatArray
+    mean: float
+    peak: float
+    proven_peak: float
+
+    def as_dict(self) -> dict[str, float | None]:
+        """Return mean and peaks by name; None where nothing is proven."""
+        proven = self.proven_peak if np.isfinite(self.proven_peak) else None
+        return {"mean": self.mean, "peak": self.peak, "proven_peak": proven}
+
+
+def motion_danger(curve: BlendedCurve, law: TimeLaw, field: KinetostaticField) -> MotionDanger:
+    """Return the danger of a robot that follows a law along a curve.
+
+    Parameters
+    ----------
+    curve, law
+        The motion; ṡ² is linear in each cell of the law.
+    field : KinetostaticField
+        The danger.
+
+    Raises
+    ------
+    InputError
+        If a callable gives the danger points.
+    """
+    danger, cells = MovingDanger(field), curve.between(law.edges)
+    middles = (law.times[1:] + law.times[:-1]) / 2
+    times = np.sort(np.concatenate([law.times, middles]))
+    cell, s, rate, _ = law.at(times)
+    place = curve.at(s, curve.piece_at(cells.centres)[cell])
+    values = field.values(place.q, place.slope * rate[:, None])
+    peak = float(values.max())
+    mean = float(np.trapezoid(values, times) / law.duration) if law.duration else peak
+    return MotionDanger(times, values, mean, peak, _proven_peak(curve, cells, law, danger, peak))
+
+
+def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: MovingDanger, peak: float) -> float:
+    """Divide the cells whose bound is above the sampled peak until none is far above it; return the highest."""
+    squares, edges = law.squares, law.edges
+    enough = _TIGHT * peak
+    upper = np.zeros(len(cells))
+    rows: IntArray = np.arange(len(cells))
+    for _ in range(_PEAK_ROUNDS):
+        ends = np.sqrt(np.interp(cells.edges, edges, squares))
+        slowest, fastest = (pick(ends[:-1], ends[1:])[rows] for pick in (np.minimum, np.maximum))
+        bounds = danger.bounds(curve, Spans.of(cells, rows), fastest, enough)
+        upper[rows] = np.maximum(danger.at(bounds, fastest), danger.at(bounds, slowest))
+        above = upper > enough
+        if not above.any():
+            break
+        parts: IntArray = np.where(above, _PARTS, 1)
+        cells = curve.divided(cells, parts)
+        rows, upper = np.flatnonzero(np.repeat(above, parts)), np.repeat(upper, parts)
+    return float(upper.max())

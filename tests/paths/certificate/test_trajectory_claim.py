@@ -1,0 +1,222 @@
+"""Certificates of timed motions: limits, freedom of the curve, stops; and that no mutation claims what is false."""
+
+import copy
+import json
+import random
+
+import numpy as np
+import pytest
+from test_mutations import mutated, places, replaced, verified
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.errors import CertificateError, InputError
+from safe_ompl.paths.certificate.format import digest
+from safe_ompl.paths.certificate.issue import certificate
+from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.scenario.people import People
+from safe_ompl.trajectories.curve import BlendedCurve, Piece
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.time_law import TimeLaw
+from safe_ompl.trajectories.timing import time_path
+from safe_ompl.trajectories.trajectory import Trajectory
+
+PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
+PEOPLE = People(who=("ball",), speed=1.2, reaction_time=0.05, clearance=0.01)
+MUTATIONS = 200
+
+
+@pytest.fixture(scope="module")
+def scene(clutter):
+    return clutter
+
+
+@pytest.fixture(scope="module")
+def made(ur5, scene):
+    """Return a trajectory beside a ball that may move."""
+    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    with pytest.MonkeyPatch.context() as patch:  # fewer cells: what is tested takes less time
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        return time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion, people=PEOPLE)
+
+
+@pytest.fixture(scope="module")
+def written(ur5, scene, made):
+    return json.loads(json.dumps(certificate(PATH, ur5, scene, trajectory=made)))
+
+
+def again(written, change):
+    """Return the certificate with a change of its trajectory, and the digest that belongs to it."""
+    content = copy.deepcopy(written)
+    change(content["trajectory"])
+    return {**content, "digest": digest(content)}
+
+
+def motion_of(claim, robot):
+    """Return the trajectory that a claim describes, as the package itself evaluates it."""
+    pieces = [
+        Piece(
+            *(np.array(piece[key], dtype=float) for key in ("start", "forward", "inward")),
+            piece["length"],
+            piece["curvature"],
+        )
+        for piece in claim["pieces"]
+    ]
+    law = TimeLaw.through(np.array(claim["edges"], dtype=float), np.array(claim["squares"], dtype=float))
+    limits = RateLimits.of(robot, claim["velocity"], claim["acceleration"])
+    brakes = None if claim["stops"] is None else np.array(claim["stops"]["brakes"], dtype=float)
+    return Trajectory(BlendedCurve(pieces, claim["corners"]), law, limits, brakes=brakes)
+
+
+def assert_true(content, robot, plain):
+    """Assert what a certificate claims of a timed motion at many instants, and of many stops."""
+    claim = content["trajectory"]
+    motion = motion_of(claim, robot)
+    assert motion.duration == pytest.approx(claim["duration"])
+    state = motion.at(np.linspace(0, motion.duration, 300))
+    assert (abs(state.qd) <= motion.limits.velocity * (1 + 1e-6)).all()
+    assert (abs(state.qdd) <= motion.limits.acceleration * (1 + 1e-6)).all()
+    assert abs(robot.difference(state.q[[0, -1]], np.array(content["path"])[[0, -1]])).max() < 1e-6
+    assert all((plain.distances(q) > 0).all() for q in state.q[::30])
+    stops = claim["stops"]
+    if stops is None:
+        return
+    for begin in np.linspace(0, motion.duration, 12):
+        stop = motion.stop_from(begin)
+        for t in np.linspace(0, stop.duration * (1 - 1e-6), 4):
+            q, qd, qdd = stop.at(t)
+            assert (abs(qdd) <= motion.limits.acceleration * (1 + 1e-6)).all()
+            if abs(qd).max() < 1e-9:
+                continue
+            reach = stops["clearance"] + stops["speed"] * (stops["reaction_time"] + t)
+            near = [d for d, (_, o) in zip(plain.distances(q), plain.pairs, strict=True) if o in stops["who"]]
+            assert min(near) > reach - 1e-9
+
+
+def test_a_timed_motion_is_claimed_and_verified(written, ur5, scene, made, plain_check):
+    found = verify(written, ur5, scene)
+    assert found.claims[-2].startswith(f"driven in {made.duration:.3f} s")
+    assert "anyone of ball who moves no faster than 1.2 m/s comes nearer than 10 mm" in found.claims[-1]
+    assert "stops" not in found.not_claimed
+    assert_true(written, ur5, plain_check(ur5, scene))
+
+
+def test_what_is_not_claimed_is_said(ur5, scene, caplog):
+    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    plain = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion)
+    assert "stops" in verify(certificate(PATH, ur5, scene, trajectory=plain), ur5, scene).not_claimed
+    assert "stops" not in verify(certificate(PATH, ur5, scene), ur5, scene).not_claimed
+    allowed = People(who=("ball",), contact=True, regions={"head": (100, 4.4, 150)})
+    touching = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion, people=allowed)
+    assert "stops" in verify(certificate(PATH, ur5, scene, trajectory=touching), ur5, scene).not_claimed
+    assert "claims no stops" in caplog.text
+
+
+def test_corners_in_which_it_stops(ur5, scene):
+    trajectory = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), people=None)
+    content = certificate(PATH, ur5, scene, trajectory=trajectory)
+    verify(content, ur5, scene)
+    with pytest.raises(CertificateError, match="begins in another direction"):
+        verify(again(content, lambda t: t["corners"].clear()), ur5, scene)
+
+
+def scaled(key, factor):
+    def change(claim):
+        value = claim[key]
+        claim[key] = [factor * x for x in value] if isinstance(value, list) else factor * value
+
+    return change
+
+
+def faster(claim):
+    claim["squares"] = [1.05 * x for x in claim["squares"]]
+    claim["duration"] /= 1.05**0.5
+
+
+def stronger(**claims):
+    return lambda claim: claim["stops"].update(claims)
+
+
+def bent(claim):
+    claim["pieces"][1]["curvature"] *= 1.01
+
+
+def moved(claim):
+    claim["pieces"][0]["start"][0] += 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (faster, "its limit|apart near|goes beyond"),
+        (scaled("duration", 0.999), "are claimed"),
+        (scaled("velocity", 0.3), "is faster than its limit"),
+        (scaled("acceleration", 0.9), "accelerates more than its limit"),
+        (stronger(speed=1.25), "are needed"),
+        (stronger(reaction_time=0.06), "are needed"),
+        (stronger(clearance=0.02), "are needed"),
+        (stronger(who=["ball", "table"]), "are needed"),
+        (stronger(who=[]), "must name an obstacle"),
+        (stronger(who=["nobody"]), "unknown obstacle"),
+        (stronger(speed=-0.1), "speed: must be"),
+        (
+            lambda claim: claim["stops"].update(brakes=[1.5 * b for b in claim["stops"]["brakes"]]),
+            "in a stop joint",
+        ),
+        (
+            lambda claim: claim["stops"].update(brakes=[0.2 * b for b in claim["stops"]["brakes"]]),
+            "stop|are needed",
+        ),
+        (lambda claim: claim["stops"]["brakes"].__setitem__(5, 0.0), "does not decelerate"),
+        (bent, "neither a line|begins where|does not begin|another direction"),
+        (moved, "begin where the path does|the one before ends"),
+        (lambda claim: claim["pieces"].pop(), "does not end where the path does|not corners"),
+        (lambda claim: claim.update(pieces=[]), "has no piece"),
+        (lambda claim: claim["corners"].append(1), "does not stand at"),
+        (lambda claim: claim["corners"].append(99), "are not corners"),
+        (lambda claim: claim["squares"].__setitem__(0, 0.1), "does not stand at"),
+        (lambda claim: claim["squares"].__setitem__(7, -0.1), "do not cover"),
+        (lambda claim: claim["edges"].__setitem__(7, claim["edges"][9]), "not in order"),
+        (lambda claim: claim.pop("squares"), "squares"),
+        (lambda claim: claim.update(more=1), "more"),
+        (lambda claim: claim.update(velocity=[0.0] * 6), "velocity"),
+        (lambda claim: claim["pieces"][0].pop("length"), "malformed"),
+    ],
+)
+def test_what_does_not_hold_is_refused(written, ur5, scene, change, message):
+    with pytest.raises((CertificateError, InputError), match=message):
+        verify(again(written, change), ur5, scene)
+
+
+def test_a_curve_through_an_obstacle_is_refused(ur5, scene):
+    """A motion that was timed elsewhere: its arcs are not free."""
+    low = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.4, 0.3, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
+    trajectory = time_path(low, ur5, RateLimits.of(ur5, 2.0, 4.0))
+    safe = certificate(PATH, ur5, scene)
+    content = again({**safe, "trajectory": None}, lambda _: None)
+    other = certificate(low[[0]], ur5, scene, trajectory=trajectory)["trajectory"]
+    content["trajectory"] = other
+    with pytest.raises(CertificateError, match="apart near"):
+        verify({**content, "digest": digest(content)}, ur5, scene)
+
+
+def test_random_mutations_are_refused_or_claim_nothing_false(written, ur5, scene, plain_check):
+    rng, plain = random.Random(0), plain_check(ur5, scene)
+    ways = [("trajectory", *at) for at in places(written["trajectory"])]
+    original, accepted = verify(written, ur5, scene), 0
+    for _ in range(MUTATIONS):
+        content = replaced(written, rng.choice(ways), lambda value: mutated(rng, value))
+        if json.dumps(content, sort_keys=True) == json.dumps(written, sort_keys=True):
+            continue
+        found = verified({**content, "digest": digest(content)}, ur5, scene)
+        if found is None:
+            continue
+        accepted += 1
+        if content["trajectory"] is None:
+            assert not set(original.claims[-2:]) & set(found.claims)
+        else:
+            assert_true(content, ur5, plain)
+            if content["trajectory"]["stops"] is None:
+                assert "stops" in found.not_claimed
+        assert found.edges == original.edges
+    assert 0 < accepted < MUTATIONS / 3

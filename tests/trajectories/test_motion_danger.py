@@ -1,0 +1,123 @@
+"""The danger of a robot in motion: bounds over cells, the cap of the speed, and the profile of a trajectory."""
+
+import numpy as np
+import pytest
+
+from safe_ompl.danger.field import DangerField
+from safe_ompl.errors import InputError
+from safe_ompl.trajectories.caps import StandstillError
+from safe_ompl.trajectories.danger import MovingDanger, Spans
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.timing import time_path
+
+POINTS = [[0.6, 0.4, 0.5], [-0.5, 0.3, 0.2], [0.1, -0.7, 0.9], [0.7, 0.0, 0.3]]
+ROBOTS = ("panda", "twin_arm", "slider", "kinova")
+
+
+def random_path(robot, seed, number=3):
+    low, high = np.maximum(robot.lower, -1.5), np.minimum(robot.upper, 1.5)
+    return np.random.default_rng(seed).uniform(low, high, (number, robot.n))
+
+
+class _Free:
+    """Stands for a proof: what is tested here is danger."""
+
+    def __init__(self, motion):
+        pass
+
+    def holds(self, arc):
+        return True
+
+
+@pytest.fixture
+def blends(monkeypatch):
+    monkeypatch.setattr("safe_ompl.trajectories.blends.ArcProof", _Free)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("weighting", ["unit", "length"])
+@pytest.mark.parametrize("gamma", [0.0, 1.0])
+def test_no_instant_of_a_cell_is_more_dangerous_than_its_bound(robot_named, blends, name, weighting, gamma):
+    robot = robot_named(name)
+    field = DangerField(robot, POINTS, weighting=weighting, k1=2.0, gamma=gamma).moving
+    curve = time_path(random_path(robot, 2), robot, RateLimits.of(robot, 1.0, 1.0), motion=object()).curve
+    cells = curve.cells(0.1)
+    rng = np.random.default_rng(0)
+    for enough in (-np.inf, 1e9):
+        bounds = MovingDanger(field).bounds(curve, Spans.of(cells), np.ones(len(cells)), enough)
+        for speed in (0.0, 0.5, 3.0):
+            s = cells.edges[:-1] + cells.sizes * rng.uniform(1e-3, 1 - 1e-3, len(cells))
+            place = curve.at(s)
+            danger = field.values(place.q, place.slope * speed)
+            bound = MovingDanger(field).at(bounds, np.full(len(cells), speed))
+            assert (danger <= bound).all()
+            if enough < 0 and name == "panda":
+                assert np.median(bound / danger) < 1.3
+
+
+@pytest.mark.parametrize("aggregate", ["max", "mean", "softmax"])
+def test_the_cap_keeps_the_danger_and_costs_little(panda, blends, panda_limits, aggregate):
+    field = DangerField(panda, POINTS, [1.0, 2.0, 0.5, 1.0], aggregate=aggregate).moving
+    path = random_path(panda, 5)
+    free = time_path(path, panda, panda_limits, motion=object())
+    danger = free.danger(field)
+    limit = (danger.peak + field.field.values(free.at(danger.times).q).max()) / 2
+    capped = time_path(path, panda, panda_limits, motion=object(), danger=field, max_danger=limit)
+    assert capped.caps[-1].name == "danger"
+    assert "danger" in capped.binding()
+    state = capped.at(np.linspace(0, capped.duration, 5000))
+    danger = field.values(state.q, state.qd)
+    assert 0.95 * limit < danger.max() <= limit
+    assert free.duration < capped.duration
+    loose = time_path(path, panda, panda_limits, motion=object(), danger=field, max_danger=1e3)
+    assert loose.caps[-1].least == np.inf
+
+
+def test_the_danger_of_a_trajectory(panda, blends, panda_limits):
+    field = DangerField(panda, POINTS).moving
+    ratios = []
+    for seed in range(4):
+        trajectory = time_path(random_path(panda, seed), panda, panda_limits, motion=object())
+        danger = trajectory.danger(field)
+        t = np.linspace(0, trajectory.duration, 3000)
+        state = trajectory.at(t)
+        values = field.values(state.q, state.qd)
+        assert values.max() <= danger.proven_peak
+        assert values.max() == pytest.approx(danger.peak, rel=2e-3)
+        assert np.trapezoid(values, t) / trajectory.duration == pytest.approx(danger.mean, rel=2e-3)
+        ratios.append(danger.proven_peak / danger.peak)
+        assert danger.as_dict()["proven_peak"] == danger.proven_peak
+    assert np.median(ratios) <= 1.05
+
+
+def test_faster_is_more_dangerous_and_slower_tends_to_the_danger_at_rest(panda, blends):
+    field = DangerField(panda, POINTS)
+    path = random_path(panda, 1)
+    peaks = [
+        time_path(path, panda, RateLimits.of(panda, v, 5.0), motion=object()).danger(field.moving).peak
+        for v in (0.001, 0.5, 1.0)
+    ]
+    assert peaks == sorted(peaks)
+    curve = time_path(path, panda, motion=object()).curve
+    still = field.values(curve.at(np.linspace(0, curve.length, 2000)).q).max()
+    assert peaks[0] == pytest.approx(still, rel=2e-3)
+
+
+def test_where_the_danger_at_rest_is_too_high_it_says_so(panda, panda_limits):
+    field = DangerField(panda, POINTS).moving
+    with pytest.raises(StandstillError, match=r"danger of the robot at rest is .* is allowed") as caught:
+        time_path(random_path(panda, 0), panda, panda_limits, danger=field, max_danger=0.5)
+    assert caught.value.standstill.person is None
+
+
+def test_what_cannot_be_bounded_is_refused(panda, panda_limits):
+    path, field = random_path(panda, 0), DangerField(panda, POINTS).moving
+    with pytest.raises(InputError, match="max_danger: give a danger and the largest"):
+        time_path(path, panda, panda_limits, danger=field)
+    with pytest.raises(InputError, match="danger: give a danger"):
+        time_path(path, panda, panda_limits, max_danger=3.0)
+    with pytest.raises(InputError, match="max_danger"):
+        time_path(path, panda, panda_limits, danger=field, max_danger=0.0)
+    loose = DangerField(panda, lambda q: [[1.0, 0, 0]]).moving
+    with pytest.raises(InputError, match="depend on the configuration"):
+        time_path(path, panda, panda_limits, danger=loose, max_danger=3.0)
