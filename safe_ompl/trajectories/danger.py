@@ -103,7 +103,8 @@ class MovingDanger:
         start, end = np.ascontiguousarray(field.segments.pairs.T)
         field.count(skeleton.keypoints, points)
         level, push = cell_bounds(
-            *(np.ascontiguousarray(a) for a in (skeleton.keypoints, skeleton.velocities)),
+            np.ascontiguousarray(skeleton.keypoints),
+            np.ascontiguousarray(skeleton.velocities),
             start,
             end,
             np.ascontiguousarray(points),
