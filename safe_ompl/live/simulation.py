@@ -164,7 +164,8 @@ class Simulation:
         found = []
         for name, points in keypoints.items():
             body = self._body(name)
-            found += limb_solids(name, body.limbs, body.ends(points), body.radii)
+            ends = body.ends(points)
+            found += limb_solids(name, body.limbs, ends, body.radii(ends))
         for name, mover in self.objects.items():
             world = mover.at(time)
             for part in self.replanner.surroundings.shapes[name].parts():

@@ -37,8 +37,8 @@ PELVIS: FloatArray = (STANDING["left_hip"] + STANDING["right_hip"]) / 2
 class TrackedBody:
     """A body whose limbs are capsules between tracked key points.
 
-    Key points that were never seen are assumed: a hand lies in the line of its forearm; the others hang on what they
-    grow from as in a body that stands upright, turned to where shoulders or hips face.
+    Key points that were never seen are assumed. A hand is somewhere in the ball about its wrist that it can reach. The
+    others hang on what they grow from as in a body that stands upright, turned to where shoulders or hips face.
 
     Parameters
     ----------
@@ -69,10 +69,20 @@ class TrackedBody:
         """Names of its M limbs."""
         return tuple(name for name in LIMBS if not self.only or name in self.only)
 
+    def radii(self, ends: FloatArray) -> FloatArray:
+        """Return the radii (M,) of the limbs with these ends (M, 2, 3); a hand without a length is a ball [m]."""
+        short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) == 0
+        radii: FloatArray = self._radii + np.where(short, self._spans, 0.0)
+        return radii
+
     @cached_property
-    def radii(self) -> FloatArray:
-        """Radii (M,) of the limbs [m]."""
+    def _radii(self) -> FloatArray:
         return np.array([LIMBS[name][2] * self.height for name in self.limbs])
+
+    @cached_property
+    def _spans(self) -> FloatArray:
+        hand = self.height * float(np.linalg.norm(STANDING["left_hand"] - STANDING["left_wrist"]))
+        return np.array([hand if name.endswith("hand") else 0.0 for name in self.limbs])
 
     @cached_property
     def weights(self) -> FloatArray:
@@ -100,9 +110,9 @@ class TrackedBody:
         turn = facing(points)
         for name in _order(known):
             k, parent = _INDEX[name], _parent(name, known)
-            points[k] = points[parent] + self.height * turn @ (_standing(k) - _standing(parent))
-            if name.endswith("_hand"):
-                points[k] = self._beyond_wrist(points, name)
+            points[k] = points[parent]
+            if not name.endswith("_hand"):
+                points[k] += self.height * turn @ (_standing(k) - _standing(parent))
             rests[k], known[k] = rests[parent], True
         return points, rests
 
@@ -110,13 +120,6 @@ class TrackedBody:
         """Return the middle (3,) of the hips of completed key points (18, 3) [m]."""
         middle: FloatArray = 0.5 * (keypoints[_INDEX["left_hip"]] + keypoints[_INDEX["right_hip"]])
         return middle
-
-    def _beyond_wrist(self, points: FloatArray, name: str) -> FloatArray:
-        side = name.removesuffix("_hand")
-        elbow, wrist = points[_INDEX[f"{side}_elbow"]], points[_INDEX[f"{side}_wrist"]]
-        length = self.height * np.linalg.norm(STANDING[name] - STANDING[f"{side}_wrist"])
-        along: FloatArray = wrist + length * (wrist - elbow) / max(float(np.linalg.norm(wrist - elbow)), 1e-9)
-        return along
 
 
 _INDEX = {name: k for k, name in enumerate(KEYPOINTS)}

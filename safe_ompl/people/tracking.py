@@ -183,7 +183,7 @@ class PersonTrack:
             body.limbs,
             ends,
             rates,
-            body.radii,
+            body.radii(ends),
             old,
             baseline,
             self._completed[arms],
