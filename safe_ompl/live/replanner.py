@@ -165,7 +165,7 @@ class Replanner:
         if not time >= self.surroundings.time or not (self._command is None or time >= self._command.time):
             raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
         found = self._next(path, time)
-        self._say(found)
+        self._say(time, found)
         self._command = found
         return found
 
@@ -231,13 +231,13 @@ class Replanner:
 
     # ------------------------------------------------------------------------------------------------------- log
 
-    def _say(self, command: Command) -> None:
+    def _say(self, time: float, command: Command) -> None:
         before = None if self._command is None else self._command.doing
         if command.doing is before:
             return
         why = f": {command.reason}" if command.reason else ""
         level = logging.DEBUG if command.doing is Doing.SLOWED else logging.INFO
-        _log.log(level, "%.3f s: %s%s", command.time, command.doing.value, why)
+        _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
 
 
 def _told(left: Left) -> str:

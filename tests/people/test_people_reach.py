@@ -26,7 +26,9 @@ def track(reach=None, *, noise=0.0, only=(), people=PEOPLE):
     return PersonTrack("anna", Tracker(OURS, TrackedBody(only=only), noise=noise), people, reach)
 
 
-SEEN = tuple(name for name in LIMBS if not name.endswith(("foot", "head", "neck")))  # their ends are, but hands
+SEEN = tuple(
+    name for name in LIMBS if not name.endswith(("foot", "head", "neck"))
+)  # their ends are, but hands
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -116,7 +118,9 @@ def test_who_is_faster_than_promised_is_seen():
     moved[11] += [0.0, 0.12, 0.0]
     found = anna.observe(moved, 0.2)
     assert found is not None
-    assert (found.who, found.limb) in {("anna", limb) for limb in ("left_thigh", "hips", "left_flank", "torso")}
+    assert (found.who, found.limb) in {
+        ("anna", limb) for limb in ("left_thigh", "hips", "left_flank", "torso")
+    }
     assert found.excess == pytest.approx(0.02)
     assert "'anna' (" in str(found)
     assert "20 mm farther than promised" in str(found)

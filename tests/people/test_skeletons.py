@@ -10,10 +10,37 @@ from safe_ompl.scene.shapes.anatomy import LIMBS, STANDING, Body
 
 # As the vendors number them.
 NUMBERED = {
-    "coco17": {0: "nose", 5: "left_shoulder", 8: "right_elbow", 9: "left_wrist", 12: "right_hip", 16: "right_ankle"},
-    "body25": {1: "neck", 2: "right_shoulder", 7: "left_wrist", 8: "mid_hip", 10: "right_knee", 22: "right_big_toe"},
-    "mediapipe33": {11: "left_shoulder", 16: "right_wrist", 20: "right_index", 27: "left_ankle", 32: "right_foot_index"},
-    "azure_kinect32": {0: "pelvis", 9: "left_handtip", 12: "right_shoulder", 18: "left_hip", 25: "right_foot", 26: "head"},
+    "coco17": {
+        0: "nose",
+        5: "left_shoulder",
+        8: "right_elbow",
+        9: "left_wrist",
+        12: "right_hip",
+        16: "right_ankle",
+    },
+    "body25": {
+        1: "neck",
+        2: "right_shoulder",
+        7: "left_wrist",
+        8: "mid_hip",
+        10: "right_knee",
+        22: "right_big_toe",
+    },
+    "mediapipe33": {
+        11: "left_shoulder",
+        16: "right_wrist",
+        20: "right_index",
+        27: "left_ankle",
+        32: "right_foot_index",
+    },
+    "azure_kinect32": {
+        0: "pelvis",
+        9: "left_handtip",
+        12: "right_shoulder",
+        18: "left_hip",
+        25: "right_foot",
+        26: "head",
+    },
     "smpl24": {1: "left_hip", 11: "right_foot", 12: "neck", 15: "head", 18: "left_elbow", 23: "right_hand"},
     "recording12": {0: "hip", 5: "left_upper_arm", 11: "right_hand"},
 }
