@@ -11,7 +11,7 @@ import numpy as np
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.danger.moving_skeleton import JointMotions
 from safe_ompl.maths.kernels.driving import ceilings, drive
-from safe_ompl.maths.kernels.hull_gaps import gaps
+from safe_ompl.maths.kernels.hull_gaps import cell_gaps, gaps
 from safe_ompl.people.reach import ReachSets
 from safe_ompl.robot.bodies.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
@@ -23,7 +23,12 @@ from safe_ompl.trajectories.trajectory import Trajectory
 
 STEP = 0.02  # [rad] largest cell
 _BENDING = 0.5  # share of the accelerations that arcs may take; the rest is for speeding up and braking
-_LIVE = ("joint velocity", "separation", "separation or contact", "bends beside people")
+_SLOWEST = 0.1  # [m/s] of people, in estimates
+_BARRED = 0.02  # share of the full speed: ways that are slower than this are barred
+_AHEAD = 1.0  # [s] that estimates look ahead at most
+_SAME = 1e-9  # [rad]
+# Caps of trajectories that the replanner has itself, from moment to moment.
+LIVE_CAPS = ("joint velocity", "separation", "separation or contact", "bends beside people")
 
 
 class RobotBodies:
@@ -173,15 +178,17 @@ class GuardedPath:
             np.searchsorted(trajectory.law.edges, path.edges[1:], side="left"), begin + 1, len(middles)
         )
         for cap in trajectory.caps:
-            if cap.name not in _LIVE:
+            if cap.name not in LIVE_CAPS:
                 least = [cap.speeds[a:b].min() for a, b in zip(begin, end, strict=True)]
                 squares = np.minimum(squares, np.square(least))
         return replace(path, squares=squares)
 
     @classmethod
-    def along(cls, bodies: RobotBodies, curve: BlendedCurve, limits: RateLimits) -> GuardedPath:
-        """Return the path along a curve."""
-        cells = curve.cells(STEP)
+    def along(
+        cls, bodies: RobotBodies, curve: BlendedCurve, limits: RateLimits, step: float = STEP
+    ) -> GuardedPath:
+        """Return the path along a curve, in cells no longer than a step [rad]."""
+        cells = curve.cells(step)
         with np.errstate(divide="ignore"):
             bending = np.sqrt((_BENDING * limits.acceleration / cells.bends).min(axis=1))
         speeds = np.minimum(velocity_cap(cells, limits), bending)
@@ -236,6 +243,73 @@ class GuardedPath:
         times = since + motion.times
         return self.least(motion.cells, times[:-1], times[1:], sets, clearance, 0.0, stop=True)
 
+    def pace(self, sets: ReachSets, clearance: float, reaction: float) -> tuple[FloatArray, float]:
+        """Return how long (N,) each cell takes beside people as they stand now, and for how long that holds [s].
+
+        In a cell where people need τ to come the robot is no faster than what stops within τ − reaction; where that is
+        next to nothing it takes for ever. It holds until somebody can be so near that a cell takes longer: 0 where that
+        is so already. An estimate, to compare ways: what is driven is proven by `left`.
+        """
+        full = np.sqrt(self.squares)
+        speeds, left = full, _AHEAD
+        if len(sets):
+            fastest = max(float(sets.growth[:, 1].max()), _SLOWEST)
+            needed = reaction + full / self.brakes
+            margins = cell_gaps(
+                np.arange(len(self.brakes)),
+                *self.frames,
+                self.travel,
+                *self.bodies.arrays,
+                *sets.arrays,
+                clearance,
+                fastest * (float(needed.max()) + _AHEAD),
+            )
+            left = max(0.0, float((margins / fastest - needed).min()))
+            speeds = np.minimum(full, self.brakes * (margins / fastest - reaction))
+        barred = speeds < _BARRED * full
+        return np.where(barred, np.inf, np.diff(self.edges) / np.where(barred, 1.0, speeds)), left
+
+    def from_to(self, first: float, last: float) -> GuardedPath:
+        """Return the path between two arc lengths; it begins at the start of the piece that holds the first one."""
+        piece = int(self.curve.piece_at(np.array([first]))[0])
+        begin = float(self.curve.starts[piece])
+        a = int(np.searchsorted(self.edges, begin - _SAME))
+        b = max(int(np.searchsorted(self.edges, last - _SAME)), a + 1)
+        edges = np.append(self.edges[a:b], last) - begin
+        end = int(self.curve.piece_at(np.array([0.5 * (self.edges[b - 1] + last)]))[0])
+        pieces = list(self.curve.pieces[piece : end + 1])
+        pieces[-1] = pieces[-1]._replace(length=last - float(self.curve.starts[end]))
+        stops = [k - piece for k in self.curve.stops if piece < k <= end]
+        rotations, origins = self.frames
+        return replace(
+            self,
+            curve=BlendedCurve(pieces, stops),
+            edges=edges,
+            squares=self.squares[a:b],
+            brakes=self.brakes[a:b],
+            stops=self.stops[(self.stops > a) & (self.stops < b)] - a,
+            frames=(rotations[a:b], origins[a:b]),
+            travel=self.travel[a:b],
+        )
+
+    def then(self, other: GuardedPath) -> GuardedPath:
+        """Return this path and, after a stop at its end, another one that begins there."""
+        count, pieces = len(self.brakes), len(self.curve.pieces)
+        stops = [*self.curve.stops, pieces, *(pieces + k for k in other.curve.stops)]
+        return replace(
+            self,
+            curve=BlendedCurve([*self.curve.pieces, *other.curve.pieces], stops),
+            edges=np.concatenate([self.edges, self.length + other.edges[1:]]),
+            squares=np.concatenate([self.squares, other.squares]),
+            brakes=np.concatenate([self.brakes, other.brakes]),
+            stops=np.concatenate([self.stops, [count], count + other.stops]).astype(np.intp),
+            frames=(
+                np.concatenate([self.frames[0], other.frames[0]]),
+                np.concatenate([self.frames[1], other.frames[1]]),
+            ),
+            travel=np.concatenate([self.travel, other.travel]),
+        )
+
     def least(
         self,
         cells: IntArray,
@@ -255,14 +329,10 @@ class GuardedPath:
             *self.frames,
             self.travel,
             *self.bodies.arrays,
-            sets.owners,
-            sets.points,
-            sets.velocities,
-            sets.first,
-            sets.radii,
-            sets.growth,
+            *sets.arrays,
             clearance,
             enough,
+            bool(np.isinf(enough)),
             stop,
         )
         if body < 0:

@@ -13,9 +13,11 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError
-from safe_ompl.inputs import number, positive
+from safe_ompl.inputs import number, positive, whole_number
 from safe_ompl.live.command import Command, Doing
-from safe_ompl.live.guarded_path import Drive, GuardedPath, Left, RobotBodies
+from safe_ompl.live.detours import Detours
+from safe_ompl.live.guarded_path import LIVE_CAPS, GuardedPath, Left, RobotBodies
+from safe_ompl.live.roadmap import Around
 from safe_ompl.live.surroundings import Surroundings
 from safe_ompl.people.reach import ReachModel
 from safe_ompl.people.tracking import Tracker, Violation
@@ -29,7 +31,15 @@ from safe_ompl.trajectories.trajectory import Trajectory
 _log = logging.getLogger(__name__)
 
 TICK = 0.05  # [s]
-_HALVINGS = 3  # of how hard to push; the 8 steps that are left between braking and speeding up are enough
+_PUSHES = (
+    -0.75,
+    -0.5,
+    -0.25,
+    0.0,
+    0.25,
+    0.5,
+    0.75,
+)  # shares of what brakes allow that are tried between −1 and 1
 _SAME = 1e-6  # [rad] configurations nearer than this are one
 
 
@@ -60,6 +70,10 @@ class Replanner:
         Time between two commands [s].
     lost_after : float
         Whoever is not seen for so long is lost: the robot stops [s].
+    detours : bool
+        Whether to look for other ways, in `think`.
+    seed : int
+        Of the roadmap on which they are looked for.
 
     Raises
     ------
@@ -80,6 +94,8 @@ class Replanner:
         reach: ReachModel | None = None,
         tick: float = TICK,
         lost_after: float = 0.5,
+        detours: bool = True,
+        seed: int = 0,
     ) -> None:
         self.robot = robot
         self.people = People() if people is None else people
@@ -91,6 +107,11 @@ class Replanner:
         self._bodies = RobotBodies(robot)
         self._path: GuardedPath | None = None
         self._command: Command | None = None
+        self._left = Left(np.inf)  # of the motion that was tried last
+        self._detours_wanted, self._seed = detours, whole_number("seed", seed, at_least=0)
+        self._detours: Detours | None = None
+        self._may_turn = False
+        self._other: tuple[GuardedPath, float] | None = None  # a way, and where on the path it begins
 
     def __repr__(self) -> str:
         return f"Replanner({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
@@ -123,7 +144,20 @@ class Replanner:
                     f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands"
                 )
         _prove(trajectory.curve, self.motion)
-        self._path, self._command = path, None
+        self._path, self._command, self._other = path, None, None
+        self._cover(trajectory)
+
+    def _cover(self, trajectory: Trajectory) -> None:
+        """Have milestones about a trajectory, if other ways may be taken."""
+        foreign = [cap.name for cap in trajectory.caps if cap.name not in LIVE_CAPS]
+        self._may_turn = self._detours_wanted and not foreign
+        if not self._may_turn:
+            if foreign:
+                _log.info("no other ways are looked for: nothing proves the cap %r on them", foreign[0])
+            return
+        if self._detours is None:
+            self._detours = Detours(self.motion, self._bodies, trajectory.limits, self._seed)
+        self._detours.roadmap.cover(trajectory.curve)
 
     def update(
         self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
@@ -159,75 +193,93 @@ class Replanner:
         InputError
             If nothing was started, or the time is before the last command or the last measurement.
         """
-        path = self._path
+        path, last = self._path, self._command
         if path is None:
             raise InputError("start a trajectory first")
-        if not time >= self.surroundings.time or not (self._command is None or time >= self._command.time):
+        if not time >= self.surroundings.time or not (last is None or time >= last.time):
             raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
-        found = self._next(path, time)
+        s, speed, _ = (0.0, 0.0, 0.0) if last is None else last.motion.at(time - last.time)
+        found = None
+        if self._other is not None:
+            way, begin = self._other
+            found = self._next(way, max(s - begin, 0.0), speed, time)
+            self._other = None
+        if found is None:
+            found = self._next(path, s, speed, time)
+        if found is None:
+            found = self._kept(path, s, speed, time)
         self._say(time, found)
-        self._command = found
+        self._path, self._command = found.path, found
         return found
+
+    def think(self, units: int = 60) -> bool:
+        """Look for another way, if the one ahead is barred or slow; return whether there is one for the next command.
+
+        To be called after `command`, in the time that is left until the next one. It is taken over where that is
+        proven.
+
+        Parameters
+        ----------
+        units : int
+            How much may be done: a look at an edge is 1, a proof of one 8. What was learnt is kept.
+        """
+        command = self._command
+        if command is None or self._detours is None or not self._may_turn or not self.surroundings.known:
+            return False
+        if command.doing is Doing.DONE:
+            return False
+        reaction = self.tick + max(0.0, command.time - self.surroundings.time)
+        around = Around(self.surroundings.sets, self.people.clearance, reaction)
+        self._other = self._detours.other_way(
+            command, max(command.time, self.surroundings.time), around, units
+        )
+        return self._other is not None
 
     # ----------------------------------------------------------------------------------------------------- proofs
 
-    def _next(self, path: GuardedPath, time: float) -> Command:
-        last = self._command
-        s, speed, _ = (0.0, 0.0, 0.0) if last is None else last.motion.at(time - last.time)
+    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the fastest motion from (s, ṡ) that is proven with its stop; None if not even a stop is."""
         measured = self.surroundings.time
         if speed == 0 and s >= path.length - _SAME:
-            return Command(
-                time, measured, path, path.drive(path.length, 0.0, 0.0, self.tick), Doing.DONE, Left(np.inf)
-            )
-        trouble = self.surroundings.trouble(time, self.lost_after)
-        push, motion, left = self._fastest(path, s, speed, time, trouble is not None)
-        if motion is None:
-            if last is None or speed == 0:
-                rest = path.drive(s, 0.0, -1.0, self.tick)
-                return Command(time, measured, path, rest, Doing.STANDING, left, trouble or _told(left))
-            reason = trouble or _told(left)
-            return Command(last.time, last.measured, path, last.motion, Doing.BRAKING, left, reason)
-        doing = Doing.MOVING if push == 1 else Doing.SLOWED
-        if push == -1:
-            doing = Doing.BRAKING if speed > 0 else Doing.STANDING
-        return Command(
-            time, measured, path, motion, doing, left, trouble or ("" if push == 1 else _told(self._forbids))
-        )
-
-    def _fastest(
-        self, path: GuardedPath, s: float, speed: float, time: float, must_stop: bool
-    ) -> tuple[float, Drive | None, Left]:
-        """Return the fastest proven motion from (s, ṡ), how hard it pushes, and what is left along it."""
-        tried: dict[float, tuple[Drive, Left]] = {}
-
-        def proven(push: float) -> bool:
-            motion = path.drive(s, speed * speed, push, self.tick)
-            tried[push] = motion, path.left(motion, sets, since, self.people.clearance)
-            return tried[push][1].margin >= 0
-
+            rest = path.drive(path.length, 0.0, -1.0, self.tick)
+            return Command(time, measured, path, rest, Doing.DONE, Left(np.inf))
         if not self.surroundings.known:
-            return -1.0, None, Left(np.inf)
-        sets, since = self.surroundings.sets, time - self.surroundings.time
-        if not must_stop and proven(1.0):
-            return 1.0, *tried[1.0]
-        self._forbids = tried[1.0][1] if 1.0 in tried else Left(np.inf)
-        if speed == 0 and must_stop:
-            return -1.0, None, self._forbids
-        good, bad = -1.0, 1.0
-        if speed == 0:
-            good = 0.0
-        elif not proven(good):
-            return good, None, tried[good][1]
-        if not must_stop:
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (good + bad)
-                if proven(middle):
-                    good = middle
-                else:
-                    bad = middle
-        if good == 0 and speed == 0:
-            return good, None, self._forbids
-        return good, *tried[good]
+            return None
+        trouble = self.surroundings.trouble(time, self.lost_after)
+
+        def command(push: float, doing: Doing, reason: str) -> Command | None:
+            motion = path.drive(s, speed * speed, push, self.tick)
+            since = time - measured
+            left = path.left(motion, self.surroundings.sets, since, self.people.clearance)
+            self._left = left
+            return Command(time, measured, path, motion, doing, left, reason) if left.margin >= 0 else None
+
+        if trouble is None:
+            fastest = command(1.0, Doing.MOVING, "")
+            if fastest is not None:
+                return fastest
+            trouble = told(self._left)
+            pushes = [-1.0, *_PUSHES]
+        else:
+            pushes = [-1.0]
+        found = None
+        for push in pushes:
+            if push <= 0 and speed == 0:
+                continue
+            slower = command(push, Doing.SLOWED if push > -1 else Doing.BRAKING, trouble)
+            if slower is None:
+                break
+            found = slower
+        return found
+
+    def _kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
+        """Return what is left of the stop that was proven before, or rest."""
+        last = self._command
+        reason = self.surroundings.trouble(time, self.lost_after) or told(self._left)
+        if last is None or speed == 0:
+            rest = path.drive(s, 0.0, -1.0, self.tick)
+            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, self._left, reason)
+        return Command(last.time, last.measured, path, last.motion, Doing.BRAKING, self._left, reason)
 
     # ------------------------------------------------------------------------------------------------------- log
 
@@ -240,7 +292,7 @@ class Replanner:
         _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
 
 
-def _told(left: Left) -> str:
+def told(left: Left) -> str:
     """Return who may come to what, and how much is missing."""
     if left.link is None or left.who is None:
         return "not everybody was seen yet"

@@ -205,7 +205,7 @@ class Simulation:
         replanner.start(self.trajectories[0])
         command: Command | None = None
         obeyed_time = moving_time = 0.0
-        ways, before = 0, Doing.DONE
+        ways, started, before = 0, 0, Doing.DONE
         for k in range(round(number("seconds", seconds, above=0.0) / tick)):
             now = k * tick
             late = self._rng.random() < self.faults.late
@@ -218,9 +218,11 @@ class Simulation:
                     summary.tasks += 1
                     job = (job + 1) % len(self.trajectories)
                     replanner.start(self.trajectories[job])
+                    started += 1
                     begin = perf_counter()
                 new = replanner.command(now + self.latency)
                 reaction += perf_counter() - begin
+                replanner.think()
                 self._reactions.append(reaction)
             else:
                 summary.deadlines_missed += 1
@@ -229,6 +231,7 @@ class Simulation:
             old, command = command, new
             if command.path is not getattr(old, "path", None):
                 ways += 1
+                summary.detours = ways - 1 - started
             if command.doing in (Doing.STANDING, Doing.BRAKING) and before in (Doing.MOVING, Doing.SLOWED):
                 summary.stops += 1
             before = command.doing

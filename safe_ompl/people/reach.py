@@ -57,6 +57,11 @@ class ReachSets:
     def __len__(self) -> int:
         return len(self.owners)
 
+    @property
+    def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
+        """All arrays, as `maths.kernels.hull_gaps.gaps` takes them."""
+        return self.owners, self.points, self.velocities, self.first, self.radii, self.growth
+
     @classmethod
     def none(cls) -> ReachSets:
         """Return the sets of nobody."""

@@ -101,6 +101,7 @@ def gaps(
     growth: FloatArray,
     left: float,
     enough: float,
+    exact: bool,
     stop_at_first: bool,
 ) -> tuple[float, int, int, int]:
     """Return the least that is left between a robot and what moves, over the windows of a motion, and where that is.
@@ -122,7 +123,9 @@ def gaps(
     left : float
         Distance that must be left [m].
     enough : float
-        Differences above this need not be known [m]; inf: the least one is found as well as can be.
+        Margins above this need not be known [m].
+    exact : bool
+        Whether the least one is found as well as can be; or only, whether it is negative.
     stop_at_first : bool
         Whether to return the first negative one.
 
@@ -185,7 +188,7 @@ def gaps(
                                     + R[1, x] * (balls[s, 1] - o[1])
                                     + R[2, x] * (balls[s, 2] - o[2])
                                 )
-                            wanted = inf if enough == inf else max(need, 0.0)
+                            wanted = inf if exact else max(need, 0.0)
                             hull = vertices[first_vertex[g] : first_vertex[g + 1]]
                             apart = max(apart, hull_gap(hull, local[a:b], delta, wanted, _CLOSE) - need)
                         kept = max(kept, apart)
@@ -195,3 +198,39 @@ def gaps(
                     if stop_at_first and worst < 0.0:
                         return worst, window, body, who
     return worst, window, body, who
+
+
+@njit(cache=True)
+def cell_gaps(
+    at: IntArray,
+    rotations: FloatArray,
+    origins: FloatArray,
+    travel: FloatArray,
+    carriers: IntArray,
+    vertices: FloatArray,
+    first_vertex: IntArray,
+    pads: FloatArray,
+    middles: FloatArray,
+    extents: FloatArray,
+    owners: IntArray,
+    points: FloatArray,
+    velocities: FloatArray,
+    first_point: IntArray,
+    radii: FloatArray,
+    growth: FloatArray,
+    left: float,
+    far: float,
+) -> FloatArray:
+    """Return for each of the cells (W,) the least that is left at the instant of the measurement [m]; as `gaps`.
+
+    More than `far` need not be known [m].
+    """
+    found = np.empty(len(at))
+    now = np.zeros(1)
+    for w in range(len(at)):
+        margin = gaps(
+            at[w : w + 1], now, now, rotations, origins, travel, carriers, vertices, first_vertex, pads, middles,
+            extents, owners, points, velocities, first_point, radii, growth, left + far, 0.0, True, False,
+        )[0]  # fmt: skip
+        found[w] = min(margin, 0.0) + far
+    return found
