@@ -45,6 +45,10 @@ class Detours:
         self, motion: CertifiedMotion, bodies: RobotBodies, limits: RateLimits, seed: int = 0
     ) -> None:
         self._motion, self._bodies, self._limits = motion, bodies, limits
+        self._undisturbed: tuple[GuardedPath | None, float] = (
+            None,
+            0.0,
+        )  # a path that needs no look until then [s]
         self.roadmap = Roadmap(motion, bodies, limits, seed=seed)
 
     def other_way(
@@ -70,9 +74,16 @@ class Detours:
         rest = float(command.motion.places[-1])
         if path.length - rest < _SMALL:
             return None
-        stay = self._remaining(path, rest, people)
-        ahead = path.edges[1:] > rest
-        alone = float((np.diff(path.edges) / np.sqrt(path.squares))[ahead].sum())
+        if self._undisturbed[0] is path and now < self._undisturbed[1]:
+            return None
+        rough = path.coarse
+        times, left = rough.pace(people.sets, people.clearance, people.reaction)
+        self._undisturbed = path, now + left
+        ahead = rough.edges[1:] > rest
+        stay, alone = (
+            float(times[ahead].sum()),
+            float((np.diff(rough.edges) / np.sqrt(rough.squares))[ahead].sum()),
+        )
         if stay < _SLOW * alone + _WORTH:
             return None
         start, goal = path.curve.at(np.array([rest, path.length])).q
@@ -99,8 +110,8 @@ class Detours:
         return path.from_to(first, rest).then(way), begin
 
     def _remaining(self, path: GuardedPath, first: float, people: Around) -> float:
-        times, _ = path.pace(people.sets, people.clearance, people.reaction)
-        return float(times[path.edges[1:] > first].sum())
+        times, _ = path.coarse.pace(people.sets, people.clearance, people.reaction)
+        return float(times[path.coarse.edges[1:] > first].sum())
 
     def _shortened(self, points: list[FloatArray], people: Around, budget: Budget) -> list[FloatArray]:
         """Return the way without way points that a straight motion can leave out, free and no slower."""
@@ -123,12 +134,9 @@ class Detours:
         robot, total = self._motion.checker.robot, 0.0
         for a, b in pairwise(points):
             curve = blended(np.array([a, b]), robot, 0.0, None)
-            total += self._remaining(
-                GuardedPath.along(self._bodies, curve, self._limits, _COARSE), 0.0, people
-            )
+            total += self._remaining(GuardedPath.along(self._bodies, curve, self._limits), 0.0, people)
         return total
 
 
 _SMALL = 1e-6  # [rad]
 _LONGEST = 30.0  # [s] ways that take longer are not looked for
-_COARSE = 0.1  # [rad] cells of estimates

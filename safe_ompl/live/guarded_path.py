@@ -26,6 +26,9 @@ _BENDING = 0.5  # share of the accelerations that arcs may take; the rest is for
 _SLOWEST = 0.1  # [m/s] of people, in estimates
 _BARRED = 0.02  # share of the full speed: ways that are slower than this are barred
 _AHEAD = 1.0  # [s] that estimates look ahead at most
+_COARSE = 0.1  # [rad] cells of estimates
+_ROUGH = 5e-3  # [m] of distances in estimates
+_CLOSE = 1e-4  # [m] of distances that are told
 _SAME = 1e-9  # [rad]
 # Caps of trajectories that the replanner has itself, from moment to moment.
 LIVE_CAPS = ("joint velocity", "separation", "separation or contact", "bends beside people")
@@ -222,6 +225,11 @@ class GuardedPath:
         found: FloatArray = ceilings(np.diff(self.edges), self.squares, self.brakes, self.stops)
         return found
 
+    @cached_property
+    def coarse(self) -> GuardedPath:
+        """The same path in large cells, for estimates."""
+        return GuardedPath.along(self.bodies, self.curve, self.limits, _COARSE)
+
     def drive(self, s: float, square: float, push: float, tick: float) -> Drive:
         """Return the motion of a tick [s] from (s, ṡ²) that accelerates by a share of what brakes allow."""
         return Drive(*drive(self.edges, self.squares, self.brakes, self.ceiling, s, square, push, tick))
@@ -263,6 +271,7 @@ class GuardedPath:
                 *sets.arrays,
                 clearance,
                 fastest * (float(needed.max()) + _AHEAD),
+                _ROUGH,
             )
             left = max(0.0, float((margins / fastest - needed).min()))
             speeds = np.minimum(full, self.brakes * (margins / fastest - reaction))
@@ -332,7 +341,7 @@ class GuardedPath:
             *sets.arrays,
             clearance,
             enough,
-            bool(np.isinf(enough)),
+            0.0 if np.isfinite(enough) else _CLOSE,
             stop,
         )
         if body < 0:

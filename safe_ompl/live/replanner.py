@@ -111,6 +111,7 @@ class Replanner:
         self._detours_wanted, self._seed = detours, whole_number("seed", seed, at_least=0)
         self._detours: Detours | None = None
         self._may_turn = False
+        self._violated = False
         self._other: tuple[GuardedPath, float] | None = None  # a way, and where on the path it begins
 
     def __repr__(self) -> str:
@@ -181,8 +182,9 @@ class Replanner:
             If a name is not known.
         """
         violations = self.surroundings.update(people, objects, time)
-        for violation in violations:
-            _log.warning("%.3f s: %s: stop", time, violation)
+        if violations and not self._violated:
+            _log.warning("%.3f s: %s: stop", time, violations[0])
+        self._violated = bool(violations)
         return violations
 
     def command(self, time: float) -> Command:

@@ -92,6 +92,7 @@ class Roadmap:
         self._free: dict[tuple[int, int], bool] = {}
         self._paths: OrderedDict[tuple[int, int], GuardedPath] = OrderedDict()
         self._looks: dict[tuple[int, int], Look] = {}
+        self._full: dict[tuple[int, int], float] = {}  # times alone [s]
         self._start = self._goal = -1
 
     def __repr__(self) -> str:
@@ -226,7 +227,7 @@ class Roadmap:
             for other in self._near[k]:
                 self._near[other].remove(k)
             self._near[k] = []
-            for store in (self._free, self._looks, self._paths):
+            for store in (self._free, self._looks, self._full, self._paths):
                 for key in [key for key in store if k in key]:
                     del store[key]
         for other in np.argsort(self._full_times(q), kind="stable")[1 : 2 * _NEIGHBOURS + 1].tolist():
@@ -237,11 +238,10 @@ class Roadmap:
         key = (min(a, b), max(a, b))
         if not self._free.get(key, True):
             return float("inf")
-        full = float(
-            (
-                np.abs(self._robot.difference(self.milestones[a], self.milestones[b])) / self.limits.velocity
-            ).max()
-        )
+        full = self._full.get(key)
+        if full is None:
+            move = self._robot.difference(self.milestones[a], self.milestones[b])
+            full = self._full[key] = float((np.abs(move) / self.limits.velocity).max())
         known = self._looks.get(key)
         return full if known is None or now > known.until else max(full, known.time)
 

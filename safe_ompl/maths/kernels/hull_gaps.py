@@ -20,7 +20,9 @@ _CLOSE = 1e-5  # [m] nearer bounds than this are not looked for
 
 
 @njit(cache=True)
-def hull_gap(first: FloatArray, second: FloatArray, start: FloatArray, wanted: float, close: float) -> float:
+def hull_gap(
+    first: FloatArray, second: FloatArray, start: FloatArray, wanted: float, close: float, decide: bool
+) -> float:
     """Return a lower bound of the distance between the hulls of two sets of points, at least 0.
 
     Parameters
@@ -30,16 +32,18 @@ def hull_gap(first: FloatArray, second: FloatArray, start: FloatArray, wanted: f
     start : (3,)
         A point of first − second to begin from.
     wanted : float
-        Enough is known once the distance is proven larger than this, or found to be less [m]; inf: as good as can be.
+        Enough is known once the distance is proven to be as large as this [m].
     close : float
         How near the bounds must come otherwise [m].
+    decide : bool
+        Whether enough is known, too, once the distance is found to be less than `wanted`.
     """
     z0, z1, z2 = start[0], start[1], start[2]
     best = 0.0
     for _ in range(_STEPS):
         squared = z0 * z0 + z1 * z1 + z2 * z2
         length = sqrt(squared)
-        if length <= close or (length < wanted and wanted < inf) or length - best <= close:
+        if length <= close or (decide and length < wanted) or length - best <= close:
             return best
         least, i = inf, 0
         for k in range(len(first)):
@@ -101,7 +105,7 @@ def gaps(
     growth: FloatArray,
     left: float,
     enough: float,
-    exact: bool,
+    close: float,
     stop_at_first: bool,
 ) -> tuple[float, int, int, int]:
     """Return the least that is left between a robot and what moves, over the windows of a motion, and where that is.
@@ -124,8 +128,8 @@ def gaps(
         Distance that must be left [m].
     enough : float
         Margins above this need not be known [m].
-    exact : bool
-        Whether the least one is found as well as can be; or only, whether it is negative.
+    close : float
+        How near to it the least margin is found [m]; 0: only whether it is negative.
     stop_at_first : bool
         Whether to return the first negative one.
 
@@ -188,9 +192,13 @@ def gaps(
                                     + R[1, x] * (balls[s, 1] - o[1])
                                     + R[2, x] * (balls[s, 2] - o[2])
                                 )
-                            wanted = inf if exact else max(need, 0.0)
+                            decide = close == 0.0
+                            wanted = max(need, 0.0) if decide else min(worst, enough) + need
                             hull = vertices[first_vertex[g] : first_vertex[g + 1]]
-                            apart = max(apart, hull_gap(hull, local[a:b], delta, wanted, _CLOSE) - need)
+                            apart = max(
+                                apart,
+                                hull_gap(hull, local[a:b], delta, wanted, max(close, _CLOSE), decide) - need,
+                            )
                         kept = max(kept, apart)
                     s += 1
                 if kept < worst:
@@ -220,17 +228,18 @@ def cell_gaps(
     growth: FloatArray,
     left: float,
     far: float,
+    close: float,
 ) -> FloatArray:
     """Return for each of the cells (W,) the least that is left at the instant of the measurement [m]; as `gaps`.
 
-    More than `far` need not be known [m].
+    More than `far` need not be known, and what is less but within `close` [m].
     """
     found = np.empty(len(at))
     now = np.zeros(1)
     for w in range(len(at)):
         margin = gaps(
             at[w : w + 1], now, now, rotations, origins, travel, carriers, vertices, first_vertex, pads, middles,
-            extents, owners, points, velocities, first_point, radii, growth, left + far, 0.0, True, False,
+            extents, owners, points, velocities, first_point, radii, growth, left + far, 0.0, close, False,
         )[0]  # fmt: skip
         found[w] = min(margin, 0.0) + far
     return found
