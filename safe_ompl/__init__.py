@@ -13,6 +13,7 @@ from safe_ompl.errors import (
     InputError,
     PlanningError,
     SafeOmplError,
+    StaleSceneError,
     UnknownNameError,
 )
 from safe_ompl.exchange.files import load, save
@@ -92,6 +93,7 @@ __all__ = [
     "Scenario",
     "Scene",
     "Sphere",
+    "StaleSceneError",
     "StandstillError",
     "TipBounds",
     "ToolOrientation",

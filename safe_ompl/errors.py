@@ -53,6 +53,10 @@ class CollisionError(InputError):
     """A start or goal configuration touches something, is nearer or more dangerous than allowed; says to what."""
 
 
+class StaleSceneError(SafeOmplError):
+    """Something that was made while obstacles were elsewhere, and cannot follow them; says what to make anew."""
+
+
 class PlanningError(SafeOmplError):
     """A planner broke a promise, for example returned a path that the validator refuses."""
 

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, log2
 
-import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.collision.approaches import Approaches
 from safe_ompl.collision.arguments import configuration, margins_of
 from safe_ompl.collision.pairs import PairSet
+from safe_ompl.collision.placed_bodies import PlacedBodies, PlacedPart
 from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR
-from safe_ompl.collision.queries import Queries, indices, prove_manager
-from safe_ompl.collision.queries import fresh_data as fresh_data
+from safe_ompl.collision.queries import Distances, Queries
 from safe_ompl.counts import Counts
-from safe_ompl.robot.bodies.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
@@ -45,11 +45,14 @@ class Clearance:
 
 
 class CollisionChecker:
-    """Answers whether, how nearly, and with what a robot touches a scene or itself. It never changes.
+    """Answers whether, how nearly, and with what a robot touches a scene or itself.
 
     Checked are the robot's own pairs (`robot.collision_model`) and every moving body against every obstacle; the
     fixed base may stand on obstacles. A pair whose body provably never reaches the obstacle, within the limits of the
     joints that slide, is left out of the collision queries. One checker serves one thread.
+
+    Only `move` changes it: obstacles that are `movable` are elsewhere then, and every answer is that of a checker made
+    anew for the new scene. What was derived from it follows (`PairSet`, `CertifiedMotion`, `Proximity`).
 
     Parameters
     ----------
@@ -59,45 +62,44 @@ class CollisionChecker:
         The obstacles.
     counts : Counts, optional
         Counters to share with other models.
+    movable : sequence of str
+        Names of the obstacles that may move. All their pairs are kept, wherever they are.
 
     Attributes
     ----------
+    revision : int
+        How often obstacles have moved. What was computed at another revision is of another scene.
     pairs : PairSet
         The P pairs that may touch.
     links : tuple of str
         The link of each of the robot's bodies.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no obstacle of a name in `movable`.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, counts: Counts | None = None) -> None:
+    def __init__(
+        self, robot: Robot, scene: Scene, counts: Counts | None = None, *, movable: Sequence[str] = ()
+    ) -> None:
         self.robot = robot
         self.scene = scene
         self.counts = Counts() if counts is None else counts
         bodies = robot.shared.collision_model
-        geometry, self._names = _with_obstacles(bodies, scene)
-        obstacles = range(len(bodies.geometryObjects), len(geometry.geometryObjects))
-        moving = {
-            k: _reach(robot, body) for k, body in enumerate(bodies.geometryObjects) if body.parentJoint != 0
-        }
+        self._placed = PlacedBodies(bodies, scene, movable)
+        self._names, parts = self._placed.names, self._placed.parts
         self.links = tuple(self._names[: len(bodies.geometryObjects)])
+        self.revision = 0
+        self._obstacle_radii = np.full((len(self._names), robot.joint_radii.shape[1]), np.inf)
+        self._measure_from_axes(parts)
 
-        self._apart = geometry.copy()
-        self._apart.removeAllCollisionPairs()
-        self._never_nearer: list[float] = []  # [m] than this do the bodies of each of these pairs come
-        for obstacle in obstacles:
-            for body, reach in moving.items():
-                self._apart.addCollisionPair(pin.CollisionPair(body, obstacle))
-                self._never_nearer.append(_least_distance(reach, geometry.geometryObjects[obstacle]))
-        self._apart_pairs = indices(self._apart)
-        self._distances = fresh_data(self._apart)
-        self._distance_data = robot.shared.model.createData()
-        self._touching = geometry.copy()  # with the pairs that may touch
-        for (body, obstacle), least in zip(self._apart_pairs, self._never_nearer, strict=True):
-            if least < DISTANCE_ERROR:
-                self._touching.addCollisionPair(pin.CollisionPair(body, obstacle))
-        self._pair_distances = fresh_data(self._touching)
-        self._pair_results = list(self._pair_distances.distanceResults)
-        self._contact = Queries(robot.shared.model, self._touching, len(obstacles))
-        prove_manager(robot, self._contact, 0.0)
+        reaches = robot.body_reaches
+        self._apart_pairs = [(body, part.index) for part in parts for body in reaches]
+        moves = np.array([self._names[part.index] in self.movable for part in parts], dtype=bool)
+        self._approaches = Approaches(list(reaches.values()), parts, moves)
+        self._touching = self._placed.with_pairs(self._nearer_than(DISTANCE_ERROR))
+        self._contact = Queries(robot, self._touching, len(parts), margin=0.0)
         self._pair_sets: dict[int, PairSet] = {}
         self.pairs = self.pairs_within(0.0)
 
@@ -129,28 +131,59 @@ class CollisionChecker:
         a few sets are ever made. Each is made once.
         """
         level = 0.0 if reach <= 0 else _REACH * 2.0 ** max(0, ceil(log2(reach / _REACH)))
-        beyond = [
-            pair
-            for pair, least in zip(self._apart_pairs, self._never_nearer, strict=True)
-            if DISTANCE_ERROR <= least < level + DISTANCE_ERROR
-        ]
+        touching = self._nearer_than(DISTANCE_ERROR)
+        beyond = [pair for pair in self._nearer_than(level + DISTANCE_ERROR) if pair not in touching]
         if len(beyond) not in self._pair_sets:
-            geometry = self._touching.copy()
-            for body, obstacle in beyond:
-                geometry.addCollisionPair(pin.CollisionPair(body, obstacle))
+            geometry = self._placed.with_pairs(beyond, self._touching) if beyond else self._touching
             self._pair_sets[len(beyond)] = PairSet(
                 self.robot, geometry, self._names, self._obstacle_radii, self.counts
             )
         return self._pair_sets[len(beyond)]
 
-    @cached_property
-    def _obstacle_radii(self) -> FloatArray:
-        """How far each obstacle is from the joints' axes at most; infinite for the robot's own bodies (G, m)."""
-        distances = np.full((len(self._touching.geometryObjects), self.robot.joint_radii.shape[1]), np.inf)
-        for k, part in list(enumerate(self._touching.geometryObjects))[len(self.links) :]:
-            hull = bounding_hull(part.geometry).moved(part.placement)
-            distances[k] = self.robot.shared.chain.axis_distances(hull)
-        return distances
+    def _nearer_than(self, distance: float) -> dict[tuple[int, int], None]:
+        """Return the pairs of a moving body and an obstacle that can come nearer than a distance [m], in order."""
+        nearer = self._approaches.nearer_than(distance).ravel().tolist()
+        return dict.fromkeys(pair for pair, near in zip(self._apart_pairs, nearer, strict=True) if near)
+
+    # -------------------------------------------------------------------------------------------------- movement
+
+    @property
+    def movable(self) -> frozenset[str]:
+        """Names of the obstacles that may move."""
+        return self._placed.movable
+
+    def move(self, scene: Scene) -> None:
+        """Take the places of another scene, in which nothing but the places of movable obstacles differs.
+
+        Verdicts, distances and proofs are those of a checker made anew for that scene, from here on.
+
+        Parameters
+        ----------
+        scene : Scene
+            Such as `Scene.moved` makes.
+
+        Raises
+        ------
+        InputError
+            If anything else differs, or a movable obstacle would have other parts than before, such as a small cloud
+            with another number of points. Then nothing moves.
+        """
+        moved, replaced = self._placed.move(scene)
+        self.scene = scene
+        if not moved:
+            return
+        self.revision += 1
+        self._measure_from_axes(moved)
+        if replaced:
+            self._contact.take_new_shapes()
+        for pairs in self._pair_sets.values():
+            pairs.follow(self._obstacle_radii, new_shapes=replaced)
+
+    def _measure_from_axes(self, parts: Sequence[PlacedPart]) -> None:
+        """Note how far parts of obstacles are from the joints' axes at most; the robot's own are infinitely far."""
+        hulls = [part.hull for part in parts]
+        rows = [part.index for part in parts]
+        self._obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances(hulls)
 
     # -------------------------------------------------------------------------------------------------- queries
 
@@ -195,24 +228,30 @@ class CollisionChecker:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
         full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
         self.counts.distance_queries += 1
-        pin.computeDistances(self.robot.shared.model, self._distance_data, self._apart, self._distances, full)
-        return np.array([result.min_distance for result in self._distances.distanceResults])
+        return self._apart.at(full)
 
     def pair_distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance (P,) [m] of the pairs that may touch at `q: (n,)`, the robot's own pairs included."""
         full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))
         self.counts.distance_queries += 1
-        pin.computeDistances(
-            self.robot.shared.model, self._distance_data, self._touching, self._pair_distances, full
-        )
-        return np.array([result.min_distance for result in self._pair_results])
+        return self._pair_distances.at(full)
+
+    @cached_property
+    def _apart(self) -> Distances:
+        """Every moving body against every obstacle."""
+        return Distances(self.robot.shared.model, self._placed.with_pairs(self._apart_pairs, own=False))
+
+    @cached_property
+    def _pair_distances(self) -> Distances:
+        """The pairs that may touch."""
+        return Distances(self.robot.shared.model, self._touching)
 
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, and dearer.
 
         They hold for motions that start at `q` (`docs/mathematics.md` §3).
         """
-        bodies = np.zeros((len(self._touching.geometryObjects), self.robot.n))
+        bodies = np.zeros((len(self._names), self.robot.n))
         bodies[: len(self.links)] = self.robot.displacement_radii_at(configuration(q, self.robot.n))
         first, second = self.pairs.bodies.T
         both: FloatArray = bodies[first] + bodies[second]
@@ -231,35 +270,3 @@ class CollisionChecker:
         nearest = int(distances.argmin())
         body, obstacle = self._apart_pairs[nearest]
         return Clearance(float(distances[nearest]), self._names[body], self._names[obstacle])
-
-
-def _with_obstacles(bodies: pin.GeometryModel, scene: Scene) -> tuple[pin.GeometryModel, list[str]]:
-    """Return a copy of the robot's bodies with the obstacles added, and a name for each of them."""
-    geometry = bodies.copy()
-    names = [body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects]
-    for obstacle in scene.obstacles:
-        for name, shape, placement in obstacle.geometries():
-            geometry.addGeometryObject(pin.GeometryObject(f"obstacle:{name}", 0, placement, shape))
-            names.append(obstacle.name)
-    return geometry, names
-
-
-def _reach(robot: Robot, body: pin.GeometryObject) -> coal.CollisionObject:
-    """Return a cylinder in the world that a moving body never leaves."""
-    reach = robot.shared.chain.reach(body.parentJoint, bounding_hull(body.geometry).moved(body.placement))
-    rotation = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach.axis).matrix()
-    return coal.CollisionObject(coal.Cylinder(reach.radius, 2 * reach.half_length), rotation, reach.center)
-
-
-def _least_distance(reach: coal.CollisionObject, obstacle: pin.GeometryObject) -> float:
-    """Return the distance [m] that a body with this reach keeps from an obstacle at least, whatever the joints do."""
-    place = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
-    distance = coal.distance(
-        reach.collisionGeometry(),
-        reach.getTransform(),
-        obstacle.geometry,
-        place,
-        coal.DistanceRequest(),
-        coal.DistanceResult(),
-    )
-    return float(distance)

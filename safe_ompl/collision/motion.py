@@ -63,7 +63,7 @@ class MotionLimit(Protocol):
 
 
 class CertifiedMotion:
-    """Proves straight joint motions free of collision by subdivision with security margins. It never changes.
+    """Proves straight joint motions free of collision by subdivision with security margins; its checker may move.
 
     While the joints move by Δ, the bodies of pair p approach each other by at most W_p = Σ_i R_pi·|Δ_i|. So if at
     the centre of an interval of half-length s (a fraction of the edge) every pair keeps more than s·W_p, the

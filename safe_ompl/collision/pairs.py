@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
-from safe_ompl.collision.queries import Queries, indices, prove_manager
+from safe_ompl.collision.queries import Queries, indices
 from safe_ompl.counts import Counts
 from safe_ompl.robot.robot import Robot
 
@@ -16,8 +16,9 @@ from safe_ompl.robot.robot import Robot
 class PairSet:
     """The P pairs of bodies of a robot and a scene that may come nearer to each other than some reach.
 
-    Made by `CollisionChecker.pairs_within`; it never changes. What stands between a user and a proof is checked by
-    `CollisionChecker` and `CertifiedMotion`: here `q` must be a finite float array (n,), margins one of (P,).
+    Made by `CollisionChecker.pairs_within`; the checker's `move` alone changes it, and then only places and radii. What
+    stands between a user and a proof is checked by `CollisionChecker` and `CertifiedMotion`: here `q` must be a finite
+    float array (n,), margins one of (P,).
 
     Parameters
     ----------
@@ -40,9 +41,11 @@ class PairSet:
         Names of the pairs: link and obstacle, or link and link.
     bodies : ndarray of int, shape (P, 2)
         Their indices in the geometry, the smaller one first.
+    revision : int
+        How often obstacles have moved.
     radii : ndarray, shape (P, n)
-        Displacement radii of each pair: while the joints move by Δ, its two bodies approach each other by at most
-        Σ_i R_pi·|Δ_i| (`docs/mathematics.md` §3, §4).
+        Displacement radii of each pair with obstacles where they are now: while the joints move by Δ, its two bodies
+        approach each other by at most Σ_i R_pi·|Δ_i| (`docs/mathematics.md` §3, §4).
     meets_obstacle : ndarray of bool, shape (P,)
         Which pairs are of a link and an obstacle.
     """
@@ -59,14 +62,34 @@ class PairSet:
         self.geometry = geometry
         self.names = tuple((names[a], names[b]) for a, b in pairs)
         self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        self.radii = robot.coupling.radii(_pair_radii(robot.joint_radii, self.bodies, obstacle_radii))
         self.meets_obstacle: BoolArray = self.bodies.max(axis=1, initial=-1) >= links
-        for array in (self.bodies, self.radii, self.meets_obstacle):
+        for array in (self.bodies, self.meets_obstacle):
             array.setflags(write=False)
         self._robot = robot
+        self.revision = 0
+        self._take_radii(obstacle_radii)
         self._counts = counts
-        self._queries = Queries(robot.shared.model, geometry, len(geometry.geometryObjects) - links)
-        prove_manager(robot, self._queries)
+        self._queries = Queries(robot, geometry, len(geometry.geometryObjects) - links)
+
+    def _take_radii(self, obstacle_radii: FloatArray) -> None:
+        joint_radii = _pair_radii(self._robot.joint_radii, self.bodies, obstacle_radii)
+        self.radii: FloatArray = self._robot.coupling.radii(joint_radii)
+        self.radii.setflags(write=False)
+
+    def follow(self, obstacle_radii: FloatArray, *, new_shapes: bool) -> None:
+        """Renew what follows from the places of obstacles, which have moved; for `CollisionChecker`.
+
+        Parameters
+        ----------
+        obstacle_radii : ndarray, shape (G, m)
+            As above, for the places that all have now.
+        new_shapes : bool
+            Whether a shape is another object now.
+        """
+        if new_shapes:
+            self._queries.take_new_shapes()
+        self._take_radii(obstacle_radii)
+        self.revision += 1
 
     def __repr__(self) -> str:
         return f"PairSet({self._robot.name!r}, {len(self.names)} pairs)"

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import logging
 import warnings
+from functools import cache
+from weakref import WeakKeyDictionary
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -26,17 +29,25 @@ class Queries:
     Pinocchio's broad-phase manager does not keep alive what it looks at; this object does. Margins are an argument of
     every query; they are written to coal's requests where they are not those of the query before.
 
+    The manager is held against the plain query before it is trusted: the one that compares all bodies once for a robot,
+    the one for many obstacles in every scene. It overlooks bodies without volume; where there are any, it is not used.
+
     Parameters
     ----------
-    model : pin.Model
+    robot : Robot
         The robot.
     geometry : pin.GeometryModel
         The bodies and the P pairs.
     obstacles : int
         How many of the bodies are obstacles.
+    margin : float
+        [m] at which the manager is held against the plain query.
     """
 
-    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, obstacles: int) -> None:
+    def __init__(
+        self, robot: Robot, geometry: pin.GeometryModel, obstacles: int, margin: float = _PROOF_MARGIN
+    ) -> None:
+        model = robot.shared.model
         # The margins that coal has: the array itself, where it cannot have changed since, or what was in it.
         self._unchanging: FloatArray | None = None
         self._written: bytes | None = None
@@ -52,13 +63,33 @@ class Queries:
         self.no_margins: FloatArray = np.zeros(len(self._entries))
         self.no_margins.setflags(write=False)
         self.set_margins(self.no_margins)
-        kind = (
+        many = obstacles > _MANY_OBSTACLES
+        self._kind = (
             pin.BroadPhaseManager_SSaPCollisionManager
-            if obstacles > _MANY_OBSTACLES
+            if many
             else pin.BroadPhaseManager_NaiveCollisionManager
         )
-        self.manager = kind(model, geometry, self.data)
+        self.manager = self._kind(model, geometry, self.data)
         self.use_manager = True
+        self.use_manager = self._all_have_volume() and self._manager_is_right(robot, margin, once=not many)
+
+    def _all_have_volume(self) -> bool:
+        flat = [
+            body.name for body in self.geometry.geometryObjects if body.geometry.aabb_local.volume() <= 0.0
+        ]
+        if flat:
+            _log.info("broad phase not used, as it overlooks bodies without volume: %s", ", ".join(flat))
+        return not flat
+
+    def _manager_is_right(self, robot: Robot, margin: float, *, once: bool) -> bool:
+        known = _right_managers.setdefault(robot, {})
+        if not once or margin not in known:
+            known[margin] = proves_right(robot, self, margin)
+        return known[margin]
+
+    def take_new_shapes(self) -> None:
+        """Look at the shapes that the geometry has now; where only places or sizes changed there is no need to."""
+        self.manager = self._kind(self.model, self.geometry, self.data)
 
     def touches(self, q: FloatArray, margins: FloatArray) -> bool:
         """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`."""
@@ -100,11 +131,47 @@ class Queries:
         self.data.setSecurityMargins(self.geometry, self._margins, True, False)
 
 
+class Distances:
+    """Exact distances of the pairs of one geometry model, with their own working memory.
+
+    Parameters
+    ----------
+    model : pin.Model
+        The robot.
+    geometry : pin.GeometryModel
+        The bodies and the P pairs.
+    """
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel) -> None:
+        self._model, self._geometry = model, geometry
+        self._kinematics, self._data = model.createData(), fresh_data(geometry)
+        self._results = list(self._data.distanceResults)
+
+    def at(self, q: FloatArray) -> FloatArray:
+        """Return the distances (P,) [m] at Pinocchio's `q: (nq,)`."""
+        pin.computeDistances(self._model, self._kinematics, self._geometry, self._data, q)
+        return np.array([result.min_distance for result in self._results])
+
+
 def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
     """Return working memory in which a query does not start from the result of the one before.
 
     That would change distances by micrometres, and with them, now and then, what a planner finds with the same seed.
     """
+    data, template = pin.GeometryData(geometry), _fresh_pair()
+    pairs = len(geometry.collisionPairs)
+    data.collisionRequests[:] = [template.collisionRequests[0]] * pairs
+    data.distanceRequests[:] = [template.distanceRequests[0]] * pairs
+    return data
+
+
+@cache
+def _fresh_pair() -> pin.GeometryData:
+    """Return such memory of one pair; Pinocchio's requests are the same for every pair."""
+    geometry = pin.GeometryModel()
+    for name in "ab":
+        geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), coal.Sphere(1.0)))
+    geometry.addCollisionPair(pin.CollisionPair(0, 1))
     data = pin.GeometryData(geometry)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # in favour of an option that Pinocchio overrides
@@ -118,8 +185,12 @@ def indices(geometry: pin.GeometryModel) -> list[tuple[int, int]]:
     return [(int(pair.first), int(pair.second)) for pair in geometry.collisionPairs]
 
 
-def prove_manager(robot: Robot, queries: Queries, margin: float = _PROOF_MARGIN) -> None:
-    """Hold the broad-phase manager against the plain query, at a margin [m]; do without it where they differ."""
+# By robot and margin: whether the manager that compares all bodies agreed with the plain query.
+_right_managers: WeakKeyDictionary[Robot, dict[float, bool]] = WeakKeyDictionary()
+
+
+def proves_right(robot: Robot, queries: Queries, margin: float) -> bool:
+    """Hold the broad-phase manager against the plain query, at a margin [m]; return whether they agree."""
     margins = np.full_like(queries.no_margins, margin)
     margins.setflags(write=False)
     for q in sample_configurations(robot.shared.model)[:_PROOF_SAMPLES]:
@@ -127,5 +198,5 @@ def prove_manager(robot: Robot, queries: Queries, margin: float = _PROOF_MARGIN)
             _log.warning(
                 "%s: broad phase %s disagrees with coal; not used", robot.name, type(queries.manager).__name__
             )
-            queries.use_manager = False
-            return
+            return False
+    return True

@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, positive
-from safe_ompl.collision.checker import CollisionChecker, fresh_data
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.queries import fresh_data
 from safe_ompl.robot.robot import Robot
 
 
@@ -78,6 +79,7 @@ class Proximity:
         for link, obstacle in bodies:
             geometry.addCollisionPair(pin.CollisionPair(link, obstacle))
         self._geometry = geometry
+        self._revision = self._pairs.revision
         self._joints = [geometry.geometryObjects[link].parentJoint for link, _ in bodies]
         self._data = fresh_data(geometry)
         self._kinematics = checker.robot.shared.model.createData()
@@ -89,6 +91,7 @@ class Proximity:
 
     def witnesses(self, Q: FloatArray) -> Witnesses:
         """Return the witnesses of all pairs that are nearer than `within` at the configurations `Q: (B, n)`."""
+        self._follow()
         found = [
             witness for row in np.flatnonzero(self.near(Q)).tolist() for witness in self._at(row, Q[row])
         ]
@@ -101,6 +104,16 @@ class Proximity:
             np.reshape(normals, (-1, 3)),
             np.array(offsets, dtype=np.float64),
         )
+
+    def _follow(self) -> None:
+        """Put obstacles that have moved where they are now."""
+        if self._revision != self._pairs.revision:
+            places = list(
+                zip(self._geometry.geometryObjects, self._pairs.geometry.geometryObjects, strict=True)
+            )
+            for mine, now in places[len(self.checker.links) :]:
+                mine.placement, mine.geometry = now.placement, now.geometry
+            self._revision = self._pairs.revision
 
     def _at(self, row: int, q: FloatArray) -> Sequence[tuple[int, int, FloatArray, FloatArray, float]]:
         robot = self.checker.robot

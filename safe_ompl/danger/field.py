@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sized
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike
 from safe_ompl.arrays import FloatArray, IntArray, finite_array, positive
 from safe_ompl.collision.arguments import configuration, configurations
 from safe_ompl.counts import Counts
+from safe_ompl.danger.obstacles import DangerousObstacles
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import field as maths
 from safe_ompl.maths.field import Segments, Weighting
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
 
 Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
 PointSource: TypeAlias = Callable[[FloatArray], ArrayLike]
@@ -54,6 +56,8 @@ class DangerField:
     ----------
     robot, aggregate, weighting, k1, sharpness, counts
         As given.
+    revision : int
+        How often obstacles have moved. What was computed at another revision is of another scene.
 
     Raises
     ------
@@ -97,10 +101,57 @@ class DangerField:
         self.k1 = positive(k1, "k1")
         self.sharpness = positive(sharpness, "sharpness")
         self.counts = Counts() if counts is None else counts
+        self._segments = Segments(robot.segments, _constant_lengths(robot))
+        self._obstacles: DangerousObstacles | None = None
+        self.revision = 0
+        self._take_points(points, weights)
+
+    @classmethod
+    def of_scene(
+        cls, robot: Robot, scene: Scene, spacing: float | None = None, **options: Any
+    ) -> DangerField:
+        """Return the field at the danger points of a scene (`Scene.danger_points`); it can `move` with them.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot.
+        scene : Scene
+            The obstacles.
+        spacing : float, optional
+            Distance between danger points [m]; default: the scene's own.
+        **options
+            As of the class.
+        """
+        obstacles = DangerousObstacles(scene, spacing)
+        field = cls(robot, *obstacles.points, **options)
+        field._obstacles = obstacles
+        return field
+
+    def move(self, scene: Scene) -> None:
+        """Take the danger points of a scene in which nothing but places of obstacles differs, such as `Scene.moved`.
+
+        From here on the danger is that of a field made anew for that scene.
+
+        Raises
+        ------
+        InputError
+            If anything else differs, or the field was not made by `of_scene`. Then it stays as it was.
+        """
+        if self._obstacles is None:
+            raise InputError(
+                "this field knows points, not a scene; DangerField.of_scene makes one that can move"
+            )
+        if self._obstacles.move(scene):
+            self._take_points(*self._obstacles.points)
+            self.revision += 1
+
+    def _take_points(self, points: ArrayLike | PointSource, weights: ArrayLike | None) -> None:
+        """Take danger points and weights, and forget what followed from others."""
         self._points: FloatArray | PointSource = points if callable(points) else _danger_points(points)
         number = None if self.points is None else len(self.points)
         self._weights: FloatArray | None = None if weights is None else _danger_weights(weights, number)
-        self._segments = Segments(robot.segments, _constant_lengths(robot))
+        vars(self).pop("minimum", None)
 
     def __repr__(self) -> str:
         points = repr(self._points) if self.points is None else f"<{len(self.points)} points>"
@@ -275,14 +326,15 @@ class DangerField:
             return self
         levels = self._levels(self._keypoints(self._batch(Q)), self.points)
         near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
-        return self if near.all() else self._of_points(np.flatnonzero(near))
+        weights = None if self._weights is None else self._weights[near]
+        return self if near.all() else self.with_points(self.points[near], weights)
 
-    def _of_points(self, chosen: IntArray) -> DangerField:
-        assert self.points is not None
+    def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
+        """Return the field at other danger points (M, 3) with weights (M,)."""
         return DangerField(
             self.robot,
-            self.points[chosen],
-            None if self._weights is None else self._weights[chosen],
+            points,
+            weights,
             aggregate=self.aggregate,
             weighting=self.weighting,
             k1=self.k1,

@@ -259,7 +259,26 @@ class _Examination:
     def __init__(self, path: FloatArray, checker: CollisionChecker, field: DangerField | None) -> None:
         self.curve = Curve(checker.robot, path)
         self.time = 0.0
-        self._path, self._checker, self._field = path, checker, field
+        self._path, self._given_checker, self._given_field = path, checker, field
+        self._scene, self._revision = checker.scene, checker.revision
+        self._points = None if field is None else (field.points, field.weights, field.revision)
+
+    @property
+    def _checker(self) -> CollisionChecker:
+        """The checker with obstacles where they were when the path was validated."""
+        checker = self._given_checker
+        if checker.revision == self._revision:
+            return checker
+        return CollisionChecker(checker.robot, self._scene, checker.counts)
+
+    @property
+    def _field(self) -> DangerField | None:
+        """The danger with obstacles where they were then."""
+        field = self._given_field
+        if field is None or self._points is None or field.revision == self._points[2]:
+            return field
+        points, weights, _ = self._points
+        return field if points is None else field.with_points(points, weights)
 
     @cached_property
     def _places(self) -> FloatArray:
@@ -273,10 +292,11 @@ class _Examination:
 
     @cached_property
     def danger(self) -> DangerReport | None:
-        if self._field is None:
+        field = self._field
+        if field is None:
             return None
         begin = perf_counter()
-        found = _danger(self._field, self._path, self._places, self._samples)
+        found = _danger(field, self._path, self._places, self._samples)
         self.time += perf_counter() - begin
         return found
 

@@ -37,11 +37,6 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     tolerance : float
         Relative error of a motion's cost; the trapezoidal rule is refined until its last change is as small.
 
-    Attributes
-    ----------
-    scales : dict
-        What `StateCost` has measured of the danger once, for all planners.
-
     Raises
     ------
     InputError
@@ -58,10 +53,18 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self.field = field
         self.tolerance = positive(tolerance, "tolerance")
         self._bridge = StateBridge(si.getStateSpace())
-        self.scales: dict[Any, float] = {}
+        self._scales: dict[Any, float] = {}
+        self._revision = field.revision  # that the scales are of
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.field!r}, tolerance={self.tolerance:g})"
+
+    @property
+    def scales(self) -> dict[Any, float]:
+        """What `StateCost` has measured of the danger once, for all planners; empty again when obstacles move."""
+        if self._revision != self.field.revision:
+            self._scales, self._revision = {}, self.field.revision
+        return self._scales
 
     def getDescription(self) -> str:
         """Return a line about the objective."""
@@ -164,7 +167,7 @@ class StateCost:
         self._objective = objective
         self._bridge = bridge
         self._scratch = ScratchState(bridge)
-        self._scales: dict[Any, float] = objective.scales if isinstance(objective, DangerObjective) else {}
+        self._own_scales: dict[Any, float] = {}
         self.is_zero = objective is None or isinstance(objective, ob.PathLengthOptimizationObjective)
 
     def values(self, Q: FloatArray) -> FloatArray:
@@ -199,6 +202,11 @@ class StateCost:
         return norms
 
     # ---------------------------------------------------------------------------------------------- its scale
+
+    @property
+    def _scales(self) -> dict[Any, float]:
+        """What was measured of the cost: kept by a `DangerObjective` for all, else here."""
+        return self._objective.scales if isinstance(self._objective, DangerObjective) else self._own_scales
 
     def slope(self, si: Any) -> float:
         """Return the median of ‖∇c‖ over valid configurations, what α is measured in; 0 where that is of no use.

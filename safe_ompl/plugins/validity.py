@@ -73,12 +73,12 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
         return self._separation
 
     @property
-    def settings(self) -> tuple[CollisionChecker, Separation, float | None, tuple[ToolLimit, ...]] | None:
-        """What decides which states are valid: checker, distances, limits; None where the user's own does."""
+    def settings(self) -> tuple[Any, ...] | None:
+        """What decides which states are valid: checker and revision, distances, limits; None if the user's own does."""
         if self._user is not None:
             return None
         limit = None if self._limit is None else self._limit.limit
-        return self.checker, self._separation, limit, self._tool
+        return self.checker, self.checker.revision, self._separation, limit, self._tool
 
     def adds_nothing(self, other: Any) -> bool:
         """Return whether another checker is this one, or asks for nothing that this one does not ask for."""

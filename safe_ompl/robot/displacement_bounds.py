@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
 from safe_ompl.maths.halton import halton_point
-from safe_ompl.robot.bodies.reach import Hull, bounding_hull
+from safe_ompl.robot.bodies.reach import Hull, ReachCylinder, bounding_hull
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
@@ -40,6 +40,15 @@ class DisplacementBounds(ForwardKinematics):
             for part in self._bodies
         ]
         return _frozen(np.array(radii).reshape(-1, self._model.nv))
+
+    @cached_property
+    def body_reaches(self) -> dict[int, ReachCylinder]:
+        """For each body that moves, by its index, a cylinder in the world that it never leaves."""
+        return {
+            k: self._chain.reach(part.parentJoint, bounding_hull(part.geometry).moved(part.placement))
+            for k, part in enumerate(self._bodies)
+            if part.parentJoint != 0
+        }
 
     @cached_property
     def keypoint_radii(self) -> FloatArray:

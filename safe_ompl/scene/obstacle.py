@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import coal
+import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
@@ -17,7 +18,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import shown
 from safe_ompl.scene.pose import Pose, placed
-from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Shape, Sphere
+from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Part, Shape, Sphere
 from safe_ompl.scene.shapes.cloud import PointCloud
 from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
@@ -83,6 +84,32 @@ class Obstacle:
         for key, value in values.items():
             object.__setattr__(self, key, value)
 
+    def moved(self, place: Any) -> Obstacle:
+        """Return the same obstacle elsewhere.
+
+        Parameters
+        ----------
+        place : Pose, pin.SE3, array_like of shape (4, 4), mapping or array_like of shape (N, 3)
+            Its pose; or, in the world frame [m], the key points of a `Person` by name, or the points of a
+            `PointCloud`. Key points that are not given follow from those that are, as `Person` has it.
+
+        Raises
+        ------
+        InputError
+            If it is none of them.
+        """
+        shape, pose = self.shape, self.pose
+        if _is_pose(place):
+            pose = Pose.of(place)
+        else:
+            shape = shape.measured_anew(place, pose)
+        return Obstacle(self.name, shape, pose, self.weight, self.color)
+
+    def same_but_for_place(self, other: Obstacle) -> bool:
+        """Return whether another obstacle is this one, here or elsewhere."""
+        mine, its = ((o.name, o.weight, o.color) for o in (self, other))
+        return mine == its and self.shape.same_body(other.shape)
+
     def __repr__(self) -> str:
         given = [repr(self.name), repr(self.shape)]
         given += [repr(self.pose)] if self.pose != Pose() else []
@@ -119,15 +146,13 @@ class Obstacle:
         return {**self.to_mapping(), self.shape.kind: self.shape.canonical(), "weight": self.weight}
 
     def geometries(self) -> list[tuple[str, coal.CollisionGeometry, pin.SE3]]:
-        """Return name, geometry and world placement of every part, for collision.
-
-        The name is that of the obstacle, followed by "/" and the part where there are several.
-        """
+        """Return name, geometry and world placement of every part, for collision."""
         world = self.pose.se3
-        return [
-            (f"{self.name}/{part.name}" if part.name else self.name, part.geometry, world * part.placement)
-            for part in self.shape.parts()
-        ]
+        return [(self.part_name(part), part.geometry, world * part.placement) for part in self.shape.parts()]
+
+    def part_name(self, part: Part) -> str:
+        """Return the name of the obstacle, followed by "/" and that of one of its parts where there are several."""
+        return f"{self.name}/{part.name}" if part.name else self.name
 
     def danger_points(self, spacing: float) -> FloatArray:
         """Return points on the surface in the world frame, shape (M, 3) [m]; always the same ones.
@@ -136,7 +161,7 @@ class Obstacle:
         """
         step = document.number("spacing", spacing, above=0.0)
         check_number(self.most_danger_points(step), step, repr(self.name))
-        return placed(self.pose.se3, self.shape.danger_points(step))
+        return placed(self.pose.se3, self.shape.kept_danger_points(step))
 
     def most_danger_points(self, spacing: float) -> float:
         """Return how many `danger_points` there are at most, without making them."""
@@ -154,6 +179,11 @@ class Obstacle:
         """
         vertices, faces = self.shape.triangles(resolution)
         return placed(self.pose.se3, vertices), faces
+
+
+def _is_pose(place: Any) -> bool:
+    rows = place if isinstance(place, (np.ndarray, list, tuple)) else ()
+    return isinstance(place, (Pose, pin.SE3)) or (len(rows) == 4 and np.shape(rows[0]) == (4,))
 
 
 def check_number(most: float, spacing: float, what: str) -> None:

@@ -172,6 +172,32 @@ class Scene:
             tuple(obstacle for obstacle in self.obstacles if obstacle.name not in gone), self.spacing
         )
 
+    def moved(self, places: Mapping[str, Any]) -> Scene:
+        """Return a scene in which some obstacles are elsewhere; it shares all else with this one.
+
+        Parameters
+        ----------
+        places : mapping of str to Pose, pin.SE3, array_like or mapping
+            Where obstacles are now, by name: a pose; or, in the world frame [m], the key points of a person (a mapping
+            of names to 3 numbers), or the points of a cloud (an array (N, 3)). See `Obstacle.moved`.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no obstacle of a name.
+        InputError
+            If a place cannot be used; the message starts with the name.
+        """
+        for name in document.mapping("places", places):
+            self[name]  # raises where there is none
+        obstacles = []
+        for obstacle in self.obstacles:
+            if obstacle.name in places:
+                with document.within(repr(obstacle.name)):
+                    obstacle = obstacle.moved(places[obstacle.name])
+            obstacles.append(obstacle)
+        return Scene(tuple(obstacles), self.spacing)
+
     def danger_points(self, spacing: float | None = None) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return the points that are dangerous to approach: those of all obstacles with weight above 0.
 

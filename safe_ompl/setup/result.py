@@ -9,7 +9,7 @@ from typing import Any
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.counts import Counts
-from safe_ompl.errors import InputError
+from safe_ompl.errors import InputError, StaleSceneError
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.validation import Validation
 from safe_ompl.robot.robot import Robot
@@ -82,11 +82,17 @@ class PlanResult:
         ------
         InputError
             If there is no path, or the result comes from another process, where only `time_path` helps.
+        StaleSceneError
+            If obstacles have moved since.
         """
         if self.path is None:
             raise InputError(f"there is no path to time: {self.status}")
         if self.motion is None:
             raise InputError("the result does not know its robot and scene any more: call time_path")
+        if self.motion.checker.scene != self.scene:
+            raise StaleSceneError(
+                "obstacles have moved since this was planned: plan again, or call time_path"
+            )
         return time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
 
     @property

@@ -240,5 +240,4 @@ def danger_field(
     with document.within("danger"):
         document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "sharpness"))
     options = dict(options)
-    points, weights, _ = scene.danger_points(options.pop("spacing", None))
-    return DangerField(robot, points, weights, counts=counts, **options)
+    return DangerField.of_scene(robot, scene, options.pop("spacing", None), counts=counts, **options)

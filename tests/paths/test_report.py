@@ -40,7 +40,8 @@ def balls(*distances):
 class Field:
     """Stands for a danger field: a function of the joint value of the crank, of which nothing can be proven."""
 
-    points = None
+    points = weights = None
+    revision = 0
 
     def __init__(self, function):
         self.function = function

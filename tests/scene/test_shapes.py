@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.scene.pose import placed
 from safe_ompl.scene.shapes.anatomy import LIMBS
 from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Shape, Sphere
 from safe_ompl.scene.shapes.mesh import Mesh
@@ -195,16 +196,36 @@ def test_a_person_is_as_tall_as_asked(height: float) -> None:
     assert [part.name for part in Person(height).parts()] == list(LIMBS)
 
 
+def depth(limb, points: np.ndarray) -> np.ndarray:
+    """Return how deep inside a limb each of `points`, shape (M, 3), lies; negative outside [m]."""
+    axis = limb.end - limb.start
+    along = np.clip((points - limb.start) @ axis / max(float(axis @ axis), 1e-300), 0.0, 1.0)
+    return limb.radius - np.linalg.norm(points - limb.start - along[:, None] * axis, axis=1)
+
+
 @pytest.mark.parametrize("spacing", [0.04, 0.1, 0.25])
 def test_danger_points_of_a_person_lie_on_limbs_and_cover_the_body(spacing: float) -> None:
     limbs = Person().limbs()
     points = Person().danger_points(spacing)
-    depths = np.array([limb.depth(points) for limb in limbs])
+    depths = np.array([depth(limb, points) for limb in limbs])
     assert np.abs(depths).min(axis=0).max() < 1e-9
     assert depths.max() <= spacing
     vertices, _ = Person().triangles(24)
-    skin = vertices[np.max([limb.depth(vertices) for limb in limbs], axis=0) < 1e-9]
+    skin = vertices[np.max([depth(limb, vertices) for limb in limbs], axis=0) < 1e-9]
     assert distance_to_nearest(skin, points).max() <= spacing
+
+
+@pytest.mark.parametrize("spacing", [0.04, 0.1, 0.25])
+def test_danger_points_of_a_person_are_those_of_its_limbs_that_are_not_deep_inside_others(
+    spacing: float,
+) -> None:
+    person = Person(keypoints={"right_hand": (0.5, -0.2, 1.2), "head": (0.0, 0.0, 1.6)})
+    limbs, expected = person.limbs(), []
+    for limb in limbs:
+        own = placed(limb.placement, limb.shape.danger_points(spacing))
+        others = [depth(other, own) for other in limbs if other is not limb]
+        expected.append(own[np.max(others, axis=0) <= spacing])
+    np.testing.assert_allclose(person.danger_points(spacing), np.concatenate(expected), rtol=0, atol=1e-12)
 
 
 @settings(max_examples=40, deadline=None)

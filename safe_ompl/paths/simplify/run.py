@@ -9,6 +9,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.errors import StaleSceneError
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.simplify.active_set import ActiveSetCost
 from safe_ompl.paths.simplify.constraints import FeasibleSet, FreeGoal, GoalSet
@@ -93,6 +94,7 @@ class SimplificationRun:
         self._retreats = path[:1], path[-1:]
         self._pending = False  # nothing with these retreats is as cheap as the given path
         self._settings = settings
+        self._revisions = settings.motion.checker.revision, settings.danger.field.revision
         self._robot = settings.danger.field.robot
         self._stop = stop
         self._on_better = on_better
@@ -114,7 +116,15 @@ class SimplificationRun:
     # -------------------------------------------------------------------------------------- what becomes of it
 
     def improve(self) -> None:
-        """Make the path cheaper until the cost falls no more."""
+        """Make the path cheaper until the cost falls no more.
+
+        Raises
+        ------
+        StaleSceneError
+            If obstacles have moved since the run began.
+        """
+        if self._revisions != (self._settings.motion.checker.revision, self._settings.danger.field.revision):
+            raise StaleSceneError("obstacles have moved since this run began: begin another one")
         given = self.best
         if self._take_retreats():
             self._descend()

@@ -76,8 +76,32 @@ class Simplifier:
         self.obstacle_cost = (
             ObstacleCost(checker, clearance) if number("clearance", clearance, at_least=0.0) else None
         )
-        self.danger = DangerDensity(field, reference_danger(field, checker), weight, exponent)
-        self.cost = PathCost(self.robot, [self.danger])
+        self._field, self._weight, self._exponent = field, weight, exponent
+        self._measure_scene()
+
+    def _measure_scene(self) -> None:
+        """Measure what the danger is compared with in the scene as it is now."""
+        self._revisions = self.checker.revision, self._field.revision
+        reference = reference_danger(self._field, self.checker)
+        self._danger = DangerDensity(self._field, reference, self._weight, self._exponent)
+        self._cost = PathCost(self.robot, [self._danger])
+
+    def _follow(self) -> None:
+        """Measure it anew, if obstacles have moved since."""
+        if self._revisions != (self.checker.revision, self._field.revision):
+            self._measure_scene()
+
+    @property
+    def danger(self) -> DangerDensity:
+        """The cost of danger of a radian of path."""
+        self._follow()
+        return self._danger
+
+    @property
+    def cost(self) -> PathCost:
+        """J of paths."""
+        self._follow()
+        return self._cost
 
     def proving_by(self, motion: CertifiedMotion) -> Simplifier:
         """Return the same simplifier whose edges another certified motion proves."""

@@ -8,7 +8,9 @@ R̄·|Δ| when the joint turns by Δ, whatever the configuration (the constant r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import coal
 import numpy as np
@@ -109,6 +111,58 @@ class ReachCylinder:
 
 
 @dataclass(frozen=True)
+class AxisReaches:
+    """Where the axes of n joints can be in the world: axes that stay where they are, and cylinders about the others.
+
+    Attributes
+    ----------
+    centers, axes : ndarray, shape (n, 3)
+        Center and axis of each cylinder.
+    radii, half_lengths : ndarray, shape (n,)
+        Its radius, and how far it goes along its axis to both sides [m]. The joint's origin is in it.
+    fixed : ndarray of bool, shape (n,)
+        Which axes stay where they are: those through the center along the axis.
+    prismatic : ndarray of bool, shape (n,)
+        Which joints slide.
+    """
+
+    centers: FloatArray
+    axes: FloatArray
+    radii: FloatArray
+    half_lengths: FloatArray
+    fixed: BoolArray
+    prismatic: BoolArray
+
+    def distances(self, bodies: Sequence[Hull]) -> FloatArray:
+        """Return how far bodies that stand still in the world are from each joint's axis, at most (G, n).
+
+        Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
+        distance times |Δ|: another bound of how far link and body approach each other.
+
+        Parameters
+        ----------
+        bodies : sequence of Hull
+            The G bodies in the world frame.
+
+        Returns
+        -------
+        ndarray, shape (G, n)
+            [m], that of the farthest point, at any configuration; infinite for prismatic joints.
+        """
+        if not bodies:
+            return np.zeros((0, len(self.radii)))
+        arms = np.concatenate([body.points for body in bodies])[:, None] - self.centers
+        along = np.einsum("pjx,jx->pj", arms, self.axes)
+        lateral = np.linalg.norm(arms - along[..., None] * self.axes, axis=2)
+        reached = np.hypot(lateral + self.radii, np.abs(along) + self.half_lengths)
+        starts = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
+        farthest = np.maximum.reduceat(np.where(self.fixed, lateral, reached), starts)
+        distances: FloatArray = farthest + np.array([body.radius for body in bodies])[:, None]
+        distances[:, self.prismatic] = np.inf
+        return distances
+
+
+@dataclass(frozen=True)
 class JointChain:
     """Joints of a robot as the displacement bound needs them (n joints; joint i is Pinocchio's joint i+1).
 
@@ -196,32 +250,23 @@ class JointChain:
         i, region = regions[-1]
         return region.moved(self.placements[i])
 
-    def axis_distances(self, body: Hull) -> FloatArray:
-        """Return how far a body that stands still in the world is from each joint's axis, at most (n,).
-
-        Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
-        distance times |Δ|: another bound of how far link and body approach each other.
-
-        Parameters
-        ----------
-        body : Hull
-            The body in the world frame.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            [m], that of the farthest point, at any configuration; infinite for prismatic joints.
-        """
-        distances = np.full(len(self.parents), np.inf)
-        for i in np.flatnonzero(~self.prismatic):
-            parent, placement = self.parents[i], self.placements[i]
+    @cached_property
+    def axis_reaches(self) -> AxisReaches:
+        """Where the axes of the joints can be in the world."""
+        regions = []
+        for parent, placement, axis in zip(self.parents, self.placements, self.axes, strict=True):
             if parent == 0:  # the axis stays where it is
-                fixed = ReachCylinder.around(body.moved(placement.inverse()), self.axes[i])
-                distances[i] = fixed.radius
+                regions.append(ReachCylinder(placement.translation, placement.rotation @ axis, 0.0, 0.0))
             else:
-                origin = self.reach(parent, Hull(placement.translation[None], 0.0))
-                distances[i] = origin.farthest(body)
-        return distances
+                regions.append(self.reach(parent, Hull(placement.translation[None], 0.0)))
+        return AxisReaches(
+            np.array([region.center for region in regions]).reshape(-1, 3),
+            np.array([region.axis for region in regions]).reshape(-1, 3),
+            np.array([region.radius for region in regions]),
+            np.array([region.half_length for region in regions]),
+            np.array([parent == 0 for parent in self.parents], dtype=bool),
+            self.prismatic,
+        )
 
     def _regions(self, joint: int, body: Hull) -> list[tuple[int, ReachCylinder]]:
         """For each joint that moves the body, the nearest first: where the body can be, in the joint's frame."""

@@ -17,6 +17,8 @@ import pinocchio as pin
 
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError
+from safe_ompl.inputs import shown
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.surfaces import Triangles
@@ -57,6 +59,15 @@ class Shape(ABC):
     def danger_points(self, spacing: float) -> FloatArray:
         """Return points on the surface, shape (M, 3); all of the surface is within `spacing` of them [m]."""
 
+    def kept_danger_points(self, spacing: float) -> FloatArray:
+        """Return `danger_points`, read-only; asked for the same spacing again, the same ones."""
+        known: tuple[float, FloatArray] | None = vars(self).get("_points")
+        if known is None or known[0] != spacing:
+            known = spacing, self.danger_points(spacing)
+            known[1].setflags(write=False)
+            self._set("_points", known)
+        return known[1]
+
     @abstractmethod
     def most_danger_points(self, spacing: float) -> float:
         """Return how many `danger_points` there are at most, without making them."""
@@ -64,6 +75,27 @@ class Shape(ABC):
     @abstractmethod
     def triangles(self, resolution: int) -> Triangles:
         """Return the surface for drawing, with `resolution` corners on every circle."""
+
+    def measured_anew(self, measured: Any, pose: Pose) -> Shape:
+        """Return the same shape as it was measured later, such as a person with other key points.
+
+        Parameters
+        ----------
+        measured : object
+            What the shape is known by, in the world frame.
+        pose : Pose
+            Where the frame of the shape is.
+
+        Raises
+        ------
+        InputError
+            If a shape of this kind never changes, or the measurement cannot be used.
+        """
+        raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(measured)}", "pose")
+
+    def same_body(self, other: Shape) -> bool:
+        """Return whether another shape is this one, or this one as it was measured at another time."""
+        return self == other
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path, pose: Pose) -> Shape:
@@ -92,6 +124,10 @@ class Shape(ABC):
     def canonical(self) -> dict[str, Any]:
         """Return what decides how the shape collides and looks, free of file names."""
         return self.to_mapping()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave behind what is kept and can be made again, such as coal's trees, which do not pickle."""
+        return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sized
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +21,7 @@ from safe_ompl.inputs import float_array, shown
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.cells import cell_tree, occupied, one_per_cell, touched_cells
 from safe_ompl.scene.point_files import read_points
+from safe_ompl.scene.pose import Pose, placed
 from safe_ompl.scene.shapes.basic import LONGEST, Part, Shape
 from safe_ompl.scene.shapes.mesh import array_digest, triangle_tree
 from safe_ompl.scene.surfaces import Triangles
@@ -117,8 +119,16 @@ class PointCloud(Shape):
     def __hash__(self) -> int:
         return hash((self.radius, self.file, self.resolution, self.centres.tobytes()))
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in vars(self).items() if key != "_solid"}  # coal's trees stay here
+    def measured_anew(self, measured: Any, pose: Pose) -> PointCloud:
+        """Return the cloud of other points (N, 3) [m], given in the world frame."""
+        points = _finite(_array(measured), "points")
+        own = placed(pose.se3.inverse(), points) if pose != Pose() else points
+        return PointCloud(self.radius, points=own, resolution=self.resolution)
+
+    def same_body(self, other: Shape) -> bool:
+        """Return whether another cloud is this one, or has other points with the same radius and resolution."""
+        sizes = self.radius, self.resolution
+        return isinstance(other, PointCloud) and (other.radius, other.resolution) == sizes
 
     def parts(self) -> list[Part]:
         count = len(self.centres)
@@ -175,7 +185,7 @@ class PointCloud(Shape):
 
 
 def _array(points: ArrayLike) -> FloatArray:
-    if np.size(points) == 0:
+    if isinstance(points, Sized) and not len(points):
         raise InputError("the point cloud is empty", "points")
     return float_array(points, (None, 3), "points:")
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import UnknownNameError
+from safe_ompl.maths.kernels.capsules import surface_points
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.pose import Pose, placed
 from safe_ompl.scene.shapes.anatomy import LIMBS, STANDING, Body
@@ -21,10 +24,11 @@ from safe_ompl.scene.surfaces import Triangles
 
 _DEFAULT_HEIGHT = 1.75  # [m]
 _HEIGHTS = (0.3, 2.8)  # [m] of people
+_SHORTEST = 1e-9  # [m] of a limb
 
 
 class Limb(NamedTuple):
-    """One capsule of a body, or a ball if both its ends are the same point."""
+    """One capsule of a body, or a ball if both its ends are the same key point."""
 
     name: str
     start: FloatArray
@@ -48,12 +52,13 @@ class Limb(NamedTuple):
         turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis)
         return pin.SE3(turn.toRotationMatrix(), (self.start + self.end) / 2)
 
-    def depth(self, points: FloatArray) -> FloatArray:
-        """Return how deep inside the limb each of `points`, shape (M, 3), lies; negative outside [m]."""
-        axis = self.end - self.start
-        along = np.clip((points - self.start) @ axis / max(float(axis @ axis), 1e-300), 0.0, 1.0)
-        depth: FloatArray = self.radius - np.linalg.norm(points - self.start - along[:, None] * axis, axis=1)
-        return depth
+    @property
+    def geometry(self) -> coal.CollisionGeometry:
+        """The same for collision. A capsule stays one, wherever its ends go."""
+        start, end, _ = LIMBS[self.name]
+        if start == end:
+            return coal.Sphere(self.radius)
+        return coal.Capsule(self.radius, max(self.length, _SHORTEST))
 
 
 @dataclass(frozen=True)
@@ -109,46 +114,63 @@ class Person(Shape):
         own = dict(data)
         world = document.mapping("world_keypoints", own.pop("world_keypoints", {}), STANDING)
         with document.within("world_keypoints"):
-            moved = {
-                name: tuple(pose.se3.actInv(np.array(document.numbers(name, point, 3))).tolist())
-                for name, point in world.items()
-            }
+            moved = {name: _in_frame(pose, name, point) for name, point in world.items()}
         if moved:
             own["keypoints"] = {**document.mapping("keypoints", own.get("keypoints", {})), **moved}
         return super().from_mapping(own, folder, pose)
 
-    def limbs(self) -> list[Limb]:
+    def measured_anew(self, measured: Any, pose: Pose) -> Person:
+        """Return the person with these key points, in the world frame, in the place of those known before."""
+        points = document.mapping("keypoints", measured, STANDING)
+        own = {name: _in_frame(pose, name, point) for name, point in points.items()}
+        return Person(self.height, own, self.only)
+
+    def same_body(self, other: Shape) -> bool:
+        """Return whether another person is as tall, and has the same limbs."""
+        if not isinstance(other, Person) or other.height != self.height:
+            return False
+        return [limb.name for limb in other.limbs()] == [limb.name for limb in self.limbs()]
+
+    def limbs(self) -> tuple[Limb, ...]:
         """Return the capsules that make up the person, in its own frame."""
+        return self._limbs
+
+    @cached_property
+    def _limbs(self) -> tuple[Limb, ...]:
         body = Body(self.height, self.keypoints)
-        return [
+        return tuple(
             Limb(name, body.point(start), body.point(end), radius * self.height)
             for name, (start, end, radius) in LIMBS.items()
             if not self.only or name in self.only
-        ]
+        )
+
+    @cached_property
+    def _capsules(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Starts (L, 3), ends (L, 3) and radii (L,) of the limbs [m]."""
+        _, starts, ends, radii = zip(*self.limbs(), strict=True)
+        return np.array(starts), np.array(ends), np.array(radii)
 
     def parts(self) -> list[Part]:
-        limbs = self.limbs()
-        return [
-            Part(limb.name if len(limbs) > 1 else "", geometry, limb.placement)
-            for limb in limbs
-            for _, geometry, _ in limb.shape.parts()
-        ]
+        several = len(self.limbs()) > 1
+        return [Part(limb.name if several else "", limb.geometry, limb.placement) for limb in self.limbs()]
 
     def most_danger_points(self, spacing: float) -> float:
-        return sum(limb.shape.most_danger_points(spacing) for limb in self.limbs())
+        starts, ends, radii = self._capsules
+        along = np.pi * radii + np.linalg.norm(ends - starts, axis=1)  # from pole to pole
+        return float(((along / spacing + 4) * (2 * np.pi * radii / spacing + 1)).sum())
 
     def danger_points(self, spacing: float) -> FloatArray:
         """Return points on the surface, shape (M, 3); all of it is within `spacing` of them [m]."""
-        limbs = self.limbs()
-        points = []
-        for limb in limbs:
-            own = placed(limb.placement, limb.shape.danger_points(spacing))
-            others = [other.depth(own) for other in limbs if other is not limb]
-            points.append(own[np.max([np.full(len(own), -np.inf), *others], axis=0) <= spacing])
-        return np.concatenate(points)
+        points: FloatArray = surface_points(*self._capsules, spacing)
+        return points
 
     def triangles(self, resolution: int) -> Triangles:
         pieces = [(limb.placement, limb.shape.triangles(resolution)) for limb in self.limbs()]
         return surfaces.joined(
             [(placed(placement, vertices), faces) for placement, (vertices, faces) in pieces]
         )
+
+
+def _in_frame(pose: Pose, name: str, point: Any) -> tuple[float, ...]:
+    """Return where a key point of the world is in the frame of the person [m]."""
+    return tuple(pose.se3.actInv(np.array(document.numbers(name, point, 3))).tolist())

@@ -284,7 +284,7 @@ def test_no_obstacle_is_farther_from_an_axis_than_said(robot_named, name, seed, 
     robot = robot_named(name)
     rng = np.random.default_rng(seed)
     obstacle = Hull(rng.normal(size=(4, 3)), radius)
-    farthest = robot.chain.axis_distances(obstacle)
+    (farthest,) = robot.chain.axis_reaches.distances([obstacle])
     assert np.isinf(farthest[robot.prismatic]).all()
     data = robot.model.createData()
     q = rng.uniform(robot.lower, robot.upper)

@@ -1,0 +1,50 @@
+"""Which pairs of bodies and obstacles can come near: bounds by balls, and coal, against coal alone."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.collision.approaches import Approaches
+from safe_ompl.collision.placed_bodies import PlacedBodies
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
+from safe_ompl.scene.shapes.cloud import PointCloud
+
+
+def coal_distance(reach, part):
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach.axis).matrix()
+    places = (
+        coal.Transform3s(turn, reach.center),
+        coal.Transform3s(part.world.rotation, part.world.translation),
+    )
+    cylinder = coal.Cylinder(reach.radius, 2 * reach.half_length)
+    return coal.distance(
+        cylinder, places[0], part.shape, places[1], coal.DistanceRequest(), coal.DistanceResult()
+    )
+
+
+@pytest.mark.parametrize("name", ["panda", "twin_arm"])
+def test_pairs_that_can_come_near_are_those_that_coal_finds(robot_named, rng, name):
+    robot = robot_named(name)
+    shapes = [Box((0.1, 0.2, 0.3)), Sphere(0.1), Cylinder(0.1, 0.5), Capsule(0.05, 0.3)]
+    shapes += [PointCloud(0.02, points=rng.normal(0, 0.1, (50, 3)).tolist())]
+    places = [Pose.from_rpy(rng.uniform(-2.0, 2.0, 3), rng.uniform(-3, 3, 3)) for _ in range(8 * len(shapes))]
+    scene = Scene([Obstacle(str(k), shapes[k % len(shapes)], place) for k, place in enumerate(places)])
+    parts = PlacedBodies(robot.collision_model, scene, ()).parts
+    reaches = list(robot.body_reaches.values())
+    approaches = Approaches(reaches, parts, np.zeros(len(parts), dtype=bool))
+    expected = np.array([[coal_distance(reach, part) for reach in reaches] for part in parts])
+    for distance in (1e-5, 0.05, 0.4):
+        clear = np.abs(expected - distance) > 2e-5
+        np.testing.assert_array_equal(approaches.nearer_than(distance)[clear], (expected < distance)[clear])
+    assert 0 < (expected < 1e-5).sum() < expected.size, "both answers occur"
+
+
+def test_what_may_be_anywhere_is_always_near(panda):
+    scene = Scene([Obstacle("far", Sphere(0.1), Pose((50.0, 0.0, 0.0)))])
+    parts = PlacedBodies(panda.collision_model, scene, ["far"]).parts
+    reaches = list(panda.body_reaches.values())
+    assert Approaches(reaches, parts, np.array([True])).nearer_than(1e-5).all()
