@@ -126,6 +126,15 @@ class Simulation:
         From a measurement to when the command that rests on it holds [s]: what the replanner may take to answer.
     judged : bool
         Whether a judge looks for contacts: that takes most of the time.
+
+    Attributes
+    ----------
+    summary : Summary
+        What came of it, complete once it has run to its end.
+    judge : Judge or None
+        Knows the contacts.
+    reactions : list of float
+        From each measurement to its command, on the clock of this machine [s].
     """
 
     def __init__(
@@ -147,7 +156,7 @@ class Simulation:
         self.summary = Summary()
         self._rng = np.random.default_rng(self.faults.seed)
         self._promised: dict[float, ReachSets] = {}
-        self._reactions: list[float] = []
+        self.reactions: list[float] = []
 
     # ------------------------------------------------------------------------------------------------------ world
 
@@ -223,7 +232,7 @@ class Simulation:
                 new = replanner.command(now + self.latency)
                 reaction += perf_counter() - begin
                 replanner.think()
-                self._reactions.append(reaction)
+                self.reactions.append(reaction)
             else:
                 summary.deadlines_missed += 1
             if new is None:
@@ -312,8 +321,8 @@ class Simulation:
         summary.seconds = float(seconds)
         summary.model_obeyed = min(1.0, obeyed / seconds)
         summary.moving = min(1.0, moving / seconds)
-        if self._reactions:
-            median, late = np.percentile(self._reactions, (50, 99)).tolist()
+        if self.reactions:
+            median, late = np.percentile(self.reactions, (50, 99)).tolist()
             summary.reaction = median, late
         if self.judge is not None:
             contacts = self.judge.contacts
