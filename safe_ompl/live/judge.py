@@ -107,6 +107,7 @@ class Judge:
             where = coal.Transform3s(place.rotation, place.translation)
             for solid in solids:
                 there = coal.Transform3s(solid.placement.rotation, solid.placement.translation)
+                self._result.clear()  # or it keeps the smallest of all that it ever saw
                 distance = coal.distance(
                     part.geometry, where, solid.geometry, there, self._request, self._result
                 )

@@ -42,8 +42,8 @@ def tracker():
 def replanner_for(panda, table, tracker):
     """Return a function that makes a replanner: with a person, a ball, or both."""
 
-    def make(*who, ball=1.6, **options):
-        people = {name: tracker for name in who if name != "ball"}
+    def make(*who, ball=1.6, trackers=None, **options):
+        people = trackers or {name: tracker for name in who if name != "ball"}
         options.setdefault("people", People(speed=1.6))
         return Replanner(panda, table, people, {"ball": ball} if "ball" in who else {}, **options)
 
