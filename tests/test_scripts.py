@@ -27,4 +27,4 @@ def test_it_is_short_and_runs(script, tmp_path):
 def test_the_list_of_examples_is_complete():
     listed = re.findall(r"\]\((\w+\.py)\)", (FOLDER / "README.md").read_text(encoding="utf-8"))
     assert sorted(listed) == [script.name for script in SCRIPTS]
-    assert len(listed) == 10
+    assert len(listed) == 11

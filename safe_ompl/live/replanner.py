@@ -290,7 +290,8 @@ class Replanner:
         if command.doing is before:
             return
         why = f": {command.reason}" if command.reason else ""
-        level = logging.DEBUG if command.doing is Doing.SLOWED else logging.INFO
+        drives = (Doing.MOVING, Doing.SLOWED)
+        level = logging.DEBUG if command.doing in drives and before in drives else logging.INFO
         _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
 
 

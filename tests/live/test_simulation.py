@@ -103,9 +103,9 @@ def test_faults_are_shares_and_lengths():
 def test_the_judge_sees_contacts_once_and_who_moved(panda, tracker):
     judge, q = Judge(panda), np.array([0, -0.4, 0, -2.0, 0, 2.0, 0.785])
     tip = panda.tip_pose(q).translation
-    ends = np.array([[tip, tip + [0, 0, 0.1]]])
+    ends = np.array([[tip, tip + np.array([0, 0, 0.1])]])
     touching = limb_solids("anna", ("right_hand",), ends, np.array([0.05]))
-    away = limb_solids("anna", ("right_hand",), ends + [2.0, 0, 0], np.array([0.05]))
+    away = limb_solids("anna", ("right_hand",), ends + np.array([2.0, 0, 0]), np.array([0.05]))
     assert judge.look(0.0, q, away, moving=True, obeyed=True).distance > 1
     for time, moving in ((0.1, False), (0.2, False), (0.3, True)):
         assert judge.look(time, q, touching, moving=moving, obeyed=True).distance <= 0
