@@ -11,6 +11,8 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.people.recordings import Recording
 from safe_ompl.people.tracking import Tracker
 
+_FORGOTTEN = 1000  # steps after which those of more than a second ago are forgotten
+
 
 class PersonMover(Protocol):
     """A person in a simulation."""
@@ -74,16 +76,21 @@ class Drifting:
         step: float = 0.01,
     ) -> None:
         self._places = [np.array(start, dtype=np.float64)]
+        self._first = 0  # step of the first place that is kept
         self._velocity = np.array(velocity, dtype=np.float64)
         self._centre, self._radius, self._inner, self._step = centre, radius, inner, step
 
     def at(self, time: float) -> pin.SE3:
-        """Return where it is at a time [s]."""
-        place = max(time, 0.0) / self._step
-        k = int(place)
+        """Return where it is at a time [s], no earlier than a second before the latest that was asked for."""
+        place = max(time, 0.0) / self._step - self._first
+        k = max(int(place), 0)
         while len(self._places) <= k + 1:
             self._places.append(self._after(self._places[-1]))
         share = place - k
+        kept = k - round(1 / self._step)
+        if kept > _FORGOTTEN:
+            del self._places[:kept]
+            self._first, k = self._first + kept, k - kept
         return pin.SE3(np.eye(3), (1 - share) * self._places[k] + share * self._places[k + 1])
 
     def _after(self, place: FloatArray) -> FloatArray:

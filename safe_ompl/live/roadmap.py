@@ -156,6 +156,13 @@ class Roadmap:
             self._looks[key] = known = people.look(self._path(key), now)
         return known.time
 
+    def _time(self, a: int, b: int, now: float, people: Around, budget: Budget) -> float | None:
+        """Return how long an edge takes, inf where it is not free; None if there is no time to find out."""
+        free = self._is_free(a, b, budget)
+        if free is None:
+            return None
+        return self._look(a, b, now, people, budget) if free else float("inf")
+
     def _path(self, key: tuple[int, int]) -> GuardedPath:
         found = self._paths.pop(key, None)
         if found is None:
@@ -196,20 +203,12 @@ class Roadmap:
             path = self._best(first, last, now, ahead, within)
             if path is None:
                 return None
-            total, known = 0.0, True
-            for a, b in pairwise(path):
-                free = self._is_free(a, b, budget)
-                if free is None:
-                    return None
-                time = self._look(a, b, now, people, budget) if free else np.inf
-                if time is None:
-                    return None
-                total += time
-                if np.isinf(total):
-                    known = False
-                    break
-            if known and total <= self._bound(path, now) + 1e-9:
-                return [self.milestones[k] for k in path], total
+            before = budget.left
+            times = [self._time(a, b, now, people, budget) for a, b in pairwise(path)]
+            if None in times:
+                return None
+            if budget.left == before:  # nothing was learnt: the best way by what is known is known
+                return [self.milestones[k] for k in path], self._cost_of(path, now)
 
     def _end(self, which: str, q: FloatArray) -> int:
         """Return the milestone at q; where there is none, the one that stands for such ends is moved there."""
@@ -245,7 +244,7 @@ class Roadmap:
         known = self._looks.get(key)
         return full if known is None or now > known.until else max(full, known.time)
 
-    def _bound(self, path: list[int], now: float) -> float:
+    def _cost_of(self, path: list[int], now: float) -> float:
         return sum(self._cost(a, b, now) for a, b in pairwise(path))
 
     def _best(self, first: int, last: int, now: float, ahead: FloatArray, within: float) -> list[int] | None:

@@ -14,6 +14,7 @@ from numba import njit
 from safe_ompl.arrays import FloatArray, IntArray
 
 _NOWHERE = 1e-12  # [rad]
+_REST = 1e-14  # [rad²/s²] slower than this it stands
 _LINE = 1e-9  # relative: nearer to the ceiling than this is on it
 
 
@@ -106,7 +107,9 @@ def drive(
                     y = 0.0
         else:
             along = min(h, x / (2 * b))
-            y = x - 2 * b * along if along < x / (2 * b) else 0.0
+            y = x - 2 * b * along
+            if y < _REST:
+                y = 0.0
         speeds = sqrt(x) + sqrt(max(y, 0.0))
         if speeds <= 0.0 or along <= 0.0:
             if not ticking or speeds <= 0.0:
