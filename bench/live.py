@@ -12,9 +12,9 @@ second (`--jobs` for more cores, `--clips` and `--places` for less).
 from __future__ import annotations
 
 import argparse
+import gc
 import logging
 import resource
-import tracemalloc
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -128,23 +128,23 @@ def told(rows: list[dict[str, Any]]) -> None:
 
 
 def memory(file: Path, clip: str, minutes: float) -> None:
-    """Print how memory grows over so many minutes of simulation."""
+    """Print how memory grows over so many minutes of simulation, after the first one."""
     one = simulation(file, clip, 0, "ours", judged=False)
     per_minute = round(60 / one.replanner.tick)
-    tracemalloc.start()
-    after_first, first_rss = 0, 0
+    first = 0.0
     for k, _ in enumerate(one.ticks(60 * minutes)):
         if k == per_minute:
-            after_first, first_rss = tracemalloc.get_traced_memory()[0], _resident()
-    grown = tracemalloc.get_traced_memory()[0] - after_first
-    print(
-        f"memory after {minutes:g} minutes: {grown / 1e6:+.1f} MB traced, {_resident() - first_rss:+.1f} MB resident "
-        "at most"
-    )
+            first = _resident()
+    print(f"memory after {minutes:g} minutes, against one: {_resident() - first:+.1f} MB")
 
 
 def _resident() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    """Return the memory of this process [MB]."""
+    gc.collect()
+    statm = Path("/proc/self/statm")
+    if statm.exists():
+        return int(statm.read_text().split()[1]) * resource.getpagesize() / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # the most that it ever was
 
 
 def main() -> None:
