@@ -8,7 +8,7 @@ is drawn anew. So each problem is solvable, and every seed gives the same proble
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -79,11 +79,13 @@ Piece = tuple[Shape, pin.SE3]
 Builder = Callable[[_Opening, np.random.Generator], Iterator[Piece]]
 
 
-def hard_problems(count: int, robots: tuple[str, ...] = ROBOTS, seed: int = 0) -> Iterator[HardProblem]:
-    """Yield `count` problems, robots and kinds in turn."""
+def hard_problems(
+    numbers: Iterable[int], robots: tuple[str, ...] = ROBOTS, seed: int = 0
+) -> Iterator[HardProblem]:
+    """Yield the problems of these numbers; robots and kinds take turns."""
     built = {name: Robot.from_example(name) for name in robots}
     kinds = tuple(KINDS)
-    for k in range(count):
+    for k in numbers:
         robot = built[robots[k % len(robots)]]
         kind = kinds[(k // len(robots)) % len(kinds)]
         rng = np.random.default_rng((seed, k))

@@ -1,11 +1,12 @@
 """Hard problems: whether heeding danger ever costs a solution, and what it costs in time.
 
-    python bench/hard.py [--problems A:B] [--time S] [--seeds N] [--json FILE]
+    python bench/hard.py [--problems A:B] [--planners A,B] [--time S] [--seeds N] [--json FILE]
 
 Narrow openings of seven kinds for four robots, made by rule from a seed (`_hard.py`), each with a proven way; no draw
 is left out. Safe planners and their classical counterparts plan each of them in turn, in one process, with the same
-checker. Printed for each planner: solved, time and queries (unsolved ones count with the whole time), and for each pair
-the ratio of times problem by problem; then danger where both solve.
+checker; JT-RRTs to the place of the tip, the others to the configuration. Times are the process's, which a busy machine
+changes little, and so is their limit. Printed for each planner: solved, time and queries (unsolved ones count with the
+whole time), and for each pair the ratios of times and queries; then danger where both solve.
 """
 
 from __future__ import annotations
@@ -15,19 +16,24 @@ import json
 import logging
 from collections.abc import Iterator
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
 from _hard import HardProblem, hard_problems
 from _problems import positions
 from _timing import print_table
+from ompl import base as ob
 from ompl import util as ou
 
-from safe_ompl import PlanResult, SafeSetup
+from safe_ompl import SafeSetup
+from safe_ompl.cli.arguments import names
 
 PAIRS = {
     "SafeRRTConnect": "ClassicRRTConnect",
     "SafePRM": "ClassicPRM",
+    "SafeJTRRT": "ClassicJTRRT",
+    "BubblePlanner": "ClassicBubble",
 }
 ALONE = ("PaperRRTConnect", "RRTConnect")
 _COUNT = 112
@@ -38,11 +44,12 @@ def main() -> None:
     options = _options()
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     logging.disable(logging.WARNING)
-    names = [name for pair in PAIRS.items() for name in pair] + list(ALONE)
+    every = [name for pair in PAIRS.items() for name in pair] + list(ALONE)
+    chosen = [name for name in every if not options.planners or name in options.planners]
     rows = []
-    for problem in list(hard_problems(_COUNT))[options.problems]:
+    for problem in hard_problems(range(_COUNT)[options.problems]):
         for seed in range(options.seeds):
-            runs = dict(_runs(problem, names, seed, options.time))
+            runs = dict(_runs(problem, chosen, seed, options.time))
             rows.append({"problem": problem.name, "kind": problem.kind, "seed": seed, "runs": runs})
             if options.json:
                 Path(options.json).write_text(json.dumps(rows), encoding="utf-8")
@@ -56,30 +63,41 @@ def _options() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--problems", type=positions, default="0:", metavar="A:B")
-    parser.add_argument("--time", type=float, default=5.0, metavar="S", help="for planning (default: 5)")
+    parser.add_argument("--planners", type=names, default=(), metavar="A,B,...", help="these only")
+    parser.add_argument(
+        "--time", type=float, default=5.0, metavar="S", help="of the process, for each plan (default: 5)"
+    )
     parser.add_argument("--seeds", type=int, default=1, metavar="N")
     parser.add_argument("--json", metavar="FILE", help="write every run")
     parser.add_argument("--also", nargs="*", default=[], metavar="FILE", help="runs of earlier calls to join")
     return parser.parse_args()
 
 
-def _runs(problem: HardProblem, names: list[str], seed: int, time: float) -> Iterator[tuple[str, Any]]:
+def _runs(problem: HardProblem, names: list[str], seed: int, limit: float) -> Iterator[tuple[str, Any]]:
     setup = SafeSetup(problem.robot, problem.scene)
     setup.setConfigurations(problem.start, problem.goal)
+    setup.setWorkspaceGoal(problem.robot.tip_pose(problem.goal).translation)
     for name in names:
-        yield name, _facts(setup.plan(name, time=time, seed=seed))
+        yield name, _run(setup, name, seed, limit)
 
 
-def _facts(result: PlanResult) -> dict[str, Any]:
-    counts = result.counts
-    facts = {
-        "solved": bool(result),
-        "time": result.planning_time,
-        "queries": counts.collision_queries + counts.margin_queries,
+def _run(setup: SafeSetup, name: str, seed: int, limit: float) -> dict[str, Any]:
+    """Plan for at most so much of the process's time [s], and return what came of it."""
+    setup.prepare(name, seed)
+    before, begin = setup.counts.copy(), process_time()
+    setup.solve(ob.PlannerTerminationCondition(lambda: process_time() > begin + limit))
+    counts = setup.counts - before
+    run = {
+        "solved": bool(setup.haveExactSolutionPath()),
+        "time": process_time() - begin,
+        "queries": counts.collision_queries + counts.margin_queries + counts.distance_queries,
     }
-    if result and result.report is not None and result.report.danger is not None:
-        facts |= {"danger": result.report.danger.mean, "avoidable": result.report.danger.avoidable}
-    return facts
+    if run["solved"]:
+        report = setup.report(setup.solution())
+        if not report.certified:
+            raise RuntimeError(f"{name} returned a path that is not proven free: {report.validation.why}")
+        run |= {"danger": report.danger.mean, "avoidable": report.danger.avoidable}
+    return run
 
 
 def report(rows: list[dict[str, Any]], limit: float) -> None:
@@ -102,24 +120,34 @@ def report(rows: list[dict[str, Any]], limit: float) -> None:
         )
     print_table(("planner", "solved", "median ms", "75 %", "90 %", "queries", *kinds), lines)
     for safe, classic in PAIRS.items():
-        for line in _compared([(row["runs"][safe], row["runs"][classic]) for row in rows], limit):
-            print(f"{safe} / {classic}: {line}")
+        if safe in names and classic in names:
+            for line in _compared([(row["runs"][safe], row["runs"][classic]) for row in rows], limit):
+                print(f"{safe} / {classic}: {line}")
 
 
 def _compared(pairs: list[tuple[dict[str, Any], dict[str, Any]]], limit: float) -> Iterator[str]:
     """Yield what there is to say about a safe planner's runs beside those of its classical counterpart."""
     times = np.array([[run["time"] if run["solved"] else limit for run in pair] for pair in pairs])
-    ratios = [np.quantile(times[:, 0], q) / np.quantile(times[:, 1], q) for q in (0.5, 0.9)]
-    yield f"time {ratios[0]:.2f} (medians), {ratios[1]:.2f} (at 90 %)"
+    yield f"time {_ratio(times, 0.5)} (medians), {_ratio(times, 0.9)} (at 90 %)"
+    queries = np.array([[run["queries"] if run["solved"] else np.inf for run in pair] for pair in pairs])
+    yield f"queries {_ratio(queries, 0.5)} (medians), {_ratio(queries, 0.75)} (at 75 %)"
     first, second = (sum(pair[k]["solved"] and not pair[1 - k]["solved"] for pair in pairs) for k in (0, 1))
     yield f"solved by the first only {first}, by the second only {second}"
     both = [pair for pair in pairs if pair[0]["solved"] and pair[1]["solved"]]
+    if not both:
+        return
     mean, avoidable = (
         np.array([[run[key] for run in pair] for pair in both]) for key in ("danger", "avoidable")
     )
     lower = float(np.mean(mean[:, 0] < mean[:, 1]))
     yield f"mean danger {np.median(mean[:, 0] / mean[:, 1]):.2f}, lower in {lower:.0%} of {len(both)}"
     yield f"avoidable danger {avoidable[:, 0].mean():.2f} against {avoidable[:, 1].mean():.2f}"
+
+
+def _ratio(pairs: np.ndarray, share: float) -> str:
+    """Return the ratio of the quantiles of two columns (N, 2)."""
+    first, second = np.quantile(pairs, share, axis=0, method="lower")
+    return f"{first / second:.2f}" if np.isfinite([first, second]).all() else "–"
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from safe_ompl.planners.registry import planner_names
 from safe_ompl.robot.description.collision_shapes import CollisionSource
 from safe_ompl.robot.description.examples import find_example
 from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scenario.moving import MovingObstacles
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scenario.tool import ToolConstraint
 
@@ -86,6 +87,19 @@ def joint_value(text: str) -> tuple[str, float]:
     """Read ``joint=value`` [rad or m]."""
     name, value = _assignment(text, "joint=value")
     return name, _number(float, value, math.isfinite, f"a finite number for joint {name!r}")
+
+
+def speeds(text: str) -> dict[str, float]:
+    """Read ``name=speed`` [m/s], several with commas between them."""
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, value = _assignment(part, "NAME=SPEED[,NAME=SPEED…]")
+        if name in found:
+            raise argparse.ArgumentTypeError(f"{name!r} is given twice")
+        found[name] = _number(
+            float, value, lambda speed: 0 <= speed < math.inf, f"a speed >= 0 [m/s] for {name!r}"
+        )
+    return found
 
 
 def _assignment(text: str, form: str) -> tuple[str, str]:
@@ -236,6 +250,18 @@ def add_limit_options(parser: argparse.ArgumentParser) -> None:
         metavar="DEG",
         help="what is upright on the tool at the start stays so within DEG degrees",
     )
+    group.add_argument(
+        "--moving",
+        type=speeds,
+        metavar="NAME=SPEED[,…]",
+        help="obstacles that may move, no faster than so many m/s: the path is free whatever they do",
+    )
+    group.add_argument(
+        "--moving-time",
+        type=limit,
+        metavar="SECONDS",
+        help="for how long after the moment of the scene (default: the scenario's limits.moving.time)",
+    )
 
 
 def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
@@ -244,7 +270,24 @@ def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
     given: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
     if options.keep_upright:
         given["tool"] = ToolConstraint(options.keep_upright)
+    if options.moving or options.moving_time:
+        given["moving"] = _moving(scenario, options)
     return dataclasses.replace(scenario, limits=dataclasses.replace(scenario.limits, **given))
+
+
+def _moving(scenario: Scenario, options: argparse.Namespace) -> MovingObstacles:
+    """Return the obstacles that may move: what the options do not say, the scenario says."""
+    own = scenario.limits.moving
+    moving = options.moving or (own and own.speeds)
+    time = options.moving_time or (own and own.time)
+    if not moving:
+        raise InputError("says for how long obstacles move: give these with --moving, too", "--moving-time")
+    if not time:
+        raise InputError("give also for how long they move: --moving-time SECONDS", "--moving")
+    for name in moving:
+        if name not in scenario.scene.names:
+            raise UnknownNameError("obstacle", name, scenario.scene.names, "--moving")
+    return MovingObstacles(moving, time)
 
 
 # ----------------------------------------------------------------------------------------------- scenarios

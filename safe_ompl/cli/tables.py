@@ -141,6 +141,8 @@ def _facts(result: PlanResult) -> Iterator[tuple[str, str]]:
         if report.danger is not None:
             yield "danger", _danger_cell(report.danger)
         yield "clearance", _clearance_cell(report.clearance)
+        if result.moving_obstacles is not None:
+            yield "moving", _moving_cell(**result.moving_obstacles)
         if report.links_without_collision:
             yield "not known", f"no collision geometry: {', '.join(report.links_without_collision)}"
     yield (
@@ -149,6 +151,11 @@ def _facts(result: PlanResult) -> Iterator[tuple[str, str]]:
         f"{counts.distance_queries} distance queries; field at {counts.field_configurations} configurations "
         f"({counts.field_points} points)",
     )
+
+
+def _moving_cell(speeds: Mapping[str, float], time: float) -> str:
+    told = ", ".join(f"{name} up to {speed:g} m/s" for name, speed in speeds.items())
+    return f"free whatever they do for {time:g} s: {told}"
 
 
 def _danger_cell(danger: DangerReport) -> str:

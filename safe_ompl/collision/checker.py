@@ -100,7 +100,7 @@ class CollisionChecker:
         self._approaches = Approaches(list(reaches.values()), parts, moves)
         self._touching = self._placed.with_pairs(self._nearer_than(DISTANCE_ERROR))
         self._contact = Queries(robot, self._touching, len(parts), margin=0.0)
-        self._pair_sets: dict[int, PairSet] = {}
+        self._pair_sets: dict[float, PairSet] = {}  # by the reach that they are of
         self.pairs = self.pairs_within(0.0)
 
     def __repr__(self) -> str:
@@ -131,14 +131,18 @@ class CollisionChecker:
         a few sets are ever made. Each is made once.
         """
         level = 0.0 if reach <= 0 else _REACH * 2.0 ** max(0, ceil(log2(reach / _REACH)))
+        if level not in self._pair_sets:
+            self._pair_sets[level] = self._pairs_at(level)
+        return self._pair_sets[level]
+
+    def _pairs_at(self, level: float) -> PairSet:
         touching = self._nearer_than(DISTANCE_ERROR)
         beyond = [pair for pair in self._nearer_than(level + DISTANCE_ERROR) if pair not in touching]
-        if len(beyond) not in self._pair_sets:
-            geometry = self._placed.with_pairs(beyond, self._touching) if beyond else self._touching
-            self._pair_sets[len(beyond)] = PairSet(
-                self.robot, geometry, self._names, self._obstacle_radii, self.counts
-            )
-        return self._pair_sets[len(beyond)]
+        for known in self._pair_sets.values():
+            if len(known.names) == len(self._touching.collisionPairs) + len(beyond):
+                return known
+        geometry = self._placed.with_pairs(beyond, self._touching) if beyond else self._touching
+        return PairSet(self.robot, geometry, self._names, self._obstacle_radii, self.counts)
 
     def _nearer_than(self, distance: float) -> dict[tuple[int, int], None]:
         """Return the pairs of a moving body and an obstacle that can come nearer than a distance [m], in order."""
@@ -176,7 +180,7 @@ class CollisionChecker:
         self._measure_from_axes(moved)
         if replaced:
             self._contact.take_new_shapes()
-        for pairs in self._pair_sets.values():
+        for pairs in set(self._pair_sets.values()):
             pairs.follow(self._obstacle_radii, new_shapes=replaced)
 
     def _measure_from_axes(self, parts: Sequence[PlacedPart]) -> None:

@@ -106,6 +106,7 @@ class CertifiedMotion:
         self._separation = separation
         self._limits = tuple(limits)
         self._required = separation.required(checker)
+        self._last_widened: tuple[float, RequiredDistances] | None = None
         self._joint_limits = JointLimits(checker.robot)
 
     @property
@@ -174,6 +175,10 @@ class CertifiedMotion:
         """
         return self.with_separation(replace(self._separation, speeds=speeds, time=time))
 
+    def with_checker(self, checker: CollisionChecker, separation: Separation) -> CertifiedMotion:
+        """Return the same that asks another checker of the same robot, and proves a separation; errors as the class."""
+        return CertifiedMotion(checker, self._floor, separation=separation, limits=self._limits)
+
     def with_separation(self, separation: Separation) -> CertifiedMotion:
         """Return the same that proves another separation."""
         return CertifiedMotion(self._checker, self._floor, separation=separation, limits=self._limits)
@@ -184,13 +189,18 @@ class CertifiedMotion:
 
     # ------------------------------------------------------------------------------------------------- questions
 
-    def is_free(self, start: ArrayLike, end: ArrayLike) -> bool:
-        """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`."""
+    def is_free(self, start: ArrayLike, end: ArrayLike, margin: float = 0.0) -> bool:
+        """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`.
+
+        With a margin [m] bodies that may touch an obstacle at all must also keep so much from it. Unlike `with_margin`
+        this says nothing of the others, needs no preparation, and may be asked with another margin each time.
+        """
         start, end = self._edge(start, end)
         if not (self._joint_limits.hold(start) and self._joint_limits.hold(end)):
             self._check_finite(start, end)
             return False
-        if self._subdivide(start, end, self._required)[0] is not Verdict.FREE:
+        required = self._widened(margin) if margin else self._required
+        if self._subdivide(start, end, required)[0] is not Verdict.FREE:
             return False
         return all(limit.check(start, end).verdict is Verdict.FREE for limit in self._limits)
 
@@ -241,6 +251,14 @@ class CertifiedMotion:
         return self._check(*self._edge(start, end), required)
 
     # ---------------------------------------------------------------------------------------------------- proof
+
+    def _widened(self, margin: float) -> RequiredDistances:
+        """Return the required distances with a margin [m] besides; that of the last call is kept."""
+        if self._last_widened is None or self._last_widened[0] != margin:
+            required = self._required
+            at_start = np.maximum(required.at_start, required.pairs.margins(margin))
+            self._last_widened = margin, RequiredDistances(required.pairs, at_start, required.growth)
+        return self._last_widened[1]
 
     def _edge(self, start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
         n = self._checker.robot.n

@@ -77,8 +77,9 @@ class Separation:
             If its scene has no obstacle of a name.
         """
         speeds, time = self.speeds, self.time
-        for name in speeds:
-            checker.scene[name]
+        kept_from = () if self.min_clearance is None else self.min_clearance.obstacles
+        for name in (*speeds, *kept_from):
+            checker.scene[name]  # raises where there is none
         pairs = checker.pairs_within(self.reach)
         return RequiredDistances(pairs, self._at_rest(pairs) + time * _rates(pairs, speeds))
 

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sized
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, IntArray, finite_array, positive
-from safe_ompl.collision.arguments import configuration, configurations
+from safe_ompl.arrays import FloatArray, IntArray, positive
 from safe_ompl.counts import Counts
 from safe_ompl.danger.obstacles import DangerousObstacles
+from safe_ompl.danger.points import DangerPoints, PointSource
+from safe_ompl.danger.robot_field import RobotField
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import field as maths
-from safe_ompl.maths.field import Segments, Weighting
+from safe_ompl.maths.kernels import danger as kernel
+from safe_ompl.maths.kernels import field as field_kernel
+from safe_ompl.maths.segments import Weighting
+from safe_ompl.robot.joints.kinematic_tree import plain
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
 Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
-PointSource: TypeAlias = Callable[[FloatArray], ArrayLike]
 AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
+_KINDS = {"max": kernel.MAXIMUM, "mean": kernel.MEAN, "softmax": kernel.SOFTMAX}
 
 
-class DangerField:
+class DangerField(RobotField):
     """Cumulative danger field of a robot at danger points, CDF(q) = aggregate_m w_m CDF(p_m; q) (paper §3).
 
     The field of the robot at a point is the sum over its links of k₁ ∫ dt/‖p − r_t‖, eq. (5)–(7). The danger
@@ -90,18 +93,14 @@ class DangerField:
     ) -> None:
         if aggregate not in AGGREGATES:
             raise UnknownNameError("aggregate", aggregate, AGGREGATES)
-        maths.check_weighting(weighting)
-        if not len(robot.segments):
-            raise InputError(
-                f"{robot.name!r} has no link of any length for a danger; give a tip beyond its joints"
-            )
-        self.robot = robot
+        super().__init__(robot, weighting, k1, counts)
         self.aggregate = aggregate
-        self.weighting = weighting
-        self.k1 = positive(k1, "k1")
         self.sharpness = positive(sharpness, "sharpness")
-        self.counts = Counts() if counts is None else counts
-        self._segments = Segments(robot.segments, _constant_lengths(robot))
+        tree = robot.kinematics
+        self._skeleton = tree.joints, tree.keypoints, self._segments.pairs
+        self._by_length = weighting == "length"
+        self._kind = _KINDS[aggregate]
+        self._no_gradients = np.empty((0, len(tree.joints)))
         self._obstacles: DangerousObstacles | None = None
         self.revision = 0
         self._take_points(points, weights)
@@ -138,23 +137,33 @@ class DangerField:
         InputError
             If anything else differs, or the field was not made by `of_scene`. Then it stays as it was.
         """
+        if self._of_known_scene.move(scene):
+            self._take_obstacles()
+
+    def stand_in(self, scene: Scene) -> None:
+        """Take the danger points of any other scene; errors as `move`."""
+        if self._of_known_scene.replace(scene):
+            self._take_obstacles()
+
+    @property
+    def _of_known_scene(self) -> DangerousObstacles:
         if self._obstacles is None:
             raise InputError(
                 "this field knows points, not a scene; DangerField.of_scene makes one that can move"
             )
-        if self._obstacles.move(scene):
-            self._take_points(*self._obstacles.points)
-            self.revision += 1
+        return self._obstacles
+
+    def _take_obstacles(self) -> None:
+        self._take_points(*self._of_known_scene.points)
+        self.revision += 1
 
     def _take_points(self, points: ArrayLike | PointSource, weights: ArrayLike | None) -> None:
         """Take danger points and weights, and forget what followed from others."""
-        self._points: FloatArray | PointSource = points if callable(points) else _danger_points(points)
-        number = None if self.points is None else len(self.points)
-        self._weights: FloatArray | None = None if weights is None else _danger_weights(weights, number)
+        self._danger_points = DangerPoints(points, weights, self.k1)
         vars(self).pop("minimum", None)
 
     def __repr__(self) -> str:
-        points = repr(self._points) if self.points is None else f"<{len(self.points)} points>"
+        points = repr(self._danger_points.source) if self.points is None else f"<{len(self.points)} points>"
         return (
             f"DangerField({self.robot!r}, {points}, aggregate={self.aggregate!r}, "
             f"weighting={self.weighting!r}, k1={self.k1:g}, sharpness={self.sharpness:g})"
@@ -163,12 +172,12 @@ class DangerField:
     @property
     def points(self) -> FloatArray | None:
         """The danger points (M, 3) [m], read-only; None where a callable gives them."""
-        return self._points if isinstance(self._points, np.ndarray) else None
+        return self._danger_points.fixed
 
     @property
     def weights(self) -> FloatArray | None:
         """The weights (M,) of the danger points, read-only; None where all are 1."""
-        return self._weights
+        return self._danger_points.weights
 
     # ------------------------------------------------------------------------------ danger of configurations
 
@@ -204,11 +213,10 @@ class DangerField:
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` for the price of the gradients."""
         Q = self._batch(Q)
-        keypoints, points = self._keypoints(Q), self.points_at(Q)
-        levels = self._levels(keypoints, points)
-        if not levels.size:
+        points, charges = self._prepared(Q)
+        if not points.size:
             return np.zeros(len(Q)), np.zeros(Q.shape)
-        return self._aggregated(levels), self._pulled_back(Q, keypoints, *self.contributions(levels, points))
+        return self._sloped(Q, points, charges)
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the terms of the danger that are above a level at `Q: (B, n)`.
@@ -233,10 +241,11 @@ class DangerField:
             values, gradients = self.values_and_gradients(Q)
             above = np.flatnonzero(values > level)
             return above, values[above], gradients[above]
-        keypoints, points = self._keypoints(Q), self.points_at(Q)
-        levels = self._levels(keypoints, points)
+        points, charges = self._prepared(Q)
+        levels = self._levels(Q, points, charges)
         rows, terms = np.nonzero(levels > level)
-        gradients = self._pulled_back(Q[rows], keypoints[rows], *self._chosen(points, rows, terms))
+        alone = points[rows % len(points), :, terms][..., None]  # each term is the danger of its point alone
+        gradients = self._sloped(Q[rows], alone, charges[0, terms][:, None])[1]
         return rows, levels[rows, terms], gradients
 
     def most_dangerous_point(self, q: ArrayLike) -> int:
@@ -248,7 +257,7 @@ class DangerField:
             If `q` has the wrong shape or is not finite, or there are no danger points.
         """
         Q = self._single(q)
-        levels = self._levels(self._keypoints(Q), self.points_at(Q))[0]
+        levels = self._levels(Q, *self._prepared(Q))[0]
         if not len(levels):
             raise InputError("there are no danger points; give an obstacle a weight > 0")
         return int(levels.argmax())
@@ -267,15 +276,10 @@ class DangerField:
         ends = self.robot.keypoint_reaches(self.points)[self.robot.segments]
         farthest = ends.max(axis=1)  # (L, M): no point of a segment is farther away than both of its ends
         lengths = self._segments.lengths if self.weighting == "length" else None
-        charges = np.ones(len(farthest)) if lengths is None else lengths.ravel()
+        charges = np.ones(len(farthest)) if lengths is None else lengths
         return float(self.aggregated(self.k1 * (charges @ (1.0 / farthest))[None])[0])
 
     # --------------------------------------------------------------------------------------- parts of danger
-
-    @property
-    def segments(self) -> Segments:
-        """The link segments; their lengths are None where a prismatic joint may change them."""
-        return self._segments
 
     def link_fields(self, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the field of every link at the danger points, and the points' distances from the links.
@@ -309,7 +313,7 @@ class DangerField:
 
     def aggregated(self, fields: FloatArray) -> FloatArray:
         """Return the danger (B,) where the robot's field at the danger points is `fields: (B, M)`, unweighted."""
-        return self._aggregated(fields if self._weights is None else fields * self._weights)
+        return self._aggregated(fields if self.weights is None else fields * self.weights)
 
     def active(self, Q: ArrayLike, share: float) -> DangerField:
         """Return the field of those danger points that matter near the configurations `Q: (B, n)`.
@@ -324,9 +328,10 @@ class DangerField:
         """
         if self.points is None or not len(self.points) or self.aggregate != "max":
             return self
-        levels = self._levels(self._keypoints(self._batch(Q)), self.points)
+        Q = self._batch(Q)
+        levels = self._levels(Q, *self._prepared(Q))
         near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
-        weights = None if self._weights is None else self._weights[near]
+        weights = None if self.weights is None else self.weights[near]
         return self if near.all() else self.with_points(self.points[near], weights)
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
@@ -342,28 +347,6 @@ class DangerField:
             counts=self.counts,
         )
 
-    # ---------------------------------------------------------------------------- the field in the workspace
-
-    def field(self, q: ArrayLike, points: ArrayLike) -> FloatArray:
-        """Return the field CDF(p), (M,), of the robot at `q: (n,)` at any `points: (M, 3)` [m], unweighted.
-
-        Raises
-        ------
-        InputError
-            If `q` or `points` has the wrong shape or is not finite; so do the other methods of this kind.
-        """
-        values: FloatArray = self._field(*self._scene(q, points))[0]
-        return values
-
-    def workspace_gradient(self, q: ArrayLike, points: ArrayLike) -> FloatArray:
-        """Return the gradient ∇_p CDF(p), (M, 3), of the field at `points: (M, 3)` [m]; zero on a segment."""
-        return self._workspace_gradient(*self._scene(q, points))
-
-    def vector(self, q: ArrayLike, points: ArrayLike) -> FloatArray:
-        """Return the vector field (8), (M, 3), at `points: (M, 3)` [m]: CDF(p) long, towards the robot."""
-        scene = self._scene(q, points)
-        return maths.vector_field(self._field(*scene)[0], self._workspace_gradient(*scene))
-
     def push(self, q: ArrayLike) -> FloatArray:
         """Return the joint motion (n,) that the field's vectors ask for at `q: (n,)`, Σ_m Σ_l J_lᵀ w_m CDF(p_m).
 
@@ -372,133 +355,59 @@ class DangerField:
         """
         Q = self._single(q)
         keypoints, points = self._scene(Q[0], self.points_at(Q).reshape(-1, 3))
-        vectors = maths.vector_field(
-            self._field(keypoints, points)[0], self._workspace_gradient(keypoints, points)
-        )
-        total = vectors.sum(axis=0) if self._weights is None else self._weights @ vectors
+        vectors = self._vector(keypoints, points)
+        total = vectors.sum(axis=0) if self.weights is None else self.weights @ vectors
         pushes = np.zeros(keypoints.shape)
         np.add.at(pushes[0], self.robot.segments[:, 1], total)
         motion: FloatArray = self.robot.pull_back(Q, pushes)[0]
         return motion
 
-    # ------------------------------------------------------------------------------------------------ within
-
-    def _single(self, q: ArrayLike) -> FloatArray:
-        return configuration(q, self.robot.n)[None]
-
-    def _batch(self, Q: ArrayLike) -> FloatArray:
-        return configurations(Q, self.robot.n)
-
-    def _danger(self, Q: FloatArray) -> FloatArray:
-        return self._aggregated(self._levels(self._keypoints(Q), self.points_at(Q)))
-
-    def _keypoints(self, Q: FloatArray) -> FloatArray:
-        return self.robot.keypoints(Q[0])[None] if len(Q) == 1 else self.robot.keypoints_batch(Q)
-
-    def _scene(self, q: ArrayLike, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return key points (1, K, 3) and field points (M, 3), and count them."""
-        keypoints, checked = self._keypoints(self._single(q)), finite_array(points, (None, 3), "points")
-        self.count(keypoints, checked)
-        return keypoints, checked
-
     def points_at(self, Q: FloatArray) -> FloatArray:
         """Return the danger points, (M, 3) or, where they depend on the configuration, (B, M, 3)."""
-        if isinstance(self._points, np.ndarray):
-            return self._points
-        found = [_danger_points(self._points(q)) for q in Q]
-        numbers = {len(points) for points in found}
-        if self._weights is not None:
-            numbers.add(len(self._weights))
-        if len(numbers) > 1:
-            raise InputError(f"the number of danger points must not change, got {sorted(numbers)}")
-        return np.reshape(found, (len(Q), *(numbers or {1}), 3))
+        return self._danger_points.at(Q)
 
-    def count(self, keypoints: FloatArray, points: FloatArray) -> None:
-        """Count an evaluation of the points at every configuration."""
-        self.counts.field_configurations += len(keypoints)
-        self.counts.field_points += len(keypoints) * points.shape[-2]
+    def contributions(self, levels: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the points that matter, (B, m, 3) or (M, 3), and ∂CDF/∂CDF(p) for each, (B, m)."""
+        if self.aggregate == "max":
+            return self._danger_points.chosen(points, np.arange(len(levels)), levels.argmax(axis=1))
+        shares: FloatArray = kernel.all_shares(levels, self._kind, self.sharpness)
+        return points, shares if self.weights is None else shares * self.weights
 
-    def _field(self, keypoints: FloatArray, points: FloatArray) -> FloatArray:
-        return maths.field(keypoints, self._segments, points, weighting=self.weighting, k1=self.k1)
+    # ------------------------------------------------------------------------------------------------ within
 
-    def _workspace_gradient(self, keypoints: FloatArray, points: FloatArray) -> FloatArray:
-        weighting, k1 = self.weighting, self.k1
-        gradient = maths.workspace_gradient(keypoints, self._segments, points, weighting=weighting, k1=k1)
-        return gradient.reshape(-1, 3)
+    def _danger(self, Q: FloatArray) -> FloatArray:
+        points, charges = self._prepared(Q)
+        if not points.size:
+            return np.zeros(len(Q))
+        return self._evaluated(plain(self.robot.coupling.values(Q)), points, charges, self._no_gradients)
 
-    def _levels(self, keypoints: FloatArray, points: FloatArray) -> FloatArray:
-        """Return w_m CDF(p_m), (B, M), and count it."""
-        self.count(keypoints, points)
-        levels = self._field(keypoints, points)
-        if self._weights is not None:
-            levels *= self._weights
-        return levels
+    def _sloped(
+        self, Q: FloatArray, points: FloatArray, charges: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        values = plain(self.robot.coupling.values(Q))
+        gradients = np.empty(values.shape)
+        dangers = self._evaluated(values, points, charges, gradients)
+        return dangers, self.robot.coupling.columns(gradients)
 
-    def _pulled_back(
-        self, Q: FloatArray, keypoints: FloatArray, points: FloatArray, rates: FloatArray
+    def _evaluated(
+        self, values: FloatArray, points: FloatArray, charges: FloatArray, gradients: FloatArray
     ) -> FloatArray:
-        """Return Σ_m rate_m ∂CDF(p_m)/∂q, (B, n), of points (m, 3) or (B, m, 3) with rates (B, m)."""
-        weighting, k1 = self.weighting, self.k1
-        pulls = maths.keypoint_gradient(keypoints, self._segments, points, rates, weighting=weighting, k1=k1)
-        return self.robot.pull_back(Q, pulls)
+        by_length, kind, sharpness = self._by_length, self._kind, self.sharpness
+        return kernel.dangers(*self._skeleton, values, points, charges, by_length, kind, sharpness, gradients)
+
+    def _levels(self, Q: FloatArray, points: FloatArray, charges: FloatArray) -> FloatArray:
+        """Return w_m CDF(p_m), (B, M)."""
+        keypoints = self.robot.keypoints_batch(Q)
+        return charges * field_kernel.fields(keypoints, self._segments.pairs, points, self._by_length)
 
     def _aggregated(self, levels: FloatArray) -> FloatArray:
         """Return the danger (B,) of levels (B, M); zero where there are none."""
         if not levels.shape[1]:
             return np.zeros(len(levels))
-        danger: FloatArray = levels.mean(axis=1) if self.aggregate == "mean" else levels.max(axis=1)
-        if self.aggregate == "softmax":
-            danger += np.log(self._exponentials(levels).sum(axis=1)) / self.sharpness
-        return danger
+        return kernel.aggregates(plain(levels), self._kind, self.sharpness)
 
-    def contributions(self, levels: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the points that matter, (B, m, 3) or (M, 3), and ∂CDF/∂CDF(p) for each, (B, m)."""
-        if self.aggregate == "max":
-            return self._chosen(points, np.arange(len(levels)), levels.argmax(axis=1))
-        weights = np.ones(levels.shape[1]) if self._weights is None else self._weights
-        if self.aggregate == "mean":
-            return points, np.broadcast_to(weights / levels.shape[1], levels.shape)
-        shares = self._exponentials(levels)
-        shares /= shares.sum(axis=1, keepdims=True)
-        return points, shares * weights
-
-    def _chosen(self, points: FloatArray, rows: IntArray, terms: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return danger points (C, 1, 3) and weights (C, 1): for each of `rows: (C,)` the one of `terms: (C,)`."""
-        chosen = points[terms] if points.ndim == 2 else points[rows, terms]
-        weights = np.ones(len(terms)) if self._weights is None else self._weights[terms]
-        return chosen[:, None], weights[:, None]
-
-    def _exponentials(self, levels: FloatArray) -> FloatArray:
-        """Return exp(β (x_m − max x)), (B, M), which cannot overflow; 1 where x_m is the maximum."""
-        peaks = levels.max(axis=1, keepdims=True)
-        gaps = np.subtract(levels, peaks, out=np.zeros_like(levels), where=levels != peaks)
-        exponentials: FloatArray = np.exp(self.sharpness * gaps)
-        return exponentials
-
-
-def _danger_points(points: ArrayLike) -> FloatArray:
-    """Return danger points (M, 3) in Fortran order, which the field reads fastest; read-only."""
-    if isinstance(points, Sized) and not len(points):
-        points = np.zeros((0, 3))
-    checked = np.asfortranarray(finite_array(points, (None, 3), "danger points"))
-    checked.setflags(write=False)
-    return checked
-
-
-def _danger_weights(weights: ArrayLike, number: int | None) -> FloatArray:
-    checked = finite_array(weights, (number,), "danger weights")
-    if not (checked > 0).all():
-        raise InputError(
-            f"danger weights must be positive, got {checked[checked <= 0].tolist()}; leave out the others"
-        )
-    checked.setflags(write=False)
-    return checked
-
-
-def _constant_lengths(robot: Robot) -> FloatArray | None:
-    """Return the lengths (L,) [m] of the segments, or None where a prismatic joint may change them."""
-    if robot.joint_prismatic.any():
-        return None
-    start, end = robot.keypoints(np.zeros(robot.n))[robot.segments.T]
-    lengths: FloatArray = np.linalg.norm(end - start, axis=-1)
-    return lengths
+    def _prepared(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return danger points (1 or B, 3, M) and charges (1, M) for kernels, and count an evaluation."""
+        points, charges = self._danger_points.prepared(Q)
+        self._count(len(Q), points.shape[2])
+        return points, charges

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray
-from safe_ompl.maths.kernels.joints import joint_frames
 from safe_ompl.robot.robot import Robot
 
 
@@ -28,23 +27,14 @@ class JointMotions:
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         chain = robot.shared.chain
-        self._tree = (
-            np.array(chain.parents, dtype=np.intp),
-            np.array([placement.rotation for placement in chain.placements]),
-            np.array([placement.translation for placement in chain.placements]),
-            np.ascontiguousarray(chain.axes),
-            np.ascontiguousarray(chain.prismatic),
-        )
-        self.prismatic: BoolArray = self._tree[4]
+        self.prismatic: BoolArray = chain.prismatic
         self.beneath: BoolArray = np.zeros((len(chain.parents),) * 2, dtype=bool)
         for j, parent in enumerate(chain.parents):
             self.beneath[j, chain.path_to_root(parent)] = True
 
     def frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return rotations (B, m, 3, 3), origins (B, m, 3) and world axes (B, m, 3) of the joints at `Q: (B, n)`."""
-        values = np.ascontiguousarray(self.robot.coupling.values(Q))
-        found: tuple[FloatArray, FloatArray, FloatArray] = joint_frames(*self._tree, values)
-        return found
+        return self.robot.kinematics.frames(self.robot.coupling.values(Q))
 
     def twists(
         self, origins: FloatArray, axes: FloatArray, rates: FloatArray

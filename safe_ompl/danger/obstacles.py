@@ -44,3 +44,10 @@ class DangerousObstacles:
                 raise InputError(f"{old.name!r} may move, but not become another: {old!r} to {new!r}")
         self._scene = scene
         return any(new.weight > 0 for _, new in moved)
+
+    def replace(self, scene: Scene) -> bool:
+        """Take any other scene; return whether what is dangerous differs."""
+        known = [[o for o in s if o.weight > 0] for s in (self._scene, scene)]
+        changed = known[0] != known[1] or scene.spacing != self._scene.spacing
+        self._scene = scene
+        return changed

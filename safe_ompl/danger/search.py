@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import count
@@ -10,7 +10,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.arrays import FloatArray, IntArray, finite_array
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.rates import KeypointRates
 from safe_ompl.errors import InputError
@@ -18,7 +18,6 @@ from safe_ompl.maths.bounds import Ends, chords
 from safe_ompl.robot.robot import Robot
 
 _BATCH = 16  # intervals halved at once: many share the cost of a call, few are halved for nothing
-_BLOCK = 1 << 18  # numbers in one array of a batch
 _ROUNDING = 1e-8  # of the arithmetic, relative
 
 
@@ -79,7 +78,7 @@ class PeakSearch:
         _check_strokes(robot, points)
         self._field, self._floor, self._ceiling = field, floor, ceiling
         lengths = field.segments.lengths
-        self._lengths = None if lengths is None else lengths.ravel()
+        self._lengths = lengths
         points = points if len(points) > 1 else points[[0, 0]]
         self._starts, ends = points[:-1], points[1:]
         self._deltas = robot.difference(self._starts, ends)
@@ -185,43 +184,51 @@ class PeakSearch:
         lengths: FloatArray = np.linalg.norm(points[:, pairs[:, 1]] - points[:, pairs[:, 0]], axis=2)
         return lengths
 
-    def _push(self, pairs: Iterable[tuple[Sample, Sample]]) -> None:
+    def _push(self, pairs: Sequence[tuple[Sample, Sample]]) -> None:
         """Bound the danger between pairs of samples, and put the intervals that are not settled by it into the heap."""
-        pairs = list(pairs)
-        size = max(1, _BLOCK // max(1, pairs[0][0].ends.fields.size))
-        for begin in range(0, len(pairs), size):
-            part = pairs[begin : begin + size]
-            for (first, last), upper, path in zip(part, *self._bounded(part), strict=True):
-                if upper <= self._enough:
-                    self._settled = max(self._settled, float(upper))
-                else:
-                    interval = _Interval(first, last, float(upper), float(path))
-                    heappush(self._heap, (-interval.upper, next(self._order), interval))
+        for (first, last), upper, path in zip(pairs, *self._bounded(pairs), strict=True):
+            if upper <= self._enough:
+                self._settled = max(self._settled, upper)
+            else:
+                interval = _Interval(first, last, upper, path)
+                heappush(self._heap, (-interval.upper, next(self._order), interval))
 
-    def _bounded(self, pairs: list[tuple[Sample, Sample]]) -> tuple[FloatArray, FloatArray]:
+    def _bounded(self, pairs: Sequence[tuple[Sample, Sample]]) -> tuple[list[float], list[float]]:
         """Return for each interval the upper bound of its danger, and how far the robot moves in it [m]."""
-        firsts, lasts = ([pair[side] for pair in pairs] for side in (0, 1))
-        edges = np.array([sample.edge for sample in firsts])
+        edges = np.array([first.edge for first, _ in pairs])
         h = np.array([last.t - first.t for first, last in pairs])
-        speed, acceleration = self._rates.between(
-            edges, h, *(np.array([[s.speed, s.acceleration] for s in side]) for side in (firsts, lasts))
-        )
+        known = (np.array([[pair[side].speed, pair[side].acceleration] for pair in pairs]) for side in (0, 1))
+        speed, acceleration = self._rates.between(edges, h, *known)
         links = self._field.robot.segments
-        low, high = chords(
-            _stacked(firsts),
-            _stacked(lasts),
-            h,
-            speed[:, links].max(axis=2),
-            acceleration[:, links].max(axis=2),
-        )
-        lengths = np.array([(a.lengths + b.lengths) / 2 for a, b in pairs])
+        bounds = speed[:, links].max(axis=2), acceleration[:, links].max(axis=2)
+        uppers = [
+            self._upper(*pair, *motion)
+            for pair, *motion in zip(pairs, h.tolist(), *bounds, self._longest(pairs, edges, h), strict=True)
+        ]
+        return uppers, (speed.max(axis=1) * h).tolist()
+
+    def _upper(
+        self,
+        first: Sample,
+        last: Sample,
+        h: float,
+        speed: FloatArray,
+        acceleration: FloatArray,
+        lengths: FloatArray,
+    ) -> float:
+        """Return an upper bound of the danger between two samples.
+
+        Aggregates are convex and grow with each level: above two ends of a line they are above all of it.
+        """
+        lines = chords(first.ends, last.ends, h, speed, acceleration, lengths)
+        return float(self._field.aggregated(lines).max())
+
+    def _longest(self, pairs: Sequence[tuple[Sample, Sample]], edges: IntArray, h: FloatArray) -> FloatArray:
+        """Return the most that each link's unit field is multiplied by in each interval, (I, L)."""
+        lengths = np.array([(first.lengths + last.lengths) / 2 for first, last in pairs])
         if self._field.weighting == "length" and self._lengths is None:
             lengths += (self._stroke_rates[edges] * h / 2)[:, None]
-        # Aggregates are convex and grow with each level: above two ends of a line they are above all of it.
-        upper = np.maximum(
-            *(self._field.aggregated((lengths[..., None] * side).sum(axis=1)) for side in (low, high))
-        )
-        return upper, speed.max(axis=1) * h
+        return lengths
 
 
 def _norm(vectors: FloatArray) -> FloatArray:
@@ -231,11 +238,6 @@ def _norm(vectors: FloatArray) -> FloatArray:
 
 def _danger(sample: Sample) -> float:
     return sample.danger
-
-
-def _stacked(samples: list[Sample]) -> Ends:
-    fields, distances = zip(*(sample.ends for sample in samples), strict=True)
-    return Ends(np.array(fields), np.array(distances))
 
 
 def _check_strokes(robot: Robot, path: FloatArray) -> None:

@@ -72,6 +72,7 @@ def result_from_mapping(data: Mapping[str, Any], robot: Robot | None = None) -> 
         ),  # all that reporting took
         improvements=tuple(Improvement(**item) for item in data.get("improvements", ())),
         interrupted=bool(data.get("interrupted", False)),
+        moving_obstacles=data.get("moving_obstacles"),
         robot=robot,
         scene=scene,
         danger=danger,

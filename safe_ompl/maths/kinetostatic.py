@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.maths.field import Segments, Weighting, check_weighting
+from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels import kinetostatic as kernel
+from safe_ompl.maths.segments import Segments, Weighting, check_weighting
 
 _ZERO = 1e-30
 
@@ -155,7 +155,7 @@ def isotropic_bracket(
     return np.maximum(integral(lower), 0.0), integral(upper)
 
 
-def _ends(segments: Segments) -> tuple[FloatArray, FloatArray]:
+def _ends(segments: Segments) -> tuple[IntArray, IntArray]:
     start, end = np.ascontiguousarray(segments.pairs.T)
     return start, end
 

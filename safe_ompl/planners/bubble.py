@@ -120,7 +120,7 @@ class BubblePlanner(WeighingPlanner):
                 f"{name} needs a CollisionFreeValidity as state validity checker, for the distances that bubbles "
                 f"come from; got {type(validity).__name__}"
             )
-        self._checker: CollisionChecker = validity.checker
+        self._validity = validity
         self._band = ElasticBand(self._task, self._danger, self._slide)
         self.setAlpha(alpha)
         self.setBeta(beta)
@@ -134,6 +134,12 @@ class BubblePlanner(WeighingPlanner):
         self.setLeastClearance(least_clearance)
         self.setIterations(iterations)
         self._forget()
+
+    @property
+    def _checker(self) -> CollisionChecker:
+        """Robot and scene, as they are now."""
+        checker: CollisionChecker = self._validity.checker
+        return checker
 
     def setBeta(self, beta: float) -> None:
         """Set the weight β of the diversity."""

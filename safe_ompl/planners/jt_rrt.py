@@ -175,7 +175,7 @@ class SafeJTRRT(WeighingPlanner):
         return self._selection.nearest_fraction
 
     def setThresholdRise(self, share: float) -> None:
-        """Set by what share the adaptive threshold on danger rises after five refusals; 0 for no threshold."""
+        """Set by what share the adaptive threshold on danger rises after eight refusals; 0 for no threshold."""
         self._threshold.rise = number("threshold_rise", share, at_least=0)
 
     def getThresholdRise(self) -> float:

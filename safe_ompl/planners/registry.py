@@ -35,6 +35,7 @@ _RRT_CONNECT_AS_PRINTED = {
     "slide": 0.0,
     "threshold_rise": 0.0,
     "patience": 0.0,
+    "clearance": 0.0,
     "short_steps": False,
     "raw_alpha": True,
 }

@@ -5,18 +5,16 @@ from __future__ import annotations
 from itertools import count, islice
 from typing import Any
 
-import numpy as np
-
 from safe_ompl.arrays import FloatArray
 from safe_ompl.inputs import flag, fraction, number, whole_number
 from safe_ompl.planners.parts.growing import Extension, SafeStep
+from safe_ompl.planners.parts.margin import AdaptiveMargin
 from safe_ompl.planners.parts.selection import SafeSelection
+from safe_ompl.planners.parts.short_steps import ShortSteps
 from safe_ompl.planners.parts.threshold import AdaptiveThreshold
 from safe_ompl.planners.parts.tree import Tree
 from safe_ompl.planners.parts.trees import Trees
 from safe_ompl.planners.weighing import WeighingPlanner
-
-_SHORTEST_STEP = 0.05  # of the range
 
 
 class SafeRRTConnect(WeighingPlanner):
@@ -46,14 +44,19 @@ class SafeRRTConnect(WeighingPlanner):
         danger little; this is the null-space motion of the paper's JT-RRT (§4.3) for a step in C-space.
     threshold_rise : float
         No node is added that is more dangerous than its parent and than a threshold: at first the danger of the
-        more dangerous end, which no path can avoid; after every five refusals it rises by this share. It keeps
+        more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps
         the peak of the danger low. 0 for no threshold.
     short_steps : bool
         Where the step towards a random configuration is trapped, try a shorter one, of 5 to 100 % of the range: it
-        leads out of narrow places.
+        leads out of narrow places. While danger is heeded only nodes whose last step was trapped, too, get
+        one: elsewhere short steps double the checks, and make for paths that graze obstacles.
     patience : float
         After so many turns half of them ignore danger, after three times as many nearly all: where danger keeps the
         planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
+    clearance : float
+        Motions keep a margin [m] from obstacles, dangerous or not: at first this one, but no more than 80 % of what
+        start and goal keep; after every twelve trapped steps it falls to 60 %. It is in force where danger is, and
+        needs a `CertifiedMotionValidator`. 0 for none.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.
     iterations : int
@@ -68,6 +71,7 @@ class SafeRRTConnect(WeighingPlanner):
     * a share of the choices ignores danger (`nearest_fraction`): no passage stays closed;
     * steps slide and keep to a threshold (`slide`, `threshold_rise`): lower danger;
     * a shorter step is tried (`short_steps`): fewer nodes in narrow places, more checks elsewhere;
+    * motions keep a margin, as long as they can (`clearance`): what is not dangerous is not grazed, either;
     * danger yields where no path is found (`patience`): no solution is lost for its sake;
     * α is relative (`raw_alpha`): one default for all robots.
 
@@ -90,13 +94,16 @@ class SafeRRTConnect(WeighingPlanner):
         short_steps: bool = True,
         raw_alpha: bool = False,
         patience: float = 100,
+        clearance: float = 0.05,
         iterations: int = 0,
     ) -> None:
         super().__init__(si, name)
         self._selection = SafeSelection(self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
+        self._margin = AdaptiveMargin(self._task, self._danger)
+        self._short_steps = ShortSteps(self._bridge, self._danger)
         self._step = SafeStep(
-            self._bridge, self._danger, self._slide, self._threshold, self._task.motion_is_free
+            self._bridge, self._danger, self._slide, self._threshold, self._margin.motion_is_free
         )
         self._forget()
         self.setRange(range)
@@ -107,6 +114,7 @@ class SafeRRTConnect(WeighingPlanner):
         self.setShortSteps(short_steps)
         self.setRawAlpha(raw_alpha)
         self.setPatience(patience)
+        self.setClearance(clearance)
         self.setIterations(iterations)
 
     def setNearestFraction(self, epsilon: float) -> None:
@@ -118,20 +126,28 @@ class SafeRRTConnect(WeighingPlanner):
         return self._selection.nearest_fraction
 
     def setThresholdRise(self, share: float) -> None:
-        """Set by what share the adaptive threshold on danger rises after five refusals; 0 for no threshold."""
+        """Set by what share the adaptive threshold on danger rises after eight refusals; 0 for no threshold."""
         self._threshold.rise = number("threshold_rise", share, at_least=0)
 
     def getThresholdRise(self) -> float:
         """Return by what share the adaptive threshold on danger rises."""
         return self._threshold.rise
 
+    def setClearance(self, distance: float) -> None:
+        """Set the largest clearance [m] that motions must keep; 0 for none."""
+        self._margin.largest = number("clearance", distance, at_least=0)
+
+    def getClearance(self) -> float:
+        """Return the largest clearance [m] that motions must keep."""
+        return self._margin.largest
+
     def setShortSteps(self, short_steps: bool) -> None:
         """Set whether a shorter step is tried where a whole one is trapped."""
-        self._short_steps = flag("short_steps", short_steps)
+        self._short_steps.allowed = flag("short_steps", short_steps)
 
     def getShortSteps(self) -> bool:
         """Return whether a shorter step is tried where a whole one is trapped."""
-        return self._short_steps
+        return self._short_steps.allowed
 
     def setRawAlpha(self, raw: bool) -> None:
         """Set whether α is taken as it is, in length per danger."""
@@ -159,11 +175,15 @@ class SafeRRTConnect(WeighingPlanner):
                 break
             self._take_goals(ptc)
             self._patience.turn(self._rng)
+            self._margin.begin(self._trees)
             q_rand = self._task.random_configuration(self._rng)
             old = self._select(tree, q_rand)
             outcome, new = self._extend(tree, old, q_rand)
-            if outcome is Extension.TRAPPED and self._short_steps:
-                outcome, new = self._extend(tree, old, self._nearer(tree, old, q_rand))
+            if outcome is Extension.TRAPPED and self._short_steps.help(tree, old):
+                nearer = self._short_steps.nearer(
+                    tree.configurations[old], q_rand, self.getRange(), self._rng
+                )
+                outcome, new = self._extend(tree, old, nearer)
             if outcome is not Extension.TRAPPED:
                 q_new = tree.configurations[new]
                 outcome, met = self._connect(other, self._select(other, q_new), q_new, ptc)
@@ -187,16 +207,6 @@ class SafeRRTConnect(WeighingPlanner):
             outcome, node = self._extend(tree, node, target)
         return outcome, node
 
-    # ------------------------------------------------------------------------------------------ beyond the paper
-
-    def _nearer(self, tree: Tree, node: int, target: FloatArray) -> FloatArray:
-        """Return a configuration (n,) on the way from a node to a target, log-uniformly nearer than the range."""
-        q = tree.configurations[node]
-        delta = self._bridge.difference(q, target)
-        length = float(np.sqrt(delta @ delta))
-        step = _SHORTEST_STEP ** self._rng.random() * min(length, self.getRange())
-        return self._bridge.inside(q + (step / length) * delta) if length else q
-
     # ------------------------------------------------------------------------------------------------- the trees
 
     @property
@@ -206,4 +216,5 @@ class SafeRRTConnect(WeighingPlanner):
     def _forget(self) -> None:
         self._trees = Trees(self._bridge, self._task.cost, self.counts)
         self._threshold.reset()
+        self._margin.reset()
         self._patience.reset()

@@ -97,6 +97,10 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         """Accept only motions that are free whatever obstacles do; see `CertifiedMotion.with_moving_obstacles`."""
         self._motion = self._motion.with_moving_obstacles(speeds, time)
 
+    def setChecker(self, checker: CollisionChecker, separation: Separation) -> None:
+        """Prove motions with another checker of the same robot from here on, and what is kept from its obstacles."""
+        self._motion = self._motion.with_checker(checker, separation)
+
     def setSeparation(self, separation: Separation) -> None:
         """Accept only motions that are proven to keep a separation, instead of what was set before."""
         self._motion = self._motion.with_separation(separation)

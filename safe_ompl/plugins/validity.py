@@ -34,6 +34,7 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     def __init__(self, si: Any, checker: CollisionChecker) -> None:
         super().__init__(si)
         self.checker = checker
+        self._separation = TOUCHING_ONLY
         self._limit: DangerLimit | None = None
         self._tool: tuple[ToolLimit, ...] = ()
         self._user: SampledValidity | None = None
@@ -62,6 +63,11 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     ) -> None:
         """Accept only states that keep a distance; arguments and errors of `MinClearance.of`."""
         self.setSeparation(self._separation.with_min_clearance(self.checker, distance, obstacles, exempt))
+
+    def setChecker(self, checker: CollisionChecker, separation: Separation) -> None:
+        """Ask another checker of the same robot from here on, about what must be kept from its obstacles."""
+        self._required = separation.required(checker)
+        self._separation, self.checker = separation, checker
 
     def setSeparation(self, separation: Separation) -> None:
         """Accept only states that keep a separation, instead of what was set before."""

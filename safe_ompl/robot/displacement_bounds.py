@@ -100,10 +100,11 @@ class DisplacementBounds(ForwardKinematics):
 
     def joint_radii_at(self, q: FloatArray) -> FloatArray:
         """Return the radii R (G, m) at `q: (n,)` by the joints of Pinocchio's model."""
-        rotation, translation = self._poses(q[None])
-        axes, origins = (a[0] for a in self._axes(q[None]))
+        rotation, origins, axes = (frames[0] for frames in self.kinematics.frames(self._values(q[None])))
         joints, corners, pads, support = self._body_corners
-        world = np.einsum("gij,gpj->gpi", rotation[0, joints], corners) + translation[0, joints][:, None]
+        fixed = (joints == 0)[:, None, None]  # to the base: no joint moves them
+        carried = np.einsum("gij,gpj->gpi", rotation[joints - 1], corners) + origins[joints - 1][:, None]
+        world = np.where(fixed, corners, carried)
         arms = world[:, None] - origins[:, None]
         along = np.einsum("gipc,ic->gip", arms, axes)
         squared = np.einsum("gipc,gipc->gip", arms, arms) - along**2

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
-from functools import cached_property
 from math import isfinite
 
 import numpy as np
@@ -14,7 +14,7 @@ from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.construction.parts import RobotParts
 from safe_ompl.robot.joints.coupling import Coupling
-from safe_ompl.robot.joints.joint_frames import JointFrames
+from safe_ompl.robot.joints.kinematic_tree import KinematicTree
 from safe_ompl.robot.joints.skeleton import Skeleton, frame_index
 
 _FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: asking for it costs least
@@ -63,10 +63,16 @@ class ForwardKinematics:
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names
         self._key_joints, self._key_offsets = skeleton.joints, skeleton.offsets
-        self._shifted = np.flatnonzero(np.abs(skeleton.offsets).max(axis=1) > 0)
+        self.kinematics = KinematicTree(
+            self._chain.parents,
+            self._chain.placements,
+            self._chain.axes,
+            self._sliding,
+            skeleton.joints,
+            skeleton.offsets,
+        )
         self._support = self._supporting_joints(skeleton.joints)
-        self._moved_by: FloatArray = self._support.T.astype(np.float64)  # (m, K)
-        self._scratch = JointFrames(model)
+        self._scratch = _Scratch(model)
         for array in (self.lower, self.upper, self.segments, self.continuous, self.prismatic, self._support):
             array.setflags(write=False)
 
@@ -140,15 +146,12 @@ class ForwardKinematics:
 
     def keypoints(self, q: ArrayLike) -> FloatArray:
         """Return the key points of the skeleton (K, 3) [m] in the world frame at `q: (n,)`."""
-        rotation, translation = self._scratch.forward(self.pinocchio_configuration(q))
-        points: FloatArray = translation[self._key_joints]
-        at = self._shifted
-        points[at] += (rotation[self._key_joints[at]] @ self._key_offsets[at, :, None])[..., 0]
+        points: FloatArray = self.kinematics.places(self.coupling.values(self._checked(q)[None]))[0]
         return points
 
     def keypoints_batch(self, Q: ArrayLike) -> FloatArray:
         """Return the key points (B, K, 3) [m] for a batch of configurations `Q: (B, n)`."""
-        return self._keypoints_of(*self._poses(self._batch(Q)))
+        return self.kinematics.places(self._values(Q))
 
     def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
         """Map gradients with respect to the key points to gradients with respect to the joints, Σ_k J_kᵀ g_k.
@@ -164,21 +167,14 @@ class ForwardKinematics:
         -------
         ndarray, shape (B, n)
         """
-        rotation, translation = self._poses(self._batch(Q))
-        axes, origins = self._axes_of(rotation), translation[:, 1:]
-        force = self._moved_by @ gradients
-        torque = self._moved_by @ _cross(self._keypoints_of(rotation, translation), gradients)
-        turning = torque - _cross(origins, force)
-        pulled: FloatArray = np.einsum("bic,bic->bi", axes, np.where(self._sliding[:, None], force, turning))
-        return self.coupling.columns(pulled)
+        return self.coupling.columns(self.kinematics.pull_back(self._values(Q), gradients))
 
     def keypoint_jacobians(self, q: ArrayLike) -> FloatArray:
         """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
-        q = self._checked(q)
-        axes, origins = (a[0] for a in self._axes(q[None]))
-        arms = self.keypoints(q)[:, None, :] - origins
-        columns = np.where(self._sliding[:, None], axes, np.cross(axes, arms))
-        return self.coupling.columns(np.swapaxes(columns * self._support[:, :, None], 1, 2))
+        values = self.coupling.values(self._checked(q)[None])
+        rows = np.zeros(len(self._key_joints), dtype=np.intp)
+        columns = self.kinematics.point_jacobians(values, rows, self._key_joints, self._key_offsets)[1]
+        return self.coupling.columns(np.swapaxes(columns, 1, 2))
 
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return positions, velocities and accelerations of the key points while the joints move at a steady rate.
@@ -195,22 +191,7 @@ class ForwardKinematics:
         three ndarrays, shape (B, K, 3)
             x [m], dx/dt and d²x/dt² [m, for t without unit].
         """
-        data, model, steady = self._scratch.data, self._model, np.zeros(self._model.nv)
-        rotation, translation = np.empty((len(Q), model.njoints, 3, 3)), np.empty((len(Q), model.njoints, 3))
-        rates = np.empty((2, len(Q), model.njoints, 6))
-        for row, (q, rate) in enumerate(zip(Q, self.coupling.motions(delta), strict=True)):
-            pin.forwardKinematics(model, data, self.pinocchio_configuration(q), rate, steady)
-            rotation[row], translation[row] = self._scratch.poses
-            rates[0, row] = [motion.vector for motion in data.v]
-            rates[1, row] = [motion.vector for motion in data.a]
-        turning = rotation[:, self._key_joints]
-        (linear, angular), (push, twist) = (
-            (rate[..., :3], rate[..., 3:]) for rate in rates[:, :, self._key_joints]
-        )
-        velocity = linear + _cross(angular, self._key_offsets)  # in the frames of the joints
-        acceleration = push + _cross(twist, self._key_offsets) + _cross(angular, velocity)
-        velocity, acceleration = ((turning @ rate[..., None])[..., 0] for rate in (velocity, acceleration))
-        return self._keypoints_of(rotation, translation), velocity, acceleration
+        return self.kinematics.motions(self._values(Q), self.coupling.motions(delta))
 
     def body_points(
         self, Q: FloatArray, rows: IntArray, joints: IntArray, points: FloatArray
@@ -235,12 +216,7 @@ class ForwardKinematics:
         jacobians : ndarray, shape (C, n, 3)
             Velocity of the point per unit of each joint's rate; the Jacobian, transposed.
         """
-        rotation, translation = (poses[rows] for poses in self._poses(Q))
-        each = np.arange(len(rows))
-        places = translation[each, joints] + (rotation[each, joints] @ points[:, :, None])[..., 0]
-        axes = self._axes_of(rotation)
-        turning = _cross(axes, places[:, None] - translation[:, 1:])
-        columns = np.where(self._sliding[:, None], axes, turning) * self._moves_joint[joints][:, :, None]
+        places, columns = self.kinematics.point_jacobians(self._values(Q), rows, joints, points)
         if self.coupling.trivial:
             return places, columns
         return places, np.swapaxes(self.coupling.columns(np.swapaxes(columns, 1, 2)), 1, 2)
@@ -264,46 +240,11 @@ class ForwardKinematics:
 
     # ---------------------------------------------------------------------------------------------- internals
 
-    def _batch(self, Q: ArrayLike) -> FloatArray:
-        """Return `Q` as an array (B, n); one that is right already is not looked at further."""
-        if type(Q) is np.ndarray and Q.ndim == 2 and Q.shape[1] == self.n and Q.dtype is _FLOAT:
-            return Q
-        return self.configurations(Q)
-
-    def _poses(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rotations (B, J, 3, 3) and origins (B, J, 3) of all joint frames."""
-        scratch = self._scratch
-        if scratch.batch is not None and np.array_equal(scratch.batch[0], Q):
-            return scratch.batch[1:]  # a gradient asks for them three times
-        joints = self._model.njoints
-        rotation, translation = np.empty((len(Q), joints, 3, 3)), np.empty((len(Q), joints, 3))
-        for row, q in enumerate(Q):
-            rotation[row], translation[row] = scratch.forward(self.pinocchio_configuration(q))
-        rotation.setflags(write=False)
-        translation.setflags(write=False)
-        scratch.batch = Q.copy(), rotation, translation
-        return rotation, translation
-
-    def _axes(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """World axes (B, m, 3) and origins (B, m, 3) of the joints."""
-        rotation, translation = self._poses(Q)
-        return self._axes_of(rotation), translation[:, 1:]
-
-    def _axes_of(self, rotation: FloatArray) -> FloatArray:
-        axes: FloatArray = (rotation[:, 1:] @ self._chain.axes[:, :, None])[..., 0]
-        return axes
-
-    def _keypoints_of(self, rotation: FloatArray, translation: FloatArray) -> FloatArray:
-        points: FloatArray = translation[:, self._key_joints]
-        at = self._shifted
-        points[:, at] += (rotation[:, self._key_joints[at]] @ self._key_offsets[at, :, None])[..., 0]
-        return points
-
-    @cached_property
-    def _moves_joint(self) -> BoolArray:
-        """Which of the m joints move each of Pinocchio's joints, (J, m)."""
-        support = self._supporting_joints(np.arange(1, self._model.njoints))
-        return np.vstack([np.zeros((1, self._model.nv), dtype=bool), support])
+    def _values(self, Q: ArrayLike) -> FloatArray:
+        """Return the values (B, m) of the model's joints at `Q: (B, n)`; what is an array of floats may hold NaN."""
+        if type(Q) is not np.ndarray or Q.ndim != 2 or Q.shape[1] != self.n or Q.dtype is not _FLOAT:
+            Q = self.configurations(Q)
+        return self.coupling.values(Q)
 
     def _supporting_joints(self, joints: IntArray) -> BoolArray:
         """For each of the Pinocchio joints (K,): which of the m joints move it (K, m)."""
@@ -313,9 +254,8 @@ class ForwardKinematics:
         return support
 
 
-_NEXT, _AFTER_NEXT = np.array([1, 2, 0]), np.array([2, 0, 1])
+class _Scratch(threading.local):
+    """Pinocchio's working memory, one for each thread."""
 
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a × b along the last axis; np.cross takes four times as long on small arrays."""
-    return a.take(_NEXT, -1) * b.take(_AFTER_NEXT, -1) - a.take(_AFTER_NEXT, -1) * b.take(_NEXT, -1)
+    def __init__(self, model: pin.Model) -> None:
+        self.data = model.createData()

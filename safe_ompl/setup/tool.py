@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.motion import FLOOR
 from safe_ompl.collision.tool_limits import TipBounds, ToolLimit, ToolOrientation
 from safe_ompl.errors import InputError
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.limits import LimitedSetup
 
 UP = (0.0, 0.0, 1.0)
@@ -21,17 +17,8 @@ UP = (0.0, 0.0, 1.0)
 class ToolLimitedSetup(LimitedSetup):
     """The part of `SafeSetup` that sets limits of the tool; parameters as there."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        *,
-        danger: Mapping[str, Any] | None = {},
-        floor: float = FLOOR,
-    ) -> None:
-        super().__init__(robot, scene, danger=danger, floor=floor)
-        self._tool: ToolOrientation | None = None
-        self._tip: TipBounds | None = None
+    _tool: ToolOrientation | None = None
+    _tip: TipBounds | None = None
 
     def _given_start(self) -> FloatArray | None:
         """Return the start configuration (n,) that was given; see `SafeProblem`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 from weakref import ref
 
@@ -47,13 +47,14 @@ class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
         *,
         danger: Mapping[str, Any] | None = {},
         floor: float = FLOOR,
+        movable: Sequence[str] = (),
     ) -> None:
         super().__init__(joint_space(robot))
         si = self.getSpaceInformation()
         self.robot = robot
         self.scene = scene
         self.counts = Counts()
-        self.checker = CollisionChecker(robot, scene, self.counts)
+        self.checker = CollisionChecker(robot, scene, self.counts, movable=movable)
         self.field = None if danger is None else danger_field(robot, scene, danger, self.counts)
         self.danger_options = None if danger is None else dict(danger)
         self._bridge = StateBridge(self.getStateSpace())

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles.numpy_chords import numpy_chords
 
 from safe_ompl.collision.motion import Verdict
 from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
@@ -14,7 +15,8 @@ from safe_ompl.danger.field import AGGREGATES, DangerField
 from safe_ompl.danger.rates import KeypointRates
 from safe_ompl.errors import InputError
 from safe_ompl.maths.bounds import Ends, chords
-from safe_ompl.maths.field import Segments, segment_distances, segment_fields
+from safe_ompl.maths.field import segment_distances, segment_fields
+from safe_ompl.maths.segments import Segments
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
 ROUNDING = 1e-9
@@ -108,18 +110,24 @@ def test_chords_lie_above_the_field_of_a_moving_link(seed, duration):
     segments, points = Segments([[0, 1]]), rng.normal(size=(5, 3))
     fields = segment_fields(keypoints, segments, points)
     distances = segment_distances(keypoints, segments, points)
-    first, last = (Ends(fields[side], distances[side]) for side in ([0], [-1]))
-    low, high = chords(
-        first,
-        last,
-        np.array([duration]),
-        np.array([[speed]]),
-        np.linalg.norm(acceleration, axis=1).max()[None, None],
-    )
+    first, last = (Ends(fields[side], distances[side]) for side in (0, -1))
+    push = np.linalg.norm(acceleration, axis=1).max()
+    low, high = chords(first, last, duration, np.array([speed]), np.array([push]), np.ones(1))
     along = np.linspace(0, 1, 50)[1:-1, None, None]
     assert (fields[1:-1] <= (low * (1 - along) + high * along) * (1 + ROUNDING)).all()
-    assert (fields[[0]] <= low).all()
-    assert (fields[[-1]] <= high).all()
+    assert (fields[0] <= low).all()
+    assert (fields[-1] <= high).all()
+
+
+@settings(max_examples=100)
+@given(seeds, st.floats(0.0, 0.3), st.sampled_from([0.0, 1.0]))
+def test_chords_of_links_add_up_to_the_formula(seed, duration, speed):
+    rng = np.random.default_rng(seed)
+    first, last = (Ends(*rng.uniform(0.1, 2.0, (2, 4, 30))) for _ in range(2))
+    speeds, pushes, lengths = speed * rng.uniform(size=4), rng.uniform(size=4), rng.uniform(0.2, 1.0, 4)
+    expected = numpy_chords(first, last, duration, speeds[:, None], pushes[:, None])
+    for found, line in zip(chords(first, last, duration, speeds, pushes, lengths), expected, strict=True):
+        np.testing.assert_allclose(found, lengths @ line, rtol=1e-12)
 
 
 # --------------------------------------------------------------------------------------------- edges and paths

@@ -4,12 +4,16 @@ import math
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from safe_ompl.counts import Counts
 from safe_ompl.danger.field import AGGREGATES, DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.maths.field import WEIGHTINGS, Segments, field
+from safe_ompl.maths.field import field
+from safe_ompl.maths.segments import WEIGHTINGS, Segments
+from safe_ompl.robot.joints.coupling import Coupling
+from safe_ompl.robot.joints.kinematic_tree import KinematicTree
 from safe_ompl.robot.robot import Robot
 
 
@@ -23,6 +27,15 @@ class PlanarArm:
         self.prismatic = np.zeros(self.n, dtype=bool)
         self.prismatic[-1] = slides
         self.joint_prismatic = self.prismatic
+        self.coupling = Coupling.of([f"joint{k}" for k in range(self.n)], {})
+        self.kinematics = KinematicTree(
+            range(self.n),
+            [pin.SE3(np.eye(3), np.array([at, 0.0, 0.0])) for at in (0.0, *lengths[:-1])],
+            np.where(self.prismatic[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]),
+            self.prismatic,
+            np.arange(self.n + 1),
+            np.array([[length, 0.0, 0.0] for length in (0.0, *lengths)]),
+        )
 
     def __repr__(self):
         return f"PlanarArm({self.lengths.tolist()})"

@@ -13,10 +13,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from safe_ompl.errors import InputError
-from safe_ompl.maths import field as maths
 from safe_ompl.maths.field import (
-    WEIGHTINGS,
-    Segments,
     field,
     keypoint_gradient,
     segment_bounds,
@@ -25,6 +22,7 @@ from safe_ompl.maths.field import (
     vector_field,
     workspace_gradient,
 )
+from safe_ompl.maths.segments import WEIGHTINGS, Segments
 
 ONE = Segments([[0, 1]])
 ARM = Segments([[1, 2], [2, 3], [5, 6], [3, 5], [3, 7]])  # a branch, and key points 0 and 4 on no segment
@@ -186,24 +184,6 @@ def test_batch_is_the_same_as_one_by_one(rng):
         np.testing.assert_allclose(
             keypoint_gradient(one, ARM, points, weights[i : i + 1])[0], pulls[i], rtol=1e-12
         )
-
-
-@pytest.mark.parametrize("block", [1, 100, 1000])
-def test_blocks_do_not_show(rng, monkeypatch, block):
-    keypoints, points, weights = arm(rng, 5), rng.normal(size=(7, 3)), rng.uniform(size=(5, 7))
-    own = rng.normal(size=(5, 7, 3))
-
-    def everything():
-        return [
-            *(field(keypoints, ARM, p) for p in (points, own)),
-            *(workspace_gradient(keypoints, ARM, p) for p in (points, own)),
-            *(keypoint_gradient(keypoints, ARM, p, weights) for p in (points, own)),
-        ]
-
-    expected = everything()
-    monkeypatch.setattr(maths, "_BLOCK", block)
-    for result, reference in zip(everything(), expected, strict=True):
-        np.testing.assert_allclose(result, reference, rtol=1e-12, atol=1e-14)
 
 
 def test_points_of_their_own_for_every_configuration(rng):

@@ -49,10 +49,10 @@ def setup(ur5: Robot) -> SafeSetup:
 def test_forms_of_a_configuration(setup: SafeSetup, form: Any) -> None:
     start, goal = form(setup.robot, START), form(setup.robot, GOAL)
     setup.setConfigurations(start, goal)
-    np.testing.assert_allclose(setup._given[0], START, atol=1e-6)
-    np.testing.assert_allclose(setup._given[1], [GOAL], atol=1e-6)
+    np.testing.assert_allclose(setup._start, START, atol=1e-6)
+    np.testing.assert_allclose(setup._bridge.read(setup.getGoal().getState(0)), GOAL, atol=1e-6)
     setup.setConfigurations(start, [goal, goal])
-    assert len(setup._given[1]) == 2
+    assert setup.getGoal().getStateCount() == 2
     assert setup.plan(seed=np.int64(0), time=np.float32(20.0))
 
 

@@ -21,9 +21,9 @@ from __future__ import annotations
 from math import atan2, hypot, inf, log, log1p, sqrt
 
 import numpy as np
-from numba import njit
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.maths.kernels.compiled import compiled, part
 
 _ZERO = 1e-30  # [m] stands for a length of zero
 _BESIDE = 3e-5  # floor of h, in distances from the segment
@@ -32,7 +32,7 @@ _SHARP = 1e-9  # floor of g
 _SERIES = 0.01  # (ℓ/S)² below which κ is summed as a series
 
 
-@njit(cache=True)
+@part
 def _cross_norm(u: FloatArray, v: FloatArray) -> float:
     x = u[1] * v[2] - u[2] * v[1]
     y = u[2] * v[0] - u[0] * v[2]
@@ -40,12 +40,12 @@ def _cross_norm(u: FloatArray, v: FloatArray) -> float:
     return sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True)
+@part
 def _dot(u: FloatArray, v: FloatArray) -> float:
     return float(u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
 
 
-@njit(cache=True)
+@part
 def _half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
     """(S² − ℓ²)/2 without cancellation."""
     dot = _dot(u, v)
@@ -55,7 +55,7 @@ def _half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
     return float(area * area / (d1 * d2 - dot))
 
 
-@njit(cache=True)
+@part
 def _stretch(S: float, length: float, c: float, phi: float) -> tuple[float, float, float]:
     """κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)², and ∂κ/∂S, ∂κ/∂ℓ."""
     y = (length / S) ** 2
@@ -77,7 +77,7 @@ def _stretch(S: float, length: float, c: float, phi: float) -> tuple[float, floa
     return cubed * total, -cubed * (3 * total + 2 * y * slope) / S, cubed * slope * 2 * length / (S * S)
 
 
-@njit(cache=True)
+@part
 def _isotropic(
     u: FloatArray, w: FloatArray, va: FloatArray, D: FloatArray
 ) -> tuple[float, float, float, float, float, float, float, float, float, float, float]:
@@ -119,18 +119,18 @@ def _isotropic(
     return value, M0, M1, M2, s, h, c0, c1, c2, g * r0, g * r1
 
 
-@njit(cache=True)
+@part
 def _square(z: complex) -> float:
     return z.real * z.real + z.imag * z.imag
 
 
-@njit(cache=True)
+@part
 def _turn(z: complex, w: complex) -> float:
     """Return the angle from w to z."""
     return atan2(z.imag * w.real - z.real * w.imag, z.real * w.real + z.imag * w.imag)
 
 
-@njit(cache=True)
+@compiled
 def link_terms(
     keypoints: FloatArray,
     velocities: FloatArray,
@@ -174,7 +174,7 @@ def link_terms(
     return out
 
 
-@njit(cache=True)
+@compiled
 def pulls(
     keypoints: FloatArray,
     velocities: FloatArray,

@@ -23,14 +23,14 @@ from __future__ import annotations
 from math import inf, sqrt
 
 import numpy as np
-from numba import njit
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.maths.kernels.compiled import compiled, part
 
 _HALVINGS = 50
 
 
-@njit(cache=True)
+@part
 def _stopping_time(x: float, first: int, sizes: FloatArray, brakes: FloatArray) -> float:
     """Return how long the stop from ṡ² = x takes that begins in a cell, at its end: the longest one from there."""
     time, brake = 0.0, brakes[first]
@@ -44,7 +44,7 @@ def _stopping_time(x: float, first: int, sizes: FloatArray, brakes: FloatArray) 
     return float(time + sqrt(x) / brake)
 
 
-@njit(cache=True)
+@part
 def _latest(first: int, last: int, sizes: FloatArray, weakest: FloatArray) -> float:
     """Return the time of the stop from the start of cell `first` that ends at the end of cell `last`."""
     x, time = 0.0, 0.0
@@ -55,7 +55,7 @@ def _latest(first: int, last: int, sizes: FloatArray, weakest: FloatArray) -> fl
     return float(time)
 
 
-@njit(cache=True)
+@compiled
 def stopping_speeds(
     sizes: FloatArray,
     brakes: FloatArray,

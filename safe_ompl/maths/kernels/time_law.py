@@ -8,15 +8,15 @@ s, a = (x_end − x_start)/2h. Over the cell q′ and q″ stay in boxes; p·a +
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.maths.kernels.compiled import compiled, part
 
 _HALVINGS = 60
 _TIGHTER = 1e-10  # relative: limits are kept with what rounding adds
 
 
-@njit(cache=True)
+@part
 def _next_range(
     x: float,
     h: float,
@@ -50,7 +50,7 @@ def _next_range(
     return low, high
 
 
-@njit(cache=True)
+@compiled
 def fastest(
     sizes: FloatArray,
     slope_low: FloatArray,

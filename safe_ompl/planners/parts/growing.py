@@ -75,15 +75,15 @@ class SafeStep:
         reach = self._slide.share * min(step, length - step)
         slid = self._slide.slid(straight, delta / length, reach, lambda: tree.gradient(old))
         for q_new in (straight,) if slid is None else (slid, straight):
+            cost, gradient = self._examined(q_new)  # first, as a proof costs ten times as much
+            if not self._threshold.tolerates(cost, tree, old, trees):
+                break
             if self._is_free(*tree.as_driven(q_old, q_new)):
-                cost, gradient = self._examined(q_new)
-                if not self._threshold.tolerates(cost, tree, old, trees):
-                    break
                 return Extension.ADVANCED, trees.add(tree, q_new, old, cost, gradient)
         return Extension.TRAPPED, old
 
     def _examined(self, q: FloatArray) -> tuple[float, FloatArray | None]:
-        """Return the danger of a new node, and the gradient that the next step from it will want; NaN if not needed."""
+        """Return the danger of a candidate, and the gradient that a step from it will want; NaN if not needed."""
         if not self._threshold.acts:
             return np.nan, None
         if self._slide.acts:

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.certified import DangerLimit
+from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import ScratchState, StateBridge
 
@@ -55,11 +57,28 @@ class Task:
             return False
         return self.limit is None or self.limit.allows(q)
 
-    def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
-        """Return whether the motion between two configurations (n,) is free, and keeps to the limit."""
-        if not self._si.checkMotion(self._from.set(start), self._to.set(end)):
-            return False
-        return self.limit is None or self.limit.allows_motion(start, end)
+    def motion_is_free(self, start: FloatArray, end: FloatArray, margin: float = 0.0) -> bool:
+        """Return whether the motion between two configurations (n,) is free, and keeps to the limit.
+
+        With a margin [m], also whether it keeps that from obstacles, where a `CertifiedMotion` can tell.
+        """
+        motion = self._certified if margin else None
+        if motion is not None:
+            free = motion.is_free(start, end, margin)
+        else:
+            free = self._si.checkMotion(self._from.set(start), self._to.set(end))
+        return free and (self.limit is None or self.limit.allows_motion(start, end))
+
+    def clearance(self, q: FloatArray) -> float:
+        """Return the distance [m] from the robot to the nearest obstacle at `q: (n,)`; 0 where none can be measured."""
+        motion = self._certified
+        return 0.0 if motion is None else motion.checker.clearance(q).distance
+
+    @property
+    def _certified(self) -> CertifiedMotion | None:
+        """What proves motions; None where the problem's motion validator is another one."""
+        validator = self._si.getMotionValidator()
+        return validator.motion if type(validator) is CertifiedMotionValidator else None
 
     def random_configuration(self, rng: np.random.Generator) -> FloatArray:
         """Return a uniform random configuration (n,)."""

@@ -10,7 +10,7 @@ from safe_ompl.planners.parts.task import Task
 from safe_ompl.planners.parts.tree import Tree
 from safe_ompl.planners.parts.trees import Trees
 
-_PATIENCE = 5  # refusals of too dangerous nodes before the threshold rises
+_PATIENCE = 8  # refusals of too dangerous nodes before the threshold rises
 
 
 class AdaptiveThreshold:
@@ -26,7 +26,7 @@ class AdaptiveThreshold:
     Attributes
     ----------
     rise : float
-        Share by which it rises after five refusals; 0 for no threshold.
+        Share by which it rises after eight refusals; 0 for no threshold.
     level : float
         The danger above which no node is added now; 0 before the first was looked at.
     """

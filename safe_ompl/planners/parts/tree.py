@@ -24,6 +24,11 @@ class Tree:
         Cost of configurations.
     from_start : bool
         Whether the tree grows from the start (edges are driven away from the root) or from the goal.
+
+    Attributes
+    ----------
+    trapped : set of int
+        Nodes whose last step was trapped.
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, *, from_start: bool = True) -> None:
@@ -34,6 +39,7 @@ class Tree:
         self._parents: IntArray = np.empty(64, dtype=np.intp)
         self._costs: FloatArray = np.full(64, np.nan)  # NaN: not evaluated yet
         self._gradients: dict[int, FloatArray] = {}
+        self.trapped: set[int] = set()
         self._size = 0
 
     def __len__(self) -> int:
@@ -48,6 +54,12 @@ class Tree:
     def parents(self) -> IntArray:
         """For each node the index of its parent (N,); -1 for roots."""
         return self._parents[: self._size]
+
+    @property
+    def roots(self) -> FloatArray:
+        """The nodes (R, n) that have no parent."""
+        roots: FloatArray = self.configurations[self.parents == ROOT]
+        return roots
 
     @property
     def costs(self) -> FloatArray:
@@ -71,6 +83,7 @@ class Tree:
             self._grow()
         self._rows[self._size] = q
         self._parents[self._size] = parent
+        self.trapped.discard(parent)
         self._costs[self._size] = cost
         if gradient is not None:
             self._gradients[self._size] = gradient

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import dist
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -24,6 +25,7 @@ from safe_ompl.scene.surfaces import Triangles
 
 _DEFAULT_HEIGHT = 1.75  # [m]
 _HEIGHTS = (0.3, 2.8)  # [m] of people
+_UP = np.array([0.0, 0.0, 1.0])
 _SHORTEST = 1e-9  # [m] of a limb
 
 
@@ -38,7 +40,7 @@ class Limb(NamedTuple):
     @property
     def length(self) -> float:
         """Distance between the ends [m]."""
-        return float(np.linalg.norm(self.end - self.start))
+        return dist(self.start, self.end)
 
     @property
     def shape(self) -> Shape:
@@ -48,8 +50,8 @@ class Limb(NamedTuple):
     @property
     def placement(self) -> pin.SE3:
         """Where the shape is in the frame of the person."""
-        axis = self.end - self.start if self.length > 0 else np.array([0.0, 0.0, 1.0])
-        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis)
+        axis = self.end - self.start
+        turn = pin.Quaternion.FromTwoVectors(_UP, axis if axis.any() else _UP)
         return pin.SE3(turn.toRotationMatrix(), (self.start + self.end) / 2)
 
     @property
@@ -114,7 +116,7 @@ class Person(Shape):
         own = dict(data)
         world = document.mapping("world_keypoints", own.pop("world_keypoints", {}), STANDING)
         with document.within("world_keypoints"):
-            moved = {name: _in_frame(pose, name, point) for name, point in world.items()}
+            moved = _in_frame(pose, world)
         if moved:
             own["keypoints"] = {**document.mapping("keypoints", own.get("keypoints", {})), **moved}
         return super().from_mapping(own, folder, pose)
@@ -122,8 +124,7 @@ class Person(Shape):
     def measured_anew(self, measured: Any, pose: Pose) -> Person:
         """Return the person with these key points, in the world frame, in the place of those known before."""
         points = document.mapping("keypoints", measured, STANDING)
-        own = {name: _in_frame(pose, name, point) for name, point in points.items()}
-        return Person(self.height, own, self.only)
+        return Person(self.height, _in_frame(pose, points), self.only)
 
     def same_body(self, other: Shape) -> bool:
         """Return whether another person is as tall, and has the same limbs."""
@@ -171,6 +172,8 @@ class Person(Shape):
         )
 
 
-def _in_frame(pose: Pose, name: str, point: Any) -> tuple[float, ...]:
-    """Return where a key point of the world is in the frame of the person [m]."""
-    return tuple(pose.se3.actInv(np.array(document.numbers(name, point, 3))).tolist())
+def _in_frame(pose: Pose, points: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    """Return where key points of the world are in the frame of the person [m]."""
+    world = [document.numbers(name, point, 3) for name, point in points.items()]
+    own = placed(pose.se3.inverse(), np.reshape(world, (-1, 3))).tolist()
+    return {name: tuple(point) for name, point in zip(points, own, strict=True)}

@@ -1,0 +1,123 @@
+"""Other planners on the same robot, geometry and problems, judged by one neutral program.
+
+    python bench/peers FILE --out FOLDER [--problems 0:30] [--seeds 2] [--time 5] [--only NAME …] [--skip NAME …]
+
+FILE holds MotionBenchMaker problems. Every system runs in a process and a virtual environment of its own (made on
+the first run, in FOLDER/environments), on one core, in turn problem by problem. CPU seconds of building, planning and
+smoothing are each system's own; robots are loaded once, before the first problem. The judge is plain Pinocchio and
+coal at 0.005 rad. Writes table.md, figure.png and runs.json; what cannot be installed is listed with the reason.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+from _problems import positions
+from export import export
+from judge import read
+from processes import Runner, UnavailableError
+from systems import SYSTEMS, System
+from table import Run, figure, markdown
+
+from safe_ompl.scenario.mbm import MbmFile
+
+
+def main() -> None:
+    """Run the comparison."""
+    options = _options()
+    out: Path = options.out.resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    environments = (options.environments or out / "environments").resolve()
+    robot, problems = export(MbmFile.load(options.file), options.problems, out)
+    named = {s.name for s in SYSTEMS if _chosen(s.name, options.only, options.skip)}
+    named |= {s.after for s in SYSTEMS if s.name in named}
+    chosen = [s for s in SYSTEMS if s.name in named]
+    judge, runs, unavailable = read(robot), {s.name: [] for s in chosen}, {}
+    runners: dict[str, Runner] = {}
+    for system in chosen:
+        try:
+            runners[system.name] = Runner(system, robot, environments)
+        except UnavailableError as reason:
+            unavailable[system.name] = str(reason)
+    for k, problem in enumerate(problems):
+        for seed in range(options.seeds):
+            asked = {**problem, "seed": seed, "time": options.time}
+            answers: dict[str, dict[str, Any]] = {}
+            for system in [s for s in chosen if s.name in runners]:
+                try:
+                    answers[system.name] = _answer(system, runners[system.name], asked, answers)
+                except UnavailableError as reason:
+                    unavailable[system.name] = f"after {len(runs[system.name])} problems: {reason}"
+                    del runners[system.name]
+                    continue
+                runs[system.name].append(_judged(answers[system.name], judge, problem, seed))
+        print(f"{k + 1}/{len(problems)} {problem['name']}", file=sys.stderr)
+    for runner in runners.values():
+        runner.close()
+    (out / "runs.json").write_text(json.dumps({"runs": runs, "unavailable": unavailable}))
+    shown = {name: answers for name, answers in runs.items() if answers}
+    text = markdown(shown, unavailable)
+    (out / "table.md").write_text(text + "\n")
+    figure(shown, out / "figure.png")
+    print(text)
+
+
+def _answer(
+    system: System, runner: Runner, problem: dict[str, Any], answers: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """Ask a system; one that improves another's path is given it, and the time that it took."""
+    if not system.after:
+        return runner.ask(problem)
+    given = answers[system.after]
+    if given["path"] is None:
+        return given
+    answer = runner.ask({**problem, "given": given["path"]})
+    return {**answer, "planning": answer["planning"] + given["planning"] + given["smoothing"]}
+
+
+def _judged(answer: dict[str, Any], judge: Any, problem: dict[str, Any], seed: int) -> Run:
+    """Return the times of an answer and what the judge says; a path with wrong ends counts as none."""
+    run: Run = {key: answer[key] for key in ("building", "planning", "smoothing")}
+    run |= {
+        "problem": problem["name"],
+        "seed": seed,
+        "solved": bool(answer["path"]),
+    }  # some return an empty path
+    if run["solved"]:
+        verdict = judge.verdict(problem, np.array(answer["path"]))
+        run |= asdict(verdict)
+        run["solved"] = verdict.ends
+    return run
+
+
+def _chosen(name: str, only: list[str], skip: list[str]) -> bool:
+    return (not only or any(part in name for part in only)) and not any(part in name for part in skip)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python bench/peers", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("file")
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    parser.add_argument("--environments", type=Path, metavar="FOLDER", help="default: OUT/environments")
+    parser.add_argument(
+        "--problems", type=positions, default="0:10", metavar="A:B", help="slice of each family"
+    )
+    parser.add_argument("--seeds", type=int, default=2, metavar="N")
+    parser.add_argument("--time", type=float, default=5.0, metavar="S", help="for planning (default: 5)")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="systems whose name holds this")
+    parser.add_argument("--skip", nargs="+", default=[], metavar="NAME")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,108 @@
+"""Virtual environments of the systems, and their runners as processes that answer one problem at a time."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from selectors import EVENT_READ, DefaultSelector
+from typing import Any
+
+from systems import System
+
+RUNNERS = Path(__file__).parent / "runners"
+GRACE = 60.0  # [s] beyond the time limit of planning, after which a runner counts as hanging
+
+
+class UnavailableError(Exception):
+    """A system that cannot be run here; the message says why."""
+
+
+def python_of(system: System, folder: Path) -> Path:
+    """Return the interpreter of a system's environment, which is made if it is not there yet."""
+    if not system.environment:
+        return Path(sys.executable)
+    environment = folder / system.environment
+    log = folder / f"{system.environment}.log"
+    if not (environment / "made").exists():
+        print(f"making the environment of {system.environment}", file=sys.stderr)
+        environment.mkdir(parents=True, exist_ok=True)
+        with log.open("w") as stream:
+            subprocess.run(
+                [sys.executable, "-m", "venv", environment], check=True, stdout=stream, stderr=stream
+            )
+            command = [environment / "bin/python", "-m", "pip", "install", *system.requirements]
+            made = subprocess.run(command, check=False, stdout=stream, stderr=stream).returncode == 0
+        (environment / "made").write_text("yes" if made else "no")
+    if (environment / "made").read_text() != "yes":
+        raise UnavailableError(f"pip does not install {' '.join(system.requirements)}: {_reason(log)}")
+    return environment / "bin/python"
+
+
+def _reason(log: Path) -> str:
+    lines = [line.strip() for line in log.read_text().splitlines() if "error" in line.lower()]
+    return lines[1 if len(lines) > 1 else 0] if lines else "see the log"
+
+
+class Runner:
+    """The process of one system, on one core."""
+
+    def __init__(self, system: System, robot: Path, folder: Path) -> None:
+        python = python_of(system, folder)
+        environment = {name: os.environ[name] for name in ("HOME", "PATH", "LANG") if name in os.environ}
+        environment |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+        if not system.environment:
+            environment["PYTHONPATH"] = str(Path(__file__).parents[2])
+        if system.libraries:
+            found = next(python.parents[1].glob("lib/python*/site-packages/cmeel.prefix/lib"), None)
+            environment["LD_LIBRARY_PATH"] = str(found)
+        self._name = system.name
+        self._log = (robot.parent / f"{system.runner}.log").open("w")
+        self._process = subprocess.Popen(
+            [python, RUNNERS / f"{system.runner}.py", robot, json.dumps(system.options)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            env=environment,
+            preexec_fn=_on_one_core,
+        )
+        self.loading = float(self._answer(GRACE)["loading"])
+
+    def ask(self, problem: dict[str, Any]) -> dict[str, Any]:
+        """Return the answer to a problem; raise UnavailableError if the process ends or hangs."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(problem).encode() + b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            raise UnavailableError(f"{self._name} ended: {self._last_words()}") from None
+        return self._answer(problem["time"] + GRACE)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.wait()
+        self._log.close()
+
+    def _answer(self, seconds: float) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        with DefaultSelector() as selector:
+            selector.register(self._process.stdout, EVENT_READ)
+            if not selector.select(seconds):
+                self.close()
+                raise UnavailableError(f"{self._name} gave no answer within {seconds:g} s")
+        line = self._process.stdout.readline()
+        if not line:
+            raise UnavailableError(f"{self._name} ended: {self._last_words()}")
+        return dict(json.loads(line))
+
+    def _last_words(self) -> str:
+        self._process.wait()
+        lines = Path(self._log.name).read_text(errors="replace").strip().splitlines()
+        return lines[-1] if lines else f"status {self._process.returncode}"
+
+
+def _on_one_core() -> None:
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})

@@ -1,0 +1,52 @@
+"""safe_ompl: SafeRRTConnect and simplification, until done or for so many seconds (`simplify`)."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from ompl import util as ou
+from protocol import Waypoints, serve
+
+from safe_ompl import Robot, SafeSetup
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Cylinder, Sphere
+
+SHAPES = {"box": Box, "cylinder": Cylinder, "sphere": Sphere}
+
+
+class SafeOmpl:
+    """Setup, SafeRRTConnect, simplification."""
+
+    def __init__(self, robot: dict[str, Any], options: dict[str, Any]) -> None:
+        ou.setLogLevel(ou.LogLevel.LOG_ERROR)
+        logging.disable(logging.WARNING)
+        self._robot = Robot.from_urdf(robot["urdf"], robot["srdf"], tip=robot["tip"])
+        self._simplify = options.get("simplify")
+
+    def build(self, problem: dict[str, Any]) -> None:
+        obstacles = []
+        for item in problem["obstacles"]:
+            shape = SHAPES[item["kind"]](*([item["size"]] if item["kind"] == "box" else item["size"]))
+            place = pin.SE3(np.array(item["rotation"]), np.array(item["position"]))
+            obstacles.append(Obstacle(item["name"], shape, Pose.of(place), weight=1.0))
+        self._setup = SafeSetup(self._robot, Scene(tuple(obstacles)))
+        self._setup.setConfigurations(problem["start"], [problem["goal"]])
+
+    def plan(self, seed: int, seconds: float) -> Waypoints | None:
+        self._setup.prepare("SafeRRTConnect", seed)
+        self._setup.solve(seconds)
+        return self._setup.solution().tolist() if self._setup.haveExactSolutionPath() else None
+
+    def smooth(self, path: Waypoints) -> Waypoints:
+        if self._simplify == 0:
+            return path
+        self._setup.simplifySolution(*([] if self._simplify is None else [self._simplify]))
+        return self._setup.solution().tolist()
+
+
+serve(SafeOmpl)

@@ -1,0 +1,60 @@
+"""The systems that are compared: what pip installs for each, which program runs it, and with which options."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class System:
+    """One row of the table.
+
+    Attributes
+    ----------
+    name : str
+        As the table calls it.
+    runner : str
+        Program in `runners/`.
+    environment : str
+        Name of its virtual environment; systems with the same one share it.
+    requirements : tuple of str
+        What pip installs there; empty for the environment that runs the bench.
+    options : dict
+        What the runner is given.
+    libraries : bool
+        Whether shared libraries of the environment must be found by the loader.
+    """
+
+    name: str
+    runner: str
+    environment: str = ""
+    requirements: tuple[str, ...] = ()
+    options: dict[str, object] = field(default_factory=dict)
+    libraries: bool = False
+    after: str = ""
+
+
+_OMPL = "OMPL RRTConnect + simplifier, 0.02"
+_TESSERACT = ("tesseract-robotics",)
+_HPP = ("hpp-python", "hpp-manipulation")
+_ROBOPLAN = ("roboplan",)
+
+SYSTEMS = (
+    System("safe_ompl", "safe_ompl_"),
+    System("safe_ompl, simplify 0.05 s", "safe_ompl_", options={"simplify": 0.05}),
+    System("safe_ompl, raw", "safe_ompl_", options={"simplify": 0}),
+    System(_OMPL, "ompl_", options={"resolution": 0.02}),
+    System("roboplan, 0.05", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.05}),
+    System("roboplan, 0.01", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.01}),
+    System("pydynorrt, 0.05", "pydynorrt_", "pydynorrt", ("pydynorrt", "numpy<2"), {"resolution": 0.05}),
+    System("MPlib", "mplib_", "mplib", ("mplib", "setuptools<80")),
+    System("sscbirrt", "sscbirrt_", "sscbirrt", ("sscbirrt", "pin")),
+    System("PyRoboPlan, 0.05", "pyroboplan_", "pyroboplan", ("pyroboplan",), {"resolution": 0.05}),
+    System("hpp-core, progressive", "hpp_", "hpp", _HPP, {"validation": "progressive"}, libraries=True),
+    System("hpp-core, dichotomy", "hpp_", "hpp", _HPP, {"validation": "dichotomy"}, libraries=True),
+    System(
+        "TrajOpt after OMPL, 25 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.025}, after=_OMPL
+    ),
+    System("TrajOpt after OMPL, 50 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.05}, after=_OMPL),
+    System("VAMP", "vamp_", "vamp", ("vamp-planner",)),
+)

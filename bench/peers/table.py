@@ -1,0 +1,94 @@
+"""The table and the figure of a comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Run = dict[str, Any]
+
+
+def _milliseconds(*keys: str) -> Callable[[Run], float]:
+    return lambda run: 1e3 * sum(run[key] for key in keys)
+
+
+COLUMNS: dict[str, Callable[[Run], float]] = {
+    "building [ms]": _milliseconds("building"),
+    "planning [ms]": _milliseconds("planning"),
+    "smoothing [ms]": _milliseconds("smoothing"),
+    "total [ms]": _milliseconds("building", "planning", "smoothing"),
+    "min clearance [mm]": lambda run: 1e3 * run["min_clearance"],
+    "mean clearance [mm]": lambda run: 1e3 * run["mean_clearance"],
+    "< 50 mm [rad]": lambda run: run["near"],
+    "mean danger": lambda run: run["mean_danger"],
+    "peak danger": lambda run: run["peak_danger"],
+    "danger integral": lambda run: run["integral_danger"],
+    "length [rad]": lambda run: run["length"],
+}
+OURS, OTHERS = "#1b6ca8", "#7a7a7a"
+SPREAD = ("planning [ms]", "total [ms]")  # with their 90th percentiles in brackets
+
+
+def markdown(runs: dict[str, list[Run]], unavailable: dict[str, str]) -> str:
+    """Return the table: medians over what each system solved, 90th percentiles of the times in brackets."""
+    lines = [
+        "| system | solved | touching | " + " | ".join(COLUMNS) + " |",
+        "|---" * (3 + len(COLUMNS)) + "|",
+    ]
+    for system, answers in runs.items():
+        solved = [run for run in answers if run["solved"]]
+        cells = [f"{len(solved)}/{len(answers)}", str(sum(run["touching"] for run in solved))]
+        for name, value in COLUMNS.items():
+            numbers = [value(run) for run in solved]
+            cells.append(_cell(numbers, name in SPREAD))
+        lines.append(f"| {system} | " + " | ".join(cells) + " |")
+    lines += [f"\nNot run: **{system}** ({reason})." for system, reason in unavailable.items()]
+    return "\n".join(lines)
+
+
+def _cell(numbers: list[float], spread: bool) -> str:
+    if not numbers:
+        return "–"
+    text = f"{np.median(numbers):.3g}"
+    return f"{text} ({np.percentile(numbers, 90):.3g})" if spread else text
+
+
+def figure(runs: dict[str, list[Run]], file: Path) -> None:
+    """Draw time against mean clearance and against mean danger, one numbered mark a system; open marks had contacts."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    solved = {name: [run for run in answers if run["solved"]] for name, answers in runs.items()}
+    shown = {name: answers for name, answers in solved.items() if answers}
+    fig, axes = plt.subplots(1, 2, figsize=(12, 4.8), layout="constrained", sharex=True)
+    labels = {
+        "mean clearance [mm]": "mean clearance [mm]: more is safer",
+        "mean danger": "mean danger: less is safer",
+    }
+    handles = []
+    for axis, (key, label) in zip(axes, labels.items(), strict=True):
+        handles = []
+        for number, (name, answers) in enumerate(shown.items(), 1):
+            x, y = (float(np.median([COLUMNS[k](run) for run in answers])) for k in ("total [ms]", key))
+            color = OURS if name.startswith("safe_ompl") else OTHERS
+            inside = "white" if any(run["touching"] for run in answers) else color
+            (mark,) = axis.plot(
+                x, y, "o", ms=15, mec=color, mfc=inside, mew=1.6, ls="none", label=f"{number}  {name}"
+            )
+            ink = color if inside == "white" else "white"
+            axis.annotate(str(number), (x, y), ha="center", va="center", fontsize=9, color=ink)
+            handles.append(mark)
+        axis.set(xscale="log", xlabel="building + planning + smoothing, median CPU time [ms]", ylabel=label)
+        axis.grid(alpha=0.25, which="both")
+        axis.margins(0.1)
+    title = "Open marks: paths that\ntouched something"
+    fig.legend(
+        handles=handles, loc="outside right upper", fontsize=9, title=title, markerscale=0.6, frameon=False
+    )
+    fig.savefig(file, dpi=130)
+    plt.close(fig)

@@ -1,0 +1,73 @@
+"""The decorator of the kernels: compiled once per installation, kept on disk, and said so on the console.
+
+Numba keeps what it has compiled beside the source, or in the user's cache folder where that cannot be written to, or
+where `NUMBA_CACHE_DIR` says; files are replaced as a whole, so that processes may share them. Where no folder can be
+written to, every process compiles for itself.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numba import njit
+from numba.core import event
+
+_log = logging.getLogger(__name__)
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def compiled(function: _Function) -> _Function:
+    """Return a kernel: `function` compiled on its first call; free of the GIL, and x/0 is ±∞ as in NumPy."""
+    options = {"nogil": True, "error_model": "numpy"}
+    try:
+        kernel: Any = njit(cache=True, **options)(function)
+    except RuntimeError as error:  # Numba finds no folder that can be written to
+        _log.info("%s", error)
+        kernel = njit(**options)(function)
+    else:
+        _depend_on_all_kernels(kernel)
+    fast: _Function = kernel
+    return fast
+
+
+def part(function: _Function) -> _Function:
+    """Return a part of kernels: `function`, compiled into the kernels that call it, for which Python cannot call it."""
+    inner: _Function = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return inner
+
+
+def _depend_on_all_kernels(kernel: Any) -> None:
+    """Let what is kept of a kernel be out of date once any file of this folder changes, and not its own alone.
+
+    Numba looks at the file of the kernel only, although what other kernels do is compiled into it.
+    """
+    files: Any = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    if hasattr(files, "_source_stamp"):
+        files._source_stamp = _SOURCES
+
+
+def _sources() -> tuple[tuple[str, float, int], ...]:
+    """Return names, times and sizes of the files of this folder."""
+    files = ((path.name, path.stat()) for path in sorted(Path(__file__).parent.glob("*.py")))
+    return tuple((name, stat.st_mtime, stat.st_size) for name, stat in files)
+
+
+class _Announcement(event.Listener):  # type: ignore[misc]
+    """Says once in a process that kernels are being compiled: what comes from the disk causes no such event."""
+
+    made = False
+
+    def on_start(self, event: Any) -> None:
+        if not self.made and event.data["dispatcher"].__module__.startswith(__package__):
+            self.made = True
+            _log.warning("compiling kernels for this machine, which takes some seconds: once, they are kept")
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+_SOURCES = _sources()
+event.register("numba:compile", _Announcement())

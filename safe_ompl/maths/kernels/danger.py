@@ -1,0 +1,136 @@
+"""The danger of configurations and its gradient in one loop: kinematics, field, aggregate, pull-back (paper §3).
+
+With levels x_m = k₁ w_m Σ_l φ_l(p_m) the danger is their maximum, their mean, or (1/β) log Σ_m exp(β x_m).
+"""
+
+from __future__ import annotations
+
+from math import exp, log
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.maths.kernels.compiled import compiled, part
+from safe_ompl.maths.kernels.field import add_pull, potentials
+from safe_ompl.maths.kernels.joints import place_joints, place_keypoints, pull
+
+MAXIMUM, MEAN, SOFTMAX = 0, 1, 2
+
+
+@part
+def aggregate(levels: FloatArray, kind: int, sharpness: float) -> float:
+    """Return the danger of `levels: (M ≥ 1,)`."""
+    if kind == MEAN:
+        total = 0.0
+        for level in levels:
+            total += level
+        return total / len(levels)
+    peak = levels[highest(levels)]
+    if kind == MAXIMUM:
+        return float(peak)
+    total = 0.0
+    for level in levels:
+        total += 1.0 if level == peak else exp(sharpness * (level - peak))
+    return float(peak + log(total) / sharpness)
+
+
+@part
+def highest(levels: FloatArray) -> int:
+    """Return where the largest of `levels: (M ≥ 1,)` is, or the first that is no number."""
+    best = 0
+    for m in range(len(levels)):
+        if levels[m] != levels[m]:
+            return m
+        if levels[m] > levels[best]:
+            best = m
+    return best
+
+
+@part
+def shares(levels: FloatArray, kind: int, sharpness: float, out: FloatArray) -> None:
+    """Write the derivatives (M,) of the danger by the levels."""
+    if kind == MEAN:
+        out[:] = 1.0 / len(levels)
+        return
+    best = highest(levels)
+    if kind == MAXIMUM:
+        out[:] = 0.0
+        out[best] = 1.0
+        return
+    peak, total = levels[best], 0.0
+    for m in range(len(levels)):
+        out[m] = 1.0 if levels[m] == peak else exp(sharpness * (levels[m] - peak))
+        total += out[m]
+    for m in range(len(levels)):
+        out[m] /= total
+
+
+@compiled
+def dangers(
+    joints: Any,
+    keys: Any,
+    links: IntArray,
+    values: FloatArray,
+    points: FloatArray,
+    charges: FloatArray,
+    by_length: bool,
+    kind: int,
+    sharpness: float,
+    gradients: FloatArray,
+) -> FloatArray:
+    """Return the danger (B,) at configurations, and write its gradients.
+
+    Parameters
+    ----------
+    joints, keys, links
+        The skeleton: tables (m,) and (K,), see `safe_ompl.maths.kernels.joints`, and pairs (L, 2) of key points.
+    values : ndarray, shape (B, m)
+        Values of the joints.
+    points : ndarray, shape (1 or B, 3, M ≥ 1)
+        Danger points, the same or others for every configuration.
+    charges : ndarray, shape (1 or B, M)
+        k₁w of each point.
+    by_length, kind, sharpness
+        Weighting of the links; `MAXIMUM`, `MEAN` or `SOFTMAX`; β.
+    gradients : ndarray, shape (B, m) or (0, m)
+        Where ∂danger/∂q is written, unless there is no room; points on a link have none.
+    """
+    B, m = values.shape
+    out, levels, share = np.empty(B), np.empty(points.shape[2]), np.empty(points.shape[2])
+    rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    places, forces = np.empty((len(keys), 3)), np.empty((len(keys), 3))
+    for b in range(B):
+        place_joints(joints, values[b], rotation, origin, axis)
+        place_keypoints(keys, rotation, origin, places)
+        own, charge = points[b if len(points) > 1 else 0], charges[b if len(charges) > 1 else 0]
+        potentials(places, links, own, by_length, levels)
+        for k in range(len(levels)):
+            levels[k] *= charge[k]
+        out[b] = aggregate(levels, kind, sharpness)
+        if len(gradients):
+            shares(levels, kind, sharpness, share)
+            forces[:] = 0.0
+            for k in range(len(levels)):
+                if share[k] != 0.0:
+                    add_pull(places, links, own, k, charge[k] * share[k], by_length, forces)
+            pull(joints, keys, origin, axis, places, forces, gradients[b])
+    return out
+
+
+@compiled
+def aggregates(levels: FloatArray, kind: int, sharpness: float) -> FloatArray:
+    """Return the danger (B,) of levels (B, M ≥ 1)."""
+    out = np.empty(len(levels))
+    for b in range(len(levels)):
+        out[b] = aggregate(levels[b], kind, sharpness)
+    return out
+
+
+@compiled
+def all_shares(levels: FloatArray, kind: int, sharpness: float) -> FloatArray:
+    """Return the derivatives (B, M) of the danger by levels (B, M ≥ 1)."""
+    out = np.empty(levels.shape)
+    for b in range(len(levels)):
+        shares(levels[b], kind, sharpness, out[b])
+    return out

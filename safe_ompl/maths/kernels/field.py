@@ -1,0 +1,285 @@
+"""The static danger field of a skeleton at points (`safe_ompl.maths.field`), and its gradients.
+
+A skeleton has the places (K, 3) of its key points and links (L, 2) between pairs of them; points are columns (3, M), so
+that runs of a coordinate lie side by side. With `by_length` a link weighs in proportion to its length ℓ.
+"""
+
+from __future__ import annotations
+
+from math import inf, nan, sqrt
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.maths.kernels.compiled import compiled, part
+from safe_ompl.maths.kernels.link import ZERO, dot, half_gap, log1p_each, norm, slopes
+
+_LANES = 16  # numbers that a processor works on at once, times what the compiler unrolls
+_BLOCK = 128  # points at once: what is known of them stays in the nearest cache
+_NEAR = 1e3  # 2ℓ/(S − ℓ) above which the difference has lost too many digits
+
+
+@part
+def potentials(
+    places: FloatArray, links: IntArray, points: FloatArray, by_length: bool, levels: FloatArray
+) -> None:
+    """Write the field Σ_l φ_l(p) at all points into `levels: (M,)`, eq. (5) and (7)."""
+    M = points.shape[1]
+    block, distances = np.empty((3, _BLOCK)), np.empty((len(places), _BLOCK))
+    theta, mantissa, power = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    bits = mantissa.view(np.int64)
+    for begin in range(0, M, _BLOCK):
+        number = min(_BLOCK, M - begin)
+        lanes = _rays(places, points, begin, number, block, distances)
+        levels[begin : begin + number] = 0.0
+        for link in range(len(links)):
+            start, end = links[link, 0], links[link, 1]
+            length = _link_length(places, start, end)
+            _angles(places, start, end, length, block, distances, lanes, theta, mantissa, bits, power)
+            scale = 1.0 if by_length else 1.0 / length
+            for j in range(number):
+                levels[begin + j] += scale * theta[j]
+
+
+@part
+def link_potentials(
+    places: FloatArray, links: IntArray, points: FloatArray, by_length: bool, out: FloatArray
+) -> None:
+    """Write the field of each link at all points into `out: (L, M)`, eq. (7)."""
+    M = points.shape[1]
+    block, distances = np.empty((3, _BLOCK)), np.empty((len(places), _BLOCK))
+    theta, mantissa, power = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    bits = mantissa.view(np.int64)
+    for begin in range(0, M, _BLOCK):
+        number = min(_BLOCK, M - begin)
+        lanes = _rays(places, points, begin, number, block, distances)
+        for link in range(len(links)):
+            start, end = links[link, 0], links[link, 1]
+            length = _link_length(places, start, end)
+            _angles(places, start, end, length, block, distances, lanes, theta, mantissa, bits, power)
+            scale = 1.0 if by_length else 1.0 / length
+            for j in range(number):
+                out[link, begin + j] = scale * theta[j]
+
+
+@part
+def _rays(
+    places: FloatArray, points: FloatArray, begin: int, number: int, block: FloatArray, distances: FloatArray
+) -> int:
+    """Copy a block of points, and write their distances (K, ·) from all key points.
+
+    The last point is repeated up to a whole number of lanes, which is returned: loops over what is left after these
+    would take as long as many lanes together.
+    """
+    lanes = min(_BLOCK, (number + _LANES - 1) // _LANES * _LANES)
+    for x in range(3):
+        for j in range(number):
+            block[x, j] = points[x, begin + j]
+        for j in range(number, lanes):
+            block[x, j] = block[x, number - 1]
+    for k in range(len(places)):
+        x0, y0, z0 = places[k, 0], places[k, 1], places[k, 2]
+        for j in range(lanes):
+            dx, dy, dz = block[0, j] - x0, block[1, j] - y0, block[2, j] - z0
+            distances[k, j] = sqrt(dx * dx + dy * dy + dz * dz)
+    return lanes
+
+
+@part
+def _angles(
+    places: FloatArray,
+    start: int,
+    end: int,
+    length: float,
+    points: FloatArray,
+    distances: FloatArray,
+    number: int,
+    theta: FloatArray,
+    mantissa: FloatArray,
+    bits: IntArray,
+    power: FloatArray,
+) -> None:
+    """Write θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points; the last three are room for the logarithm."""
+    near = 0
+    for j in range(number):
+        ratio = 2.0 * length / (distances[start, j] + distances[end, j] - length)
+        theta[j] = ratio
+        near += 0 if 0.0 <= ratio <= _NEAR else 1
+    if near:
+        _restore_digits(places, start, end, length, points, distances, number, theta)
+    log1p_each(theta, mantissa, bits, power, number)
+    if near:
+        _mark_contacts(start, end, distances, number, theta)
+
+
+@part
+def _restore_digits(
+    places: FloatArray,
+    start: int,
+    end: int,
+    length: float,
+    points: FloatArray,
+    distances: FloatArray,
+    number: int,
+    ratios: FloatArray,
+) -> None:
+    """Replace what cancels in 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
+    u, v = np.empty(3), np.empty(3)
+    for j in range(number):
+        if not 0.0 <= ratios[j] <= _NEAR:
+            d1, d2 = distances[start, j], distances[end, j]
+            for x in range(3):
+                u[x], v[x] = points[x, j] - places[start, x], points[x, j] - places[end, x]
+            half = half_gap(u, v, d1, d2)
+            ratios[j] = length * (d1 + d2 + length) / half if half > 0.0 else 0.0
+
+
+@part
+def _mark_contacts(start: int, end: int, distances: FloatArray, number: int, theta: FloatArray) -> None:
+    """Let θ be infinite on the segment, and what is not a number stay none."""
+    for j in range(number):
+        S = distances[start, j] + distances[end, j]
+        if not S >= 0.0:
+            theta[j] = nan
+        elif theta[j] == 0.0 and inf > S:
+            theta[j] = inf
+
+
+@part
+def _link_length(places: FloatArray, start: int, end: int) -> float:
+    """Return ℓ > 0."""
+    x, y, z = (
+        places[end, 0] - places[start, 0],
+        places[end, 1] - places[start, 1],
+        places[end, 2] - places[start, 2],
+    )
+    return max(sqrt(x * x + y * y + z * z), ZERO)
+
+
+# ------------------------------------------------------------------------------------------------- gradients
+
+
+@part
+def add_pull(
+    places: FloatArray,
+    links: IntArray,
+    points: FloatArray,
+    m: int,
+    weight: float,
+    by_length: bool,
+    forces: FloatArray,
+) -> None:
+    """Add the gradient of weight·CDF(p_m) by the key points to `forces: (K, 3)`; nothing where p_m is on a segment.
+
+    ∂φ/∂a = c e₁ − κ (b − a),  ∂φ/∂b = c e₂ + κ (b − a); by arc length ℓ times that, and ∓φ (b − a)/ℓ.
+    """
+    L = len(links)
+    pulls, u, v = np.empty((L, 2, 3)), np.empty(3), np.empty(3)
+    for k in range(L):
+        start, end = links[k, 0], links[k, 1]
+        for x in range(3):
+            u[x], v[x] = points[x, m] - places[start, x], points[x, m] - places[end, x]
+        d1, d2, length = norm(u), norm(v), _link_length(places, start, end)
+        half = half_gap(u, v, d1, d2)
+        if half <= 0.0:
+            return
+        phi, c, kappa = slopes(length, d1 + d2, half)
+        scale = weight
+        if by_length:
+            scale *= length
+            kappa += phi / (length * length)
+        for x in range(3):
+            stretch = kappa * (places[end, x] - places[start, x])
+            pulls[k, 0, x] = scale * (c * u[x] / d1 - stretch)
+            pulls[k, 1, x] = scale * (c * v[x] / d2 + stretch)
+    for k in range(L):
+        for x in range(3):
+            forces[links[k, 0], x] += pulls[k, 0, x]
+            forces[links[k, 1], x] += pulls[k, 1, x]
+
+
+@part
+def _space_slope(
+    places: FloatArray, links: IntArray, points: FloatArray, m: int, by_length: bool, out: FloatArray
+) -> None:
+    """Write ∂CDF/∂p = −Σ_l c_l (e₁ + e₂) at p_m (3,); zero on a segment."""
+    u, v = np.empty(3), np.empty(3)
+    out[:] = 0.0
+    for k in range(len(links)):
+        start, end = links[k, 0], links[k, 1]
+        for x in range(3):
+            u[x], v[x] = points[x, m] - places[start, x], points[x, m] - places[end, x]
+        d1, d2 = norm(u), norm(v)
+        half = half_gap(u, v, d1, d2)
+        if half <= 0.0:
+            out[:] = 0.0
+            return
+        scale = _link_length(places, start, end) / half if by_length else 1.0 / half
+        for x in range(3):
+            out[x] -= scale * (u[x] / d1 + v[x] / d2)
+
+
+# -------------------------------------------------------------------------------------------------- batches
+
+
+@compiled
+def fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
+    """Return CDF(p) (B, M) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
+    out = np.empty((len(places), points.shape[2]))
+    for b in range(len(places)):
+        potentials(places[b], links, points[b if len(points) > 1 else 0], by_length, out[b])
+    return out
+
+
+@compiled
+def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
+    """Return the field of each link (B, L, M) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
+    out = np.empty((len(places), len(links), points.shape[2]))
+    for b in range(len(places)):
+        link_potentials(places[b], links, points[b if len(points) > 1 else 0], by_length, out[b])
+    return out
+
+
+@compiled
+def link_distances(places: FloatArray, links: IntArray, points: FloatArray) -> FloatArray:
+    """Return the distance of each point from each link (B, L, M) of skeletons (B, K, 3), points (1 or B, 3, M)."""
+    B, L, M = len(places), len(links), points.shape[2]
+    out, w = np.empty((B, L, M)), np.empty(3)
+    for b in range(B):
+        at = points[b if len(points) > 1 else 0]
+        for k in range(L):
+            a, end = places[b, links[k, 0]], places[b, links[k, 1]]
+            for x in range(3):
+                w[x] = end[x] - a[x]
+            squared = max(dot(w, w), ZERO)
+            for m in range(M):
+                ux, uy, uz = at[0, m] - a[0], at[1, m] - a[1], at[2, m] - a[2]
+                t = min(max((ux * w[0] + uy * w[1] + uz * w[2]) / squared, 0.0), 1.0)
+                ux, uy, uz = ux - t * w[0], uy - t * w[1], uz - t * w[2]
+                out[b, k, m] = sqrt(ux * ux + uy * uy + uz * uz)
+    return out
+
+
+@compiled
+def space_gradients(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
+    """Return ∂CDF/∂p (B, M, 3) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
+    out = np.empty((len(places), points.shape[2], 3))
+    for b in range(len(places)):
+        for m in range(points.shape[2]):
+            at = points[b if len(points) > 1 else 0]
+            _space_slope(places[b], links, at, m, by_length, out[b, m])
+    return out
+
+
+@compiled
+def pulls(
+    places: FloatArray, links: IntArray, points: FloatArray, weights: FloatArray, by_length: bool
+) -> FloatArray:
+    """Return the gradients (B, K, 3) of Σ_m w_m CDF(p_m) by the key points; points (1 or B, 3, M), weights (B, M)."""
+    out = np.zeros(places.shape)
+    for b in range(len(places)):
+        for m in range(points.shape[2]):
+            if weights[b, m] != 0.0:
+                at = points[b if len(points) > 1 else 0]
+                add_pull(places[b], links, at, m, weights[b, m], by_length, out[b])
+    return out
