@@ -22,6 +22,8 @@ _GAIN, _WORTH = (
     0.3,
 )  # another way must take less than this share of the time, and be this much quicker [s]
 _SLOW = 1.2  # times as long as alone: then another way is looked for
+_LONGEST = 30.0  # [s] ways that take longer are not looked for
+_SMALL = 1e-6  # [rad]
 _TOLERANCE = 0.3  # [rad] of blends: way points of a roadmap mean nothing
 _CUTS = 12  # units of work for each straight motion that is tried instead of several edges
 
@@ -136,7 +138,3 @@ class Detours:
             curve = blended(np.array([a, b]), robot, 0.0, None)
             total += self._remaining(GuardedPath.along(self._bodies, curve, self._limits), 0.0, people)
         return total
-
-
-_SMALL = 1e-6  # [rad]
-_LONGEST = 30.0  # [s] ways that take longer are not looked for

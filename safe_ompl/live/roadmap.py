@@ -93,7 +93,7 @@ class Roadmap:
         self._paths: OrderedDict[tuple[int, int], GuardedPath] = OrderedDict()
         self._looks: dict[tuple[int, int], Look] = {}
         self._full: dict[tuple[int, int], float] = {}  # times alone [s]
-        self._start = self._goal = -1
+        self._passing: dict[str, int] = {}  # milestones that stand for a start or a goal that is none itself
 
     def __repr__(self) -> str:
         free = sum(self._free.values())
@@ -197,7 +197,7 @@ class Roadmap:
         budget : Budget
             What may be done for it; what was learnt is kept where that does not do.
         """
-        first, last = self._end("_start", start), self._end("_goal", goal)
+        first, last = self._end("start", start), self._end("goal", goal)
         ahead = self._full_times(goal)
         while True:
             path = self._best(first, last, now, ahead, within)
@@ -215,10 +215,9 @@ class Roadmap:
         known = self._known(q)
         if known is not None:
             return known
-        k = getattr(self, which)
-        if k < 0:
-            k = len(self.milestones)
-            setattr(self, which, k)
+        k = self._passing.get(which)
+        if k is None:
+            k = self._passing[which] = len(self.milestones)
             self.milestones = np.concatenate([self.milestones, q[None]])
             self._near.append([])
         else:
@@ -231,7 +230,7 @@ class Roadmap:
                     del store[key]
         for other in np.argsort(self._full_times(q), kind="stable")[1 : 2 * _NEIGHBOURS + 1].tolist():
             self._join(k, other)
-        return int(k)
+        return k
 
     def _cost(self, a: int, b: int, now: float) -> float:
         key = (min(a, b), max(a, b))

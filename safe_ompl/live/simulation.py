@@ -247,7 +247,12 @@ class Simulation:
             obeyed, moving, nearest = self._judge(now, old, command)
             obeyed_time += obeyed * tick
             moving_time += moving * tick
-            yield self._line(now, command, nearest, obeyed == 1.0, ways, reaction)
+            line = self._line(now, command, nearest, obeyed == 1.0, ways, reaction)
+            yield (
+                line
+                if command.path is getattr(old, "path", None)
+                else {**line, "ahead": _way_points(command)}
+            )
         self._conclude(seconds, obeyed_time, moving_time)
 
     def _measure(self, now: float) -> float:
@@ -372,6 +377,12 @@ class Simulation:
             "reaction": reaction,
             "measured": command.measured,
         }
+
+
+def _way_points(command: Command) -> list[list[float]]:
+    curve = command.path.curve
+    points: list[list[float]] = curve.at(np.append(curve.starts, curve.length)).q.tolist()
+    return points
 
 
 def _pose(place: pin.SE3) -> dict[str, list[float]]:
