@@ -5,7 +5,7 @@ Run it from the root of the repository with `python -m bench.live FOLDER`, FOLDE
 while the arm goes to and fro as in `scenarios/panda_shelf.yaml`. A judge looks for contacts. Stop-and-go drives at
 full, half and a quarter of the speed: a slower robot stops sooner. `--memory MINUTES` measures memory instead.
 
-All clips at 20 places with all policies are about 13 hours of simulated time; one core simulates 2 to 6 s in a
+All clips at 20 places with all policies are about 13 hours of simulated time; one idle core simulates 6 s in a
 second (`--jobs` for more cores, `--clips` and `--places` for less).
 """
 
