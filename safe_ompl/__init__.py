@@ -18,10 +18,12 @@ from safe_ompl.errors import (
 )
 from safe_ompl.exchange.files import load, save
 from safe_ompl.exchange.joint_path import JointPath
+from safe_ompl.live.replanner import Replanner
 from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.simplifier import simplify_danger
+from safe_ompl.people.tracking import Tracker
 from safe_ompl.planners.bubble import BubblePlanner
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
@@ -87,6 +89,7 @@ __all__ = [
     "Pose",
     "RateLimits",
     "RegionGoal",
+    "Replanner",
     "Robot",
     "SafeJTRRT",
     "SafeOmplError",
@@ -100,6 +103,7 @@ __all__ = [
     "StandstillError",
     "TipBounds",
     "ToolOrientation",
+    "Tracker",
     "Trajectory",
     "UnknownNameError",
     "Verdict",

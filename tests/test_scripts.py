@@ -32,4 +32,4 @@ def test_the_list_of_examples_is_complete():
     listed = re.findall(r"\]\(([\w/]+\.py)\)", (FOLDER / "README.md").read_text(encoding="utf-8"))
     found = [script.relative_to(FOLDER).as_posix() for script in (*SCRIPTS, *ADAPTERS)]
     assert sorted(listed) == sorted(found)
-    assert len(SCRIPTS) == 10
+    assert len(SCRIPTS) == 11

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import argcomplete
 
-from safe_ompl.cli import compare, completion, doctor, listing, mbm, new, plan, srdf, verify, view
+from safe_ompl.cli import compare, completion, doctor, listing, live, mbm, new, plan, srdf, verify, view
 from safe_ompl.cli.console import error_console, ompl_messages, shown_log
 from safe_ompl.errors import InputError, SafeOmplError
 from safe_ompl.version import __version__
@@ -81,6 +81,7 @@ def command_line() -> argparse.ArgumentParser:
         plan.add_command,
         view.add_command,
         verify.add_command,
+        live.add_command,
         compare.add_command,
         mbm.add_command,
         new.add_command,

@@ -1,0 +1,191 @@
+"""A Panda beside recorded people: the replanner against stop-and-go on the same path, and against an empty cell.
+
+Run it from the root of the repository with `python -m bench.live FOLDER`, FOLDER with recordings (.npz, see
+`safe_ompl.people.recordings`). Every clip is placed beside the arm at so many places drawn from a seed, and played
+while the arm goes to and fro as in `scenarios/panda_shelf.yaml`. A judge looks for contacts. Stop-and-go drives at
+full, half and a quarter of the speed: a slower robot stops sooner. `--memory MINUTES` measures memory instead.
+
+All clips at 20 places with all policies are about 13 hours of simulated time; one idle core simulates 6 s in a
+second (`--jobs` for more cores, `--clips` and `--places` for less).
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import logging
+import resource
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
+from safe_ompl import People, Pose, RateLimits, Scenario, time_path
+from safe_ompl.live.movers import Playback
+from safe_ompl.live.replanner import Replanner
+from safe_ompl.live.simulation import Simulation
+from safe_ompl.people.body import TrackedBody
+from safe_ompl.people.recordings import Recording, list_clips
+from safe_ompl.people.tracking import Tracker
+from safe_ompl.scenario.scenario import find_scenario
+
+PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]  # [rad/s²]
+HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forearm", "hand")}  # [m/s]
+POLICIES: dict[str, Any] = {
+    "ours": Replanner,
+    "stop-and-go": StopAndGo,
+    "half-speed": HalfSpeed,
+    "quarter-speed": QuarterSpeed,
+    "alone": Careless,
+}
+_NEAR, _FAR = 0.7, 1.3  # [m] from the base to the hip
+_HIP = 0.15  # [m] above the base
+
+
+def places(recording: Recording, count: int, seed: int) -> list[Pose]:
+    """Return places of a recording at which the hip of its first frame is beside the arm, not behind it."""
+    rng = np.random.default_rng(seed)
+    hip = recording.skeleton.keypoints(recording.frames[0])[-1]
+    found = []
+    for _ in range(count):
+        angle, far, yaw = rng.uniform(-1.2, 1.2), rng.uniform(_NEAR, _FAR), rng.uniform(-np.pi, np.pi)
+        c, s = np.cos(yaw), np.sin(yaw)
+        turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ hip
+        at = np.array([far * np.cos(angle), far * np.sin(angle), _HIP]) - turned
+        found.append(Pose(tuple(at), (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))))
+    return found
+
+
+def simulation(
+    file: Path, clip: str, place: int, policy: str, *, judged: bool = True, count: int = 20
+) -> Simulation:
+    """Return the simulation of one clip at one place."""
+    scenario = Scenario.load(find_scenario("panda_shelf"))
+    robot = scenario.build_robot()
+    recording = Recording.load(file, clip)
+    pose = places(recording, count, seed=sum(map(ord, file.stem + clip)))[place]
+    tracker = Tracker(recording.skeleton, TrackedBody(), pose)
+    people = People(speed=1.6, speeds=HANDS)
+    replanner = POLICIES[policy](
+        robot, scenario.scene, {"operator": tracker}, people=people, detours=policy == "ours"
+    )
+    limits = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
+    start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
+    path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
+    ways = [time_path(way, robot, limits, motion=replanner.motion) for way in (path, path[::-1])]
+    return Simulation(replanner, ways, {"operator": Playback(recording, tracker)}, judged=judged)
+
+
+def run(job: tuple[Path, str, int, str, float, int]) -> dict[str, Any]:
+    """Run one simulation, and return its summary."""
+    file, clip, place, policy, seconds, count = job
+    logging.disable(logging.WARNING)
+    one = simulation(file, clip, place, policy, count=count)
+    duration = max(seconds or one.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
+    summary = one.run(duration)
+    return {"policy": policy, "file": file.stem, "clip": clip, "place": place, **summary.as_dict()}
+
+
+def told(rows: list[dict[str, Any]]) -> None:
+    """Print a table."""
+    hours = {policy: sum(r["seconds"] for r in rows if r["policy"] == policy) / 3600 for policy in POLICIES}
+    per_hour = {
+        policy: sum(r["tasks"] for r in rows if r["policy"] == policy) / hours[policy]
+        for policy in POLICIES
+        if hours[policy]
+    }
+    print(
+        f"{'':13} {'tasks/h':>8} {'stops':>6} {'contacts moving':>16} {'after violation':>16} {'at rest':>8} "
+        f"{'obeyed':>7} {'moving':>7} {'reaction 50/99 %':>18}"
+    )
+    for policy in per_hour:
+        mine = [r for r in rows if r["policy"] == policy]
+        total = {
+            key: sum(r[key] for r in mine)
+            for key in ("stops", "contacts_while_moving", "contacts_after_violations", "contacts_at_rest")
+        }
+        shares = [
+            np.average([r[key] for r in mine], weights=[r["seconds"] for r in mine])
+            for key in ("model_obeyed", "moving")
+        ]
+        reaction = [
+            np.median([r["reaction"]["median"] for r in mine]),
+            np.median([r["reaction"]["p99"] for r in mine]),
+        ]
+        print(
+            f"{policy:13} {per_hour[policy]:8.0f} {total['stops']:6} {total['contacts_while_moving']:16} "
+            f"{total['contacts_after_violations']:16} {total['contacts_at_rest']:8} {100 * shares[0]:6.1f}% "
+            f"{100 * shares[1]:6.1f}% {1e3 * reaction[0]:8.1f} / {1e3 * reaction[1]:4.1f} ms"
+        )
+    best = max((per_hour[policy] for policy in list(POLICIES)[1:4] if policy in per_hour), default=0.0)
+    if "ours" in per_hour and best:
+        print(f"ours / the best stop-and-go: {per_hour['ours'] / best:.2f} × the tasks per hour")
+    if "ours" in per_hour and "alone" in per_hour:
+        print(f"time lost against an empty cell: {100 * (1 - per_hour['ours'] / per_hour['alone']):.0f} %")
+
+
+def memory(file: Path, clip: str, minutes: float) -> None:
+    """Print how memory grows over so many minutes of simulation, after the first one."""
+    one = simulation(file, clip, 0, "ours", judged=False)
+    per_minute = round(60 / one.replanner.tick)
+    first = 0.0
+    for k, _ in enumerate(one.ticks(60 * minutes)):
+        if k == per_minute:
+            first = _resident()
+    print(f"memory after {minutes:g} minutes, against one: {_resident() - first:+.1f} MB")
+
+
+def _resident() -> float:
+    """Return the memory of this process [MB]."""
+    gc.collect()
+    statm = Path("/proc/self/statm")
+    if statm.exists():
+        return int(statm.read_text().split()[1]) * resource.getpagesize() / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # the most that it ever was
+
+
+def main() -> None:
+    """Run what the options choose."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--clips", type=int, default=0, metavar="N", help="of each file; default: all")
+    parser.add_argument("--places", type=int, default=20, metavar="N")
+    parser.add_argument(
+        "--seconds", type=float, default=0.0, metavar="S", help="of each; default: the clip's"
+    )
+    parser.add_argument("--policies", default=",".join(POLICIES))
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
+    parser.add_argument("--memory", type=float, default=0.0, metavar="MINUTES", help="measure memory instead")
+    options = parser.parse_args()
+    files = sorted(options.folder.glob("*.npz"))
+    if not files:
+        parser.error(f"no .npz files in {options.folder}")
+    logging.disable(logging.WARNING)
+    if options.memory:
+        memory(files[0], "clip_0", options.memory)
+        return
+    jobs = [
+        (file, clip, place, policy, options.seconds, options.places)
+        for file in files
+        for clip in (list_clips(file)[: options.clips] if options.clips else list_clips(file))
+        for place in range(options.places)
+        for policy in options.policies.split(",")
+    ]
+    if options.jobs == 1:
+        rows = [run(job) for job in jobs]
+    else:
+        with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+            rows = list(pool.map(run, jobs))
+    told(rows)
+    for row in rows:
+        if row["policy"] == "ours" and row["contacts_while_moving"]:
+            print("CONTACT", row)
+
+
+if __name__ == "__main__":
+    main()

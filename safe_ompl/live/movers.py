@@ -1,0 +1,107 @@
+"""What moves in a simulation: recorded people, and people and things that move at random."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.people.recordings import Recording
+from safe_ompl.people.tracking import Tracker
+
+_FORGOTTEN = 1000  # steps after which those of more than a second ago are forgotten
+
+
+class PersonMover(Protocol):
+    """A person in a simulation."""
+
+    tracker: Tracker
+
+    def at(self, time: float) -> FloatArray:
+        """Return her key points (J, 3) at a time [s], as her skeleton has them."""
+
+
+class ObjectMover(Protocol):
+    """A thing in a simulation."""
+
+    def at(self, time: float) -> pin.SE3:
+        """Return where it is at a time [s]."""
+
+
+class Playback:
+    """A recorded person, played back and forth.
+
+    Parameters
+    ----------
+    recording : Recording
+        A clip.
+    tracker : Tracker
+        Her size and where she stands.
+    speed : float
+        How many times as fast as she was.
+    """
+
+    def __init__(self, recording: Recording, tracker: Tracker, speed: float = 1.0) -> None:
+        self.recording, self.tracker, self.speed = recording, tracker, speed
+
+    def at(self, time: float) -> FloatArray:
+        """Return her key points (J, 3) at a time [s]."""
+        return self.recording.at(self.speed * time)
+
+
+class Drifting:
+    """A thing that flies straight on, and is reflected at the surface of a ball and at a ball inside.
+
+    Parameters
+    ----------
+    start, velocity : ndarray, shape (3,)
+        Where it is at first [m], and how it moves [m/s].
+    centre, radius : ndarray, float
+        The ball that it does not leave [m].
+    inner : (ndarray, float), optional
+        A ball that it does not enter.
+    step : float
+        Times between which it flies straight [s].
+    """
+
+    def __init__(
+        self,
+        start: FloatArray,
+        velocity: FloatArray,
+        centre: FloatArray,
+        radius: float,
+        inner: tuple[FloatArray, float] | None = None,
+        step: float = 0.01,
+    ) -> None:
+        self._places = [np.array(start, dtype=np.float64)]
+        self._first = 0  # step of the first place that is kept
+        self._velocity = np.array(velocity, dtype=np.float64)
+        self._centre, self._radius, self._inner, self._step = centre, radius, inner, step
+
+    def at(self, time: float) -> pin.SE3:
+        """Return where it is at a time [s], no earlier than a second before the latest that was asked for."""
+        place = max(time, 0.0) / self._step - self._first
+        k = max(int(place), 0)
+        while len(self._places) <= k + 1:
+            self._places.append(self._after(self._places[-1]))
+        share = place - k
+        kept = k - round(1 / self._step)
+        if kept > _FORGOTTEN:
+            del self._places[:kept]
+            self._first, k = self._first + kept, k - kept
+        return pin.SE3(np.eye(3), (1 - share) * self._places[k] + share * self._places[k + 1])
+
+    def _after(self, place: FloatArray) -> FloatArray:
+        for centre, radius, outwards in ((self._centre, self._radius, 1.0), *self._walls()):
+            away = place + self._step * self._velocity - centre
+            length = float(np.linalg.norm(away))
+            normal = outwards * away / max(length, 1e-12)
+            if outwards * (length - radius) > 0 and self._velocity @ normal > 0:
+                self._velocity = self._velocity - 2 * (self._velocity @ normal) * normal
+        after: FloatArray = place + self._step * self._velocity
+        return after
+
+    def _walls(self) -> list[tuple[FloatArray, float, float]]:
+        return [] if self._inner is None else [(*self._inner, -1.0)]

@@ -1,0 +1,392 @@
+"""A robot, the replanner and people in simulated time, with a judge beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.inputs import fraction, number
+from safe_ompl.live.command import Command, Doing
+from safe_ompl.live.judge import Judge, Nearest, Solid, limb_solids
+from safe_ompl.live.movers import ObjectMover, PersonMover
+from safe_ompl.live.replanner import Replanner
+from safe_ompl.live.ticks import header
+from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
+from safe_ompl.people.body import TrackedBody
+from safe_ompl.people.reach import ReachSets
+from safe_ompl.people.skeletons import KEYPOINTS
+from safe_ompl.scene.pose import placed
+from safe_ompl.trajectories.trajectory import Trajectory
+
+_FINE = 0.005  # [s] between looks of the judge
+_STILL = 1e-9  # [rad/s] slower than this is at rest
+_ROUNDING = 1e-6  # [m]
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What goes wrong between the world and the replanner.
+
+    Parameters
+    ----------
+    noise : float
+        Errors of measured key points and places of objects: uniform in a ball of this radius [m].
+    drops : float
+        Share of the frames in which nobody is seen.
+    late : float
+        Share of the ticks in which the replanner answers too late: the robot follows its last command to its stop.
+    seed : int
+        Of the generator that draws them.
+    """
+
+    noise: float = 0.0
+    drops: float = 0.0
+    late: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        number("noise", self.noise, at_least=0.0)
+        fraction("drops", self.drops)
+        fraction("late", self.late)
+
+
+@dataclass
+class Summary:
+    """What came of a simulation.
+
+    Attributes
+    ----------
+    seconds : float
+        Simulated time [s].
+    contacts_while_moving : int
+        While the robot moved and all kept to the reach model: none, if what is proven holds.
+    contacts_after_violations : int
+        While the robot moved, but somebody had not kept to it.
+    contacts_at_rest : int
+        Somebody touched the robot that stood.
+    model_obeyed : float
+        Share of the time in which all had kept to the model since the measurement that the motion was proven against.
+    tasks, stops, detours : int
+        How often the goal was reached, the robot stopped on its way, and another way was taken.
+    moving : float
+        Share of the time in which it moved.
+    reaction : tuple of float
+        From a measurement to a proven command on the clock of this machine: median and 99 % [s].
+    deadlines_missed : int
+        Ticks without a new command: the robot followed its stop.
+    violations : int
+        Frames in which somebody was seen to have moved farther than promised.
+    least_distance : float
+        While it moved and all kept to the model [m].
+    """
+
+    seconds: float = 0.0
+    contacts_while_moving: int = 0
+    contacts_after_violations: int = 0
+    contacts_at_rest: int = 0
+    model_obeyed: float = 1.0
+    tasks: int = 0
+    stops: int = 0
+    detours: int = 0
+    moving: float = 0.0
+    reaction: tuple[float, float] = (0.0, 0.0)
+    deadlines_missed: int = 0
+    violations: int = 0
+    least_distance: float = np.inf
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all of it as plain data."""
+        found = dict(self.__dict__)
+        found["reaction"] = {"median": self.reaction[0], "p99": self.reaction[1]}
+        return found
+
+
+class Simulation:
+    """A robot that goes along trajectories, beside people and things that move.
+
+    Parameters
+    ----------
+    replanner : Replanner
+        What drives it; nothing was started yet.
+    trajectories : sequence of Trajectory
+        What it does, one after the other and again from the first: each begins where the one before ends.
+    people : mapping of str to PersonMover
+        Those that the replanner tracks.
+    objects : mapping of str to ObjectMover
+        As well.
+    faults : Faults, optional
+        What goes wrong.
+    latency : float
+        From a measurement to when the command that rests on it holds [s]: what the replanner may take to answer.
+    judged : bool
+        Whether a judge looks for contacts: that takes most of the time.
+
+    Attributes
+    ----------
+    summary : Summary
+        What came of it, complete once it has run to its end.
+    judge : Judge or None
+        Knows the contacts.
+    reactions : list of float
+        From each measurement to its command, on the clock of this machine [s].
+    """
+
+    def __init__(
+        self,
+        replanner: Replanner,
+        trajectories: list[Trajectory],
+        people: Mapping[str, PersonMover],
+        objects: Mapping[str, ObjectMover] | None = None,
+        *,
+        faults: Faults | None = None,
+        latency: float = 0.02,
+        judged: bool = True,
+    ) -> None:
+        self.replanner, self.trajectories = replanner, trajectories
+        self.people, self.objects = dict(people), dict(objects or {})
+        self.faults = Faults() if faults is None else faults
+        self.latency = number("latency", latency, at_least=0.0, at_most=replanner.tick)
+        self.judge = Judge(replanner.robot) if judged else None
+        self.summary = Summary()
+        self._rng = np.random.default_rng(self.faults.seed)
+        self._promised: dict[float, ReachSets] = {}
+        self.reactions: list[float] = []
+
+    # ------------------------------------------------------------------------------------------------------ world
+
+    def _truth(self, time: float) -> dict[str, FloatArray]:
+        """Return the key points (18, 3) of all people in the world, completed as their bodies have it."""
+        found = {}
+        for name, mover in self.people.items():
+            tracker = mover.tracker
+            seen = placed(tracker.place.se3, tracker.skeleton.keypoints(mover.at(time)))
+            found[name] = tracker.body.completed(seen)[0]
+        return found
+
+    def _solids(self, keypoints: Mapping[str, FloatArray], time: float) -> list[Solid]:
+        found = []
+        for name, points in keypoints.items():
+            body = self._body(name)
+            ends = body.ends(points)
+            found += limb_solids(name, body.limbs, ends, body.radii(ends))
+        for name, mover in self.objects.items():
+            world = mover.at(time)
+            for part in self.replanner.surroundings.shapes[name].parts():
+                found.append(Solid(name, "", part.geometry, world * part.placement))
+        return found
+
+    def _body(self, name: str) -> TrackedBody:
+        return self.people[name].tracker.body
+
+    def _ends(self, keypoints: Mapping[str, FloatArray], time: float) -> list[FloatArray]:
+        """Return the points of all bodies: ends of limbs (2, 3), and corners of things."""
+        ends: list[FloatArray] = []
+        for name, points in keypoints.items():
+            ends += list(self._body(name).ends(points))
+        for name, mover in self.objects.items():
+            ends += self.replanner.surroundings.objects[name].points_at(mover.at(time))
+        return ends
+
+    def _obeyed(self, ends: list[FloatArray], time: float, measured: float) -> bool:
+        """Return whether all are where the measurement promised that they would be."""
+        sets = self._promised.get(measured)
+        return sets is None or bool((sets.excess(ends, time - measured) <= _ROUNDING).all())
+
+    # ---------------------------------------------------------------------------------------------------- running
+
+    def run(self, seconds: float) -> Summary:
+        """Run for a time, and return what came of it."""
+        for _ in self.ticks(seconds):
+            pass
+        return self.summary
+
+    def ticks(self, seconds: float) -> Iterator[dict[str, Any]]:
+        """Run for a time, and yield header and ticks as `safe_ompl.live.ticks` describes them."""
+        yield self._header()
+        replanner, summary = self.replanner, self.summary
+        tick, job = replanner.tick, 0
+        replanner.start(self.trajectories[0])
+        command: Command | None = None
+        obeyed_time = moving_time = 0.0
+        ways, started, before = 0, 0, Doing.DONE
+        for k in range(round(number("seconds", seconds, above=0.0) / tick)):
+            now = k * tick
+            late = self._rng.random() < self.faults.late
+            new: Command | None = command
+            reaction = None
+            if not late:
+                reaction = self._measure(now)
+                begin = perf_counter()
+                if command is not None and command.doing is Doing.DONE:
+                    summary.tasks += 1
+                    job = (job + 1) % len(self.trajectories)
+                    replanner.start(self.trajectories[job])
+                    started += 1
+                    begin = perf_counter()
+                new = replanner.command(now + self.latency)
+                reaction += perf_counter() - begin
+                replanner.think()
+                self.reactions.append(reaction)
+            else:
+                summary.deadlines_missed += 1
+            if new is None:
+                continue
+            old, command = command, new
+            if command.path is not getattr(old, "path", None):
+                ways += 1
+                summary.detours = ways - 1 - started
+            if command.doing in (Doing.STANDING, Doing.BRAKING) and before in (Doing.MOVING, Doing.SLOWED):
+                summary.stops += 1
+            before = command.doing
+            obeyed, moving, nearest = self._judge(now, old, command)
+            obeyed_time += obeyed * tick
+            moving_time += moving * tick
+            line = self._line(now, command, nearest, obeyed == 1.0, ways, reaction)
+            yield (
+                line
+                if command.path is getattr(old, "path", None)
+                else {**line, "ahead": _way_points(command)}
+            )
+        self._conclude(seconds, obeyed_time, moving_time)
+
+    def _measure(self, now: float) -> float:
+        """Let the replanner see the world; return how long it took [s]."""
+        seen: dict[str, Any] = {}
+        things: dict[str, Any] = {}
+        if not self._rng.random() < self.faults.drops:
+            for name, mover in self.people.items():
+                points = mover.at(now)
+                seen[name] = points + self._noise(points.shape) / mover.tracker.skeleton.scale
+            for name, thing in self.objects.items():
+                things[name] = thing.at(now)
+        begin = perf_counter()
+        violations = self.replanner.update(seen, things, now)
+        took = perf_counter() - begin
+        self.summary.violations += bool(violations)
+        if self.replanner.surroundings.known:
+            self._promised[now] = self.replanner.surroundings.sets
+        while len(self._promised) > 200:
+            del self._promised[next(iter(self._promised))]
+        return took
+
+    def _noise(self, shape: tuple[int, ...]) -> FloatArray:
+        if not self.faults.noise:
+            return np.zeros(shape)
+        directions = self._rng.normal(size=shape)
+        directions /= np.maximum(np.linalg.norm(directions, axis=-1, keepdims=True), 1e-12)
+        radii = self.faults.noise * self._rng.random((*shape[:-1], 1)) ** (1 / 3)
+        found: FloatArray = directions * radii
+        return found
+
+    def _judge(self, now: float, old: Command | None, new: Command) -> tuple[float, float, Nearest]:
+        """Look at a tick from `now` on.
+
+        Returns shares of it in which all obeyed and in which the robot moved, and who was nearest at its beginning.
+        """
+        robot = self.replanner.robot
+        times = now + np.arange(0.0, self.replanner.tick - 1e-9, _FINE)
+        obeyed = moves = 0
+        here, first_q, first = Nearest(np.inf), np.zeros(0), [np.zeros((0, 3))]
+        for i, time in enumerate(times.tolist()):
+            command = new if old is None or time >= now + self.latency - 1e-12 else old
+            state = command.at(max(time, command.time))
+            moving = bool(np.abs(state.qd).max() > _STILL)
+            keypoints = self._truth(time)
+            ends = self._ends(keypoints, time)
+            good = self._obeyed(ends, time, command.measured)
+            obeyed, moves = obeyed + good, moves + moving
+            if self.judge is None:
+                continue
+            if i:
+                way = float(np.abs(state.q - first_q) @ robot.displacement_radii.max(axis=0))
+                way += max(
+                    (float(np.linalg.norm(a - b, axis=1).max()) for a, b in zip(ends, first, strict=True)),
+                    default=0.0,
+                )
+                if way < here.distance:
+                    self.judge.apart()
+                    continue
+            nearest = self.judge.look(
+                time, state.q, self._solids(keypoints, time), moving=moving, obeyed=good
+            )
+            if not i:
+                here, first_q, first = nearest, state.q, ends
+            if moving and good:
+                self.summary.least_distance = min(self.summary.least_distance, nearest.distance)
+        return obeyed / len(times), moves / len(times), here
+
+    def _conclude(self, seconds: float, obeyed: float, moving: float) -> None:
+        summary = self.summary
+        summary.seconds = float(seconds)
+        summary.model_obeyed = min(1.0, obeyed / seconds)
+        summary.moving = min(1.0, moving / seconds)
+        if self.reactions:
+            median, late = np.percentile(self.reactions, (50, 99)).tolist()
+            summary.reaction = median, late
+        if self.judge is not None:
+            contacts = self.judge.contacts
+            summary.contacts_while_moving = sum(c.moving and c.obeyed for c in contacts)
+            summary.contacts_after_violations = sum(c.moving and not c.obeyed for c in contacts)
+            summary.contacts_at_rest = sum(not c.moving for c in contacts)
+
+    # ----------------------------------------------------------------------------------------------------- ticks
+
+    def _header(self) -> dict[str, Any]:
+        replanner = self.replanner
+        return header(
+            tick=replanner.tick,
+            joint_names=list(replanner.robot.joint_names),
+            robot=carried_robot(replanner.robot),
+            scene=carried_scene(replanner.surroundings.scene),
+            people={
+                name: {"height": self._body(name).height, "limbs": list(self._body(name).limbs)}
+                for name in self.people
+            },
+            objects={name: track.speed for name, track in replanner.surroundings.objects.items()},
+        )
+
+    def _line(
+        self, now: float, command: Command, nearest: Nearest, obeyed: bool, ways: int, reaction: float | None
+    ) -> dict[str, Any]:
+        state = command.at(max(now, command.time))
+        return {
+            "time": now,
+            "q": state.q.tolist(),
+            "qd": state.qd.tolist(),
+            "people": {
+                name: dict(zip(KEYPOINTS, points.tolist(), strict=True))
+                for name, points in self._truth(now).items()
+            },
+            "objects": {name: _pose(mover.at(now)) for name, mover in self.objects.items()},
+            "state": command.doing.value,
+            "margin": command.left.margin,
+            "distance": nearest.distance,
+            "link": nearest.link,
+            "who": nearest.who,
+            "limb": nearest.limb,
+            "reason": command.reason,
+            "obeyed": obeyed,
+            "path": ways,
+            "task": self.summary.tasks,
+            "reaction": reaction,
+            "measured": command.measured,
+        }
+
+
+def _way_points(command: Command) -> list[list[float]]:
+    curve = command.path.curve
+    points: list[list[float]] = curve.at(np.append(curve.starts, curve.length)).q.tolist()
+    return points
+
+
+def _pose(place: pin.SE3) -> dict[str, list[float]]:
+    return {
+        "position": place.translation.tolist(),
+        "quaternion_xyzw": pin.Quaternion(place.rotation).coeffs().tolist(),
+    }

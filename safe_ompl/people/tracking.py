@@ -1,0 +1,250 @@
+"""What is known of a person while she is tracked: last places of key points, their ages, and whether she kept to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.errors import InputError
+from safe_ompl.inputs import number
+from safe_ompl.people.body import TrackedBody
+from safe_ompl.people.reach import Measured, ReachModel, ReachSets, SpeedReach
+from safe_ompl.people.skeletons import KEYPOINTS, Skeleton
+from safe_ompl.scenario.people import People
+from safe_ompl.scene.pose import Pose, placed
+from safe_ompl.scene.shapes.anatomy import STANDING
+
+_ROUNDING = 1e-9  # [m]
+
+
+class Violation(NamedTuple):
+    """A body that moved farther than was promised.
+
+    Attributes
+    ----------
+    who, limb : str
+        Whose it is; the limb is empty where there is but one.
+    excess : float
+        How far it was beyond what its reach allows [m].
+    """
+
+    who: str
+    limb: str
+    excess: float
+
+    def __str__(self) -> str:
+        limb = f" ({self.limb})" if self.limb else ""
+        return f"{self.who!r}{limb} moved {1e3 * self.excess:.0f} mm farther than promised"
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """How a person is tracked.
+
+    Attributes
+    ----------
+    skeleton : Skeleton
+        Which key points the sensor gives.
+    body : TrackedBody
+        Her size, and which limbs there are.
+    place : Pose
+        Where the sensor's frame, turned to x forward, y left and z up, is in the world.
+    noise : float
+        Bound of the errors of the places that it gives [m].
+    """
+
+    skeleton: Skeleton
+    body: TrackedBody = field(default_factory=TrackedBody)
+    place: Pose = field(default_factory=Pose)
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        number("noise", self.noise, at_least=0.0)
+
+
+class PersonTrack:
+    """A person as the sensor has seen her so far.
+
+    A key point that is not seen keeps its place, and ages. One that was never seen is assumed, as `TrackedBody` says;
+    `assumed` names them.
+
+    Parameters
+    ----------
+    name : str
+        The person.
+    tracker : Tracker
+        How she is tracked.
+    people : People
+        How fast her limbs may move.
+    reach : ReachModel
+        What is assumed of how they do.
+    """
+
+    def __init__(self, name: str, tracker: Tracker, people: People, reach: ReachModel | None = None) -> None:
+        self.name, self.tracker, self.people = name, tracker, people
+        self.reach: ReachModel = SpeedReach() if reach is None else reach
+        self.time = -np.inf
+        self._places: FloatArray = np.full((len(KEYPOINTS), 3), np.nan)
+        self._times: FloatArray = np.full(len(KEYPOINTS), -np.inf)
+        self._before: FloatArray = self._places.copy()
+        self._before_times = self._times.copy()
+        self._completed: FloatArray | None = None
+        self._rests: IntArray = np.arange(len(KEYPOINTS))
+
+    def __repr__(self) -> str:
+        return f"PersonTrack({self.name!r}, {self.tracker.skeleton.name})"
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """Key points that were never seen, and are assumed where the others let expect them."""
+        return tuple(name for k, name in enumerate(STANDING) if not np.isfinite(self._times[k]))
+
+    @property
+    def age(self) -> float:
+        """How old [s] the eldest of the key points is that were ever seen; infinite before the first one."""
+        seen = self._times[np.isfinite(self._times)]
+        return float(self.time - seen.min()) if len(seen) else np.inf
+
+    @property
+    def keypoints(self) -> FloatArray | None:
+        """Key points (18, 3) in the order of `KEYPOINTS`, in the world [m]; None before she was seen."""
+        return self._completed
+
+    def observe(self, points: ArrayLike | None, time: float) -> Violation | None:
+        """Take what the sensor saw, and return who moved farther than was promised, if anyone did.
+
+        Parameters
+        ----------
+        points : array_like, shape (J, 3), or None
+            Key points as the skeleton has them; NaN, or None for all of them: not seen.
+        time : float
+            When [s]; not before the last time.
+
+        Raises
+        ------
+        InputError
+            If the time goes backwards, or as `Skeleton.keypoints`.
+        """
+        if time < self.time:
+            raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
+        seen = np.full((len(KEYPOINTS), 3), np.nan)
+        if points is not None:
+            seen = placed(self.tracker.place.se3, self.tracker.skeleton.keypoints(points))
+        new = np.isfinite(seen).all(axis=1)
+        promised = self.sets() if new.any() and self._completed is not None else None
+        since = time - self.time
+        self._before[new], self._before_times[new] = self._places[new], self._times[new]
+        self._places[new], self._times[new] = seen[new], time
+        self.time = time
+        if np.isfinite(self._places).any():
+            self._completed, self._rests = self.tracker.body.completed(self._places)
+        return None if promised is None else self._violation(promised, since)
+
+    def _violation(self, promised: ReachSets, since: float) -> Violation | None:
+        assert self._completed is not None
+        excess = promised.excess(self.tracker.body.ends(self._completed), since)
+        worst = int(excess.argmax())
+        if excess[worst] <= self.tracker.noise + _ROUNDING:
+            return None
+        return Violation(self.name, promised.names[worst][1], float(excess[worst]))
+
+    def sets(self) -> ReachSets:
+        """Return where her limbs may be from the time of the last measurement on.
+
+        Raises
+        ------
+        InputError
+            If she was never seen.
+        """
+        return self.reach.sets(self.measured(), self.people)
+
+    def measured(self) -> Measured:
+        """Return what is known of her limbs at the time of the last measurement; errors as `sets`."""
+        if self._completed is None:
+            raise InputError("was never seen", self.name)
+        body = self.tracker.body
+        ages = self.time - self._times[self._rests]
+        twice = np.isfinite(self._before_times)
+        intervals = np.where(twice, self._times - np.where(twice, self._before_times, 0.0), np.inf)
+        velocities = (self._places - self._before) / np.maximum(intervals, 1e-9)[:, None]
+        velocities = np.where(twice[:, None], velocities, 0.0)[self._rests]
+        used = body.weights > 0
+        baseline = float(np.max(intervals[np.unique(self._rests[: len(STANDING)])]))
+        ends, rates = body.ends(self._completed), body.ends(velocities)
+        arms = [KEYPOINTS.index(f"{side}_shoulder") for side in ("left", "right")]
+        old = np.where(used, ages[: len(STANDING)], 0.0).max(axis=(1, 2))
+        return Measured(
+            self.name,
+            body.limbs,
+            ends,
+            rates,
+            body.radii(ends),
+            old,
+            baseline,
+            self._completed[arms],
+            ages[arms],
+            body.height,
+            self.tracker.noise,
+        )
+
+
+class ObjectTrack:
+    """A thing that moves: the hulls of its parts, none of whose points is faster than a bound.
+
+    Parameters
+    ----------
+    name : str
+        The obstacle.
+    hulls : sequence of (ndarray, float)
+        Points (K, 3) and radius of each part in the frame of the obstacle [m].
+    speed : float
+        Bound of the speed of all its points [m/s].
+    pose : pin.SE3
+        Where it is at first; nothing is known of it before it is measured.
+    """
+
+    def __init__(self, name: str, hulls: list[tuple[FloatArray, float]], speed: float, pose: pin.SE3) -> None:
+        self.name, self.speed, self.pose = name, speed, pose
+        self.time, self.seen = -np.inf, -np.inf
+        self._hulls = hulls
+
+    def __repr__(self) -> str:
+        return f"ObjectTrack({self.name!r}, {self.speed:g} m/s)"
+
+    @property
+    def age(self) -> float:
+        """How long ago it was seen [s]."""
+        return self.time - self.seen
+
+    def observe(self, pose: pin.SE3 | None, time: float) -> Violation | None:
+        """Take where it was seen, if it was; as `PersonTrack.observe`."""
+        if time < self.time:
+            raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
+        violation = None
+        if pose is not None:
+            if np.isfinite(self.seen):
+                pairs = zip(self.points_at(pose), self.points_at(self.pose), strict=True)
+                moved = max(float(np.linalg.norm(new - old, axis=1).max()) for new, old in pairs)
+                excess = moved - self.speed * (time - self.seen)
+                violation = Violation(self.name, "", excess) if excess > _ROUNDING else None
+            self.pose, self.seen = pose, time
+        self.time = time
+        return violation
+
+    def points_at(self, pose: pin.SE3) -> list[FloatArray]:
+        """Return the points (K, 3) of its parts, where it is at a pose [m]."""
+        return [placed(pose, points) for points, _ in self._hulls]
+
+    def sets(self) -> ReachSets:
+        """Return where it may be from the time of the last measurement on."""
+        found = ReachSets.none()
+        for points, (_, radius) in zip(self.points_at(self.pose), self._hulls, strict=True):
+            growth = np.array([[self.speed * self.age, self.speed, 0.0]])
+            one = ReachSets.of(((self.name, ""),), points[None], np.array([radius]), growth)
+            found = found.beside(one)
+        return found

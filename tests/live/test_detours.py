@@ -1,0 +1,161 @@
+"""Other ways: found where the way is barred, taken over only when proven, and with what is known kept."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from safe_ompl.live.command import Doing
+from safe_ompl.live.guarded_path import GuardedPath, RobotBodies
+from safe_ompl.live.roadmap import Around, Budget, Roadmap
+from safe_ompl.scene.pose import Pose
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.timing import time_path
+
+FAR = {}, {"ball": Pose((3.0, 0.0, 0.0))}
+BARRED = {}, {"ball": Pose((0.55, 0.0, 0.45))}
+
+
+def driven(replanner, trajectory, see, seconds, think=True):
+    replanner.start(trajectory)
+    commands = []
+    for k in range(round(seconds / 0.05)):
+        replanner.update(*see(0.05 * k), 0.05 * k)
+        commands.append(replanner.command(0.05 * k + 0.02))
+        if commands[-1].doing is Doing.DONE:
+            break
+        if think:
+            replanner.think()
+    return commands
+
+
+def test_where_the_way_is_barred_another_one_is_taken(replanner_for, to_and_fro):
+    replanner = replanner_for("ball", ball=0.1)
+    way = to_and_fro(replanner)[0]
+    commands = driven(replanner, way, lambda t: BARRED, 20.0)
+    assert commands[-1].doing is Doing.DONE
+    assert len({id(command.path) for command in commands}) > 1
+    goal = way.at(way.duration).q
+    np.testing.assert_allclose(commands[-1].at(100.0).q, goal, atol=1e-6)
+    for before, after in pairwise(commands):  # no jumps where it goes over
+        if after.time > before.time:
+            np.testing.assert_allclose(before.at(after.time).q, after.at(after.time).q, atol=1e-7)
+            np.testing.assert_allclose(before.at(after.time).qd, after.at(after.time).qd, atol=1e-4)
+    waiting = driven(replanner_for("ball", ball=0.1), way, lambda t: BARRED, 5.0, think=False)
+    assert waiting[-1].doing is Doing.STANDING
+
+
+def test_what_is_driven_on_other_ways_is_free(replanner_for, to_and_fro):
+    replanner = replanner_for("ball", ball=0.1)
+    commands = driven(replanner, to_and_fro(replanner)[0], lambda t: BARRED, 20.0)
+    for command in commands:
+        for t in np.linspace(command.time, command.time + 0.05, 4):
+            assert not replanner.motion.checker.in_collision(command.at(t).q)
+
+
+def test_nothing_is_looked_for_where_the_way_is_clear(replanner_for, to_and_fro):
+    replanner = replanner_for("ball")
+    way = to_and_fro(replanner)[0]
+    commands = driven(replanner, way, lambda t: FAR, 6.0)
+    assert commands[-1].doing is Doing.DONE
+    assert len({id(command.path) for command in commands}) == 1
+
+
+@pytest.fixture
+def roadmap(replanner_for, to_and_fro, panda):
+    replanner = replanner_for("ball", ball=0.1)
+    limits = RateLimits.of(panda, acceleration=10.0)
+    found = Roadmap(replanner.motion, RobotBodies(panda), limits)
+    way = to_and_fro(replanner)[0]
+    found.cover(way.curve)
+    return found, replanner, way
+
+
+def around(replanner, seen):
+    replanner.update(
+        *seen, replanner.surroundings.time + 1 if np.isfinite(replanner.surroundings.time) else 0.0
+    )
+    return Around(replanner.surroundings.sets, 0.0, 0.07)
+
+
+def test_what_is_known_is_kept(roadmap):
+    roadmap, replanner, way = roadmap
+    start, goal = way.at([0.0, way.duration]).q
+    people = around(replanner, BARRED)
+    first = Budget(2000)
+    found = roadmap.way(start, goal, 0.0, people, 30.0, first)
+    assert found is not None
+    again = Budget(2000)
+    same = roadmap.way(start, goal, 0.1, people, 30.0, again)
+    assert again.left == 2000  # no proof and no look anew
+    np.testing.assert_array_equal(same[0], found[0])
+    later = Budget(2000)
+    roadmap.way(start, goal, 5.0, around(replanner, BARRED), 30.0, later)
+    assert later.left > first.left  # looks have aged; proofs hold for ever
+    count = len(roadmap.milestones)
+    roadmap.cover(way.curve)
+    assert len(roadmap.milestones) == count
+
+
+def test_a_small_budget_gets_there_in_the_end(roadmap):
+    roadmap, replanner, way = roadmap
+    start, goal = way.at([0.0, way.duration]).q
+    people = around(replanner, BARRED)
+    turns = 0
+    for turns in range(200):  # noqa: B007
+        found = roadmap.way(start, goal, 0.0, people, 30.0, Budget(20))
+        if found is not None:
+            break
+    assert found is not None
+    assert turns > 1
+
+
+def test_ways_are_free_and_end_where_they_must(roadmap):
+    roadmap, replanner, way = roadmap
+    start, goal = way.at([0.0, way.duration]).q
+    points, time = roadmap.way(start, goal, 0.0, around(replanner, FAR), 30.0, Budget(2000))
+    np.testing.assert_array_equal(points[0], start)
+    np.testing.assert_allclose(points[-1], goal, atol=1e-9)
+    assert all(replanner.motion.is_free(a, b) for a, b in pairwise(points))
+    assert 0 < time < 30
+    assert roadmap.way(start, goal, 0.0, around(replanner, FAR), 0.1, Budget(2000)) is None
+
+
+def test_other_ways_do_not_break_caps_that_they_cannot_keep(replanner_for, to_and_fro, panda):
+    replanner = replanner_for("ball", ball=0.1)
+    path = to_and_fro(replanner)[0].curve
+    slow = time_path(
+        path.at(np.array([0.0, path.length])).q,
+        panda,
+        RateLimits.of(panda),
+        motion=replanner.motion,
+        tool_speed=0.5,
+    )
+    commands = driven(replanner, slow, lambda t: FAR, 3.0)
+    assert not replanner.think()
+    places = [panda.tip_pose(c.at(c.time + t).q).translation for c in commands for t in (0.0, 0.025)]
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= 0.5 * 0.025 * 1.001
+
+
+def test_paths_are_cut_and_joined_as_they_were(panda):
+    limits = RateLimits.of(panda, acceleration=10.0)
+    bodies = RobotBodies(panda)
+    points = np.array(
+        [[0, 0, 0, -2.0, 0, 2, 0.7], [0.5, 0, 0, -2.0, 0, 2, 0.7], [0.5, 0.4, 0, -2.0, 0, 2, 0.7]]
+    )
+    path = GuardedPath.of(bodies, time_path(points, panda, limits))
+    part = path.from_to(0.55, 0.8)
+    np.testing.assert_allclose(
+        part.curve.at(np.array([0.0, part.length])).q, [points[1], path.curve.at(np.array([0.8])).q[0]]
+    )
+    assert part.length == pytest.approx(0.3)
+    rest = GuardedPath.along(
+        bodies,
+        time_path([part.curve.at(np.array([part.length])).q[0], points[0]], panda, limits).curve,
+        limits,
+    )
+    whole = part.then(rest)
+    assert whole.length == pytest.approx(part.length + rest.length)
+    assert whole.ceiling[len(part.brakes)] == 0  # it stops where they meet
+    np.testing.assert_allclose(whole.curve.at(np.array([whole.length])).q[0], points[0], atol=1e-12)
+    assert len(whole.brakes) == len(whole.travel) == len(whole.frames[0]) == len(whole.edges) - 1

@@ -1,0 +1,222 @@
+"""The simulation: its files, its judge, and faults that are answered by a stop."""
+
+import json
+
+import numpy as np
+import pytest
+
+from safe_ompl.cli import main
+from safe_ompl.errors import InputError
+from safe_ompl.live.judge import Judge, limb_solids
+from safe_ompl.live.movers import Drifting, Playback
+from safe_ompl.live.simulation import Faults, Simulation
+from safe_ompl.live.ticks import read_ticks
+from safe_ompl.paths.certificate.portable import built_robot, built_scene
+from safe_ompl.people.recordings import Recording
+from safe_ompl.people.skeletons import KEYPOINTS, SKELETONS
+from safe_ompl.people.tracking import Tracker
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.shapes.anatomy import STANDING
+
+RECORDING = SKELETONS["recording12"]
+
+
+def swaying(seconds=6.0, rate=20.0, far=1.1, speed=1.0):
+    """Return frames (T, 12, 3) of a person who sways to and fro beside the arm, her hip near the floor of the frame."""
+    height, hips = 1.75, STANDING["left_hip"][2]
+    ours = {"hip": None, "torso": None, "neck": None, "head": "head"}
+    places = []
+    for name in RECORDING.points:
+        side, _, bone = name.partition("_")
+        joint = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}.get(bone)
+        key = ours.get(name) or (f"{side}_{joint}" if joint else None)
+        place = STANDING[key] if key else np.array([0.0, 0.0, hips if name == "hip" else 0.8])
+        places.append(height * (place - [0, 0, hips]))
+    times = np.arange(round(seconds * rate)) / rate
+    shift = np.stack([far + 0.25 * np.sin(speed * times), 0 * times, 0.15 + 0 * times], axis=1)
+    return np.array(places)[None] * [-1, -1, 1] + shift[:, None]
+
+
+@pytest.fixture(scope="session")
+def clips(tmp_path_factory):
+    """Return a file with two clips: one of a person who keeps to her speed, one of a person who does not."""
+    file = tmp_path_factory.mktemp("people") / "swaying.npz"
+    names = np.array(RECORDING.points)
+    np.savez(file, names=names, rate=20.0, clip_0=swaying().astype(np.float16), clip_1=swaying(speed=15.0))
+    return file
+
+
+def simulated(replanner_for, to_and_fro, clips, clip="clip_0", **options):
+    recording = Recording.load(clips, clip)
+    tracker = Tracker(recording.skeleton, noise=options.get("faults", Faults()).noise)
+    replanner = replanner_for("anna", trackers={"anna": tracker})
+    return Simulation(replanner, to_and_fro(replanner), {"anna": Playback(recording, tracker)}, **options)
+
+
+def test_nobody_who_obeys_is_touched_and_tasks_are_done(replanner_for, to_and_fro, clips):
+    one = simulated(replanner_for, to_and_fro, clips)
+    summary = one.run(6.0)
+    assert summary.contacts_while_moving == 0
+    assert summary.model_obeyed == pytest.approx(1.0)
+    assert summary.least_distance > 0
+    assert summary.violations == summary.deadlines_missed == 0
+    assert 0 < summary.moving <= 1
+    assert one.summary.as_dict()["reaction"]["median"] > 0
+
+
+def test_the_same_world_gives_the_same_ticks(replanner_for, to_and_fro, clips):
+    faults = Faults(noise=0.005, drops=0.1, late=0.1, seed=3)
+    runs = []
+    for _ in range(2):
+        ticks = list(simulated(replanner_for, to_and_fro, clips, faults=faults, judged=False).ticks(2.0))[1:]
+        runs.append([{key: value for key, value in tick.items() if key != "reaction"} for tick in ticks])
+    assert runs[0] == runs[1]
+
+
+def test_who_is_faster_than_promised_is_seen_and_answered_by_a_stop(replanner_for, to_and_fro, clips, caplog):
+    one = simulated(replanner_for, to_and_fro, clips, "clip_1", judged=False)
+    ticks = list(one.ticks(3.0))[1:]
+    assert one.summary.violations > 5
+    assert one.summary.model_obeyed < 0.9
+    assert "farther than promised: stop" in caplog.text
+    answered = [tick for tick in ticks if "farther than promised" in tick["reason"]]
+    assert answered
+    assert {tick["state"] for tick in answered} <= {"braking", "standing"}
+
+
+def test_noise_drops_and_late_answers_touch_nobody(replanner_for, to_and_fro, clips):
+    faults = Faults(noise=0.02, drops=0.2, late=0.2, seed=1)
+    one = simulated(replanner_for, to_and_fro, clips, faults=faults)
+    summary = one.run(4.0)
+    assert summary.contacts_while_moving == 0
+    assert summary.deadlines_missed > 5
+    assert summary.model_obeyed == pytest.approx(1.0)
+    assert summary.violations == 0
+
+
+def test_faults_are_shares_and_lengths():
+    for given in ({"noise": -0.1}, {"drops": 1.5}, {"late": np.nan}):
+        with pytest.raises(InputError, match=next(iter(given))):
+            Faults(**given)
+
+
+def test_the_judge_sees_contacts_once_and_who_moved(panda, tracker):
+    judge, q = Judge(panda), np.array([0, -0.4, 0, -2.0, 0, 2.0, 0.785])
+    tip = panda.tip_pose(q).translation
+    ends = np.array([[tip, tip + np.array([0, 0, 0.1])]])
+    touching = limb_solids("anna", ("right_hand",), ends, np.array([0.05]))
+    away = limb_solids("anna", ("right_hand",), ends + np.array([2.0, 0, 0]), np.array([0.05]))
+    assert judge.look(0.0, q, away, moving=True, obeyed=True).distance > 1
+    for time, moving in ((0.1, False), (0.2, False), (0.3, True)):
+        assert judge.look(time, q, touching, moving=moving, obeyed=True).distance <= 0
+    judge.look(0.4, q, away, moving=True, obeyed=True)
+    judge.look(0.5, q, touching, moving=False, obeyed=True)
+    assert [(c.time, c.moving, c.limb) for c in judge.contacts] == [
+        (0.1, True, "right_hand"),
+        (0.5, False, "right_hand"),
+    ]
+
+
+def test_things_that_drift_stay_in_their_ball():
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        velocity = rng.normal(size=3)
+        velocity *= 1.5 / np.linalg.norm(velocity)
+        ball = Drifting(np.array([0.7, 0, 0]), velocity, np.zeros(3), 1.0, (np.zeros(3), 0.3))
+        places = np.array([ball.at(t).translation for t in np.linspace(0, 20, 2001)])
+        far = np.linalg.norm(places, axis=1)
+        assert far.max() < 1.0 + 0.02
+        assert far.min() > 0.3 - 0.02
+        assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= 1.5 * 0.01 * (1 + 1e-9)
+
+
+def test_recordings_are_read_and_played_to_and_fro(clips):
+    recording = Recording.load(clips)
+    assert recording.duration == pytest.approx(5.95)
+    np.testing.assert_allclose(recording.at(0.05), recording.frames[1])
+    np.testing.assert_allclose(recording.at(0.025), recording.frames[:2].mean(axis=0))
+    np.testing.assert_allclose(recording.at(2 * recording.duration - 0.05), recording.frames[1], atol=1e-9)
+
+
+def test_recordings_that_are_none(clips, tmp_path):
+    with pytest.raises(InputError, match=r"swaying.npz: unknown clip 'clip_7'; known: clip_0, clip_1"):
+        Recording.load(clips, "clip_7")
+    text = tmp_path / "text.npz"
+    text.write_text("nothing")
+    for file in (text, tmp_path / "missing.npz"):
+        with pytest.raises(InputError, match=f"{file.name}: cannot be read"):
+            Recording.load(file)
+    good = {"names": np.array(RECORDING.points), "rate": 20.0, "clip_0": swaying()}
+    nan = swaying()
+    nan[3, 2] = np.inf
+    for change, message in (
+        ({"rate": -1.0}, "rate: must be a positive number"),
+        ({"names": np.array(["a", "b"])}, "names: no skeleton has the 2 key points"),
+        ({"clip_0": np.zeros((5, 3, 3))}, r"clip_0: must have shape \(any, 12, 3\)"),
+        ({"clip_0": nan}, "clip_0: key points must be finite"),
+        ({"clip_0": np.zeros((0, 12, 3))}, "clip_0: has no frames"),
+    ):
+        np.savez(tmp_path / "bad.npz", **{**good, **change})
+        with pytest.raises(InputError, match=f"bad.npz: {message}"):
+            Recording.load(tmp_path / "bad.npz")
+    np.savez(tmp_path / "bad.npz", names=good["names"], clip_0=good["clip_0"])
+    with pytest.raises(InputError, match=r"bad.npz: rate: missing, but needed"):
+        Recording.load(tmp_path / "bad.npz")
+
+
+def test_the_command_writes_ticks_and_a_summary(clips, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["live", "panda_shelf", "--people", str(clips), "--place", "0.2,0.6,0,0.3", "--seconds", "2"]
+    assert main([*words, "--out", str(out), "--noise", "0.01"]) == 0
+    assert "contacts while moving 0" in " ".join(capsys.readouterr().out.split())
+    summary = json.loads((out / "summary.json").read_text())
+    assert {
+        "contacts_while_moving",
+        "contacts_at_rest",
+        "model_obeyed",
+        "tasks",
+        "stops",
+        "reaction",
+        "deadlines_missed",
+    } <= set(summary)
+    assert set(summary["reaction"]) == {"median", "p99"}
+    header, ticks = read_ticks(out / "ticks.jsonl")
+    assert built_robot(header["robot"]).joint_names == tuple(header["joint_names"])
+    assert "operator" not in built_scene(header["scene"]).names
+    assert len(ticks) == 40
+    assert list(ticks[0]["people"]["operator"]) == list(KEYPOINTS)
+    assert ticks[1]["state"] in ("moving", "slowed", "standing")
+    with pytest.raises(InputError, match=r"must begin with a header"):
+        read_ticks(out / "summary.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (["--clip", "clip_9"], "unknown clip 'clip_9'"),
+        (["--place", "1,2,3"], "must be four numbers"),
+        (["--noise", "-1"], "noise must be"),
+        (["--drops", "2"], "drops must be"),
+        (["--seconds", "0"], "positive number of seconds"),
+        (["--people", "nowhere.npz"], "nowhere.npz: cannot be read"),
+    ],
+)
+def test_the_command_refuses_in_one_line(clips, tmp_path, capsys, change, message):
+    words = ["live", "panda_shelf", "--people", str(clips), "--out", str(tmp_path), *change]
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
+
+
+def test_she_stands_where_the_scenario_has_somebody(clips, tmp_path):
+    assert (
+        main(["live", "panda_shelf", "--people", str(clips), "--seconds", "0.1", "--out", str(tmp_path)]) == 0
+    )
+    _, ticks = read_ticks(tmp_path / "ticks.jsonl")
+    hips = ticks[0]["people"]["operator"]
+    middle = 0.5 * (np.array(hips["left_hip"]) + np.array(hips["right_hip"]))
+    np.testing.assert_allclose(middle[:2], [0.80, 0.05], atol=1e-6)
+    across = np.array(hips["left_hip"]) - np.array(hips["right_hip"])
+    assert across[1] < 0  # she faces the robot
+    assert Pose().position == (0.0, 0.0, 0.0)
