@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -265,13 +265,7 @@ class GuardedPath:
             needed = reaction + full / self.brakes
             margins = cell_gaps(
                 np.arange(len(self.brakes)),
-                *self.frames,
-                self.travel,
-                *self.bodies.arrays,
-                *sets.arrays,
-                clearance,
-                fastest * (float(needed.max()) + _AHEAD),
-                _ROUGH,
+                *self._beside(sets, clearance, fastest * (float(needed.max()) + _AHEAD), _ROUGH),
             )
             left = max(0.0, float((margins / fastest - needed).min()))
             speeds = np.minimum(full, self.brakes * (margins / fastest - reaction))
@@ -319,6 +313,10 @@ class GuardedPath:
             travel=np.concatenate([self.travel, other.travel]),
         )
 
+    def _beside(self, sets: ReachSets, *rest: float) -> Any:
+        """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `kernels.hull_gaps`."""
+        return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays, *rest
+
     def least(
         self,
         cells: IntArray,
@@ -335,14 +333,7 @@ class GuardedPath:
             cells,
             begin,
             end,
-            *self.frames,
-            self.travel,
-            *self.bodies.arrays,
-            *sets.arrays,
-            clearance,
-            enough,
-            0.0 if np.isfinite(enough) else _CLOSE,
-            stop,
+            *self._beside(sets, clearance, enough, 0.0 if np.isfinite(enough) else _CLOSE, stop),
         )
         if body < 0:
             return Left(np.inf)
