@@ -66,8 +66,8 @@ def test_memory_stays_bounded(monkeypatch):
     monkeypatch.setattr(
         task.planner, "_begin_anew", lambda: (largest.append(len(task.roadmap)), begin_anew())
     )
-    assert task.solve(0.5) == TIMEOUT
-    assert len(largest) > 1
+    stop = ob.PlannerTerminationCondition(lambda: len(largest) > 1)
+    assert task.solve(stop) == TIMEOUT
     assert max(largest) <= 300 * 1.25 + 1
     task.walls.forbidden = nowhere
     task.planner.clear()
