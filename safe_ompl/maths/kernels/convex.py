@@ -111,7 +111,7 @@ def support(
     )
 
 
-@compiled
+@part
 def from_box(body: Records, pose: Records, point: FloatArray) -> Vector:
     """Return the way, in the world, from the box that holds a body to a point (3,)."""
     R, o, half = pose.rotation, pose.centre, body.extent
