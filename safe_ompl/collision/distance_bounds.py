@@ -11,6 +11,7 @@ from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.queries import DISTANCE_ERROR
 from safe_ompl.counts import Counts
 from safe_ompl.maths.kernels.edge_bounds import Pairs, prove_edge
+from safe_ompl.maths.kernels.pair_bounds import pair_bounds
 from safe_ompl.robot.bodies.convex import ConvexBodies
 from safe_ompl.robot.robot import Robot
 
@@ -99,6 +100,20 @@ class DistanceBounds:
             placement = geometry.geometryObjects[k].placement
             self._bodies["rotation"][k] = placement.rotation
             self._bodies["translation"][k] = placement.translation
+
+    def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
+        """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.
+
+        They are no better than they need be: as good as `enough`, or good enough to show that the convex bodies are
+        not farther apart than about that.
+        """
+        bounds = np.full((len(Q), len(pairs)), -np.inf)
+        if self._bounded and bounds.size:
+            joints, bodies, starts, vertices, all_pairs = self._data
+            values = np.require(self._coupling.values(Q), requirements=("C", "W"))
+            pair_bounds(joints, bodies, starts, vertices, all_pairs.bodies[pairs], values, enough, bounds)
+            self._counts.bound_queries += len(Q)
+        return bounds
 
     def prove(
         self,

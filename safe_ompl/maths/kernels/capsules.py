@@ -7,39 +7,38 @@ from math import ceil, cos, pi, sin, sqrt
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.maths.kernels.compiled import compiled
+from safe_ompl.maths.kernels.compiled import compiled, part
 
 
-@compiled
+@part
 def _steps(length: float, step: float) -> int:
     return max(1, ceil(length / step - 1e-9))
 
 
-@compiled
+@part
 def _profile(radius: float, length: float, spacing: float) -> FloatArray:
     """Return rings (K, 2) of a capsule about z, of a ball for length 0: distance from the axis, and height."""
-    if length == 0.0:
-        arc = _steps(pi * radius, spacing)
-        turns = np.linspace(-pi / 2, pi / 2, arc + 1)
-        heights = np.zeros(arc + 1)
-    else:
-        arc, side = _steps(pi / 2 * radius, spacing), _steps(length, spacing)
-        quarter = np.linspace(0.0, pi / 2, arc + 1)
-        turns = np.concatenate((-quarter[::-1], np.zeros(side - 1), quarter))
-        along = np.linspace(-length / 2, length / 2, side + 1)
-        heights = np.concatenate((np.full(arc, -length / 2), along, np.full(arc, length / 2)))
-    rings = np.empty((len(turns), 2))
-    for k in range(len(turns)):
-        rings[k, 0] = max(0.0, radius * cos(turns[k]))
-        rings[k, 1] = heights[k] + radius * sin(turns[k])
+    side = _steps(length, spacing) if length > 0.0 else 0
+    half = _steps(pi / 2 * radius, spacing) if length > 0.0 else _steps(pi * radius, spacing)
+    rings = np.empty((2 * half + side + 1 if length > 0.0 else half + 1, 2))
+    for k in range(len(rings)):
+        if length > 0.0:  # a quarter of a circle, the side, another quarter
+            turn = pi / 2 * (k / half - 1.0 if k < half else max(0, k - half - side) / half)
+            height = length * (min(max(k - half, 0), side) / side - 0.5)
+        else:
+            turn, height = pi * (k / half - 0.5), 0.0
+        rings[k, 0] = max(0.0, radius * cos(turn))
+        rings[k, 1] = height + radius * sin(turn)
     return rings
 
 
-@compiled
-def _frame(axis: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) that takes z to the unit vector `axis` on the shortest way."""
+@part
+def _frame(axis: FloatArray, length: float) -> FloatArray:
+    """Return the rotation (3, 3) that takes z to an axis on the shortest way; of no length: none."""
     frame = np.eye(3)
-    x, y, z = axis
+    if length == 0.0:
+        return frame
+    x, y, z = axis[0] / length, axis[1] / length, axis[2] / length
     if z < -1.0 + 1e-12:
         frame[1, 1] = frame[2, 2] = -1.0
         return frame
@@ -49,7 +48,7 @@ def _frame(axis: FloatArray) -> FloatArray:
     return frame
 
 
-@compiled
+@part
 def _depth(point: FloatArray, start: FloatArray, axis: FloatArray, squared: float, radius: float) -> float:
     """How deep a point lies inside the capsule about start … start + axis; negative outside [m]."""
     t = 0.0
@@ -76,17 +75,18 @@ def surface_points(starts: FloatArray, ends: FloatArray, radii: FloatArray, spac
     spacing : float
         Every point of a capsule's surface is within this of one of its points [m].
     """
-    axes = ends - starts
-    squared = (axes * axes).sum(axis=1)
+    axes, squared = np.empty(starts.shape), np.zeros(len(radii))
     most = 0
     for i in range(len(radii)):
+        for x in range(3):
+            axes[i, x] = ends[i, x] - starts[i, x]
+            squared[i] += axes[i, x] * axes[i, x]
         for ring in _profile(radii[i], sqrt(squared[i]), spacing):
             most += _steps(2 * pi * ring[0], spacing)
     points, kept = np.empty((most, 3)), 0
     for i in range(len(radii)):
         length = sqrt(squared[i])
-        frame = _frame(axes[i] / length) if length > 0.0 else np.eye(3)
-        middle = (starts[i] + ends[i]) / 2
+        frame = _frame(axes[i], length)
         for ring in _profile(radii[i], length, spacing):
             count = _steps(2 * pi * ring[0], spacing)
             for k in range(count):
@@ -94,7 +94,9 @@ def surface_points(starts: FloatArray, ends: FloatArray, radii: FloatArray, spac
                 x, y, z = ring[0] * cos(angle), ring[0] * sin(angle), ring[1]
                 point = points[kept]  # stays where nothing is deeper than the spacing
                 for a in range(3):
-                    point[a] = middle[a] + frame[a, 0] * x + frame[a, 1] * y + frame[a, 2] * z
+                    point[a] = (
+                        (starts[i, a] + ends[i, a]) / 2 + frame[a, 0] * x + frame[a, 1] * y + frame[a, 2] * z
+                    )
                 inside = False
                 for j in range(len(radii)):
                     if j != i and _depth(point, starts[j], axes[j], squared[j], radii[j]) > spacing:

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from numba import njit
 from numba.core import event
+from numba.core.types.misc import unliteral
 
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -29,14 +30,25 @@ def compiled(function: _Function) -> _Function:
         kernel = njit(**options)(function)
     else:
         _depend_on_all_kernels(kernel)
-    fast: _Function = kernel
+    fast: _Function = _without_literals(kernel)
     return fast
 
 
 def part(function: _Function) -> _Function:
     """Return a part of kernels: `function`, compiled into the kernels that call it, for which Python cannot call it."""
-    inner: _Function = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
-    return inner
+    inner: Any = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    fast: _Function = _without_literals(inner)
+    return fast
+
+
+def _without_literals(kernel: Any) -> Any:
+    """Return a kernel that other kernels call with the types of constants, and not with their values.
+
+    Numba would compile it once for calls with a variable, and anew for a 0, a 1 or a True in its place.
+    """
+    template = kernel.get_call_template
+    kernel.get_call_template = lambda args, kws: template(tuple(map(unliteral, args)), kws)
+    return kernel
 
 
 def _depend_on_all_kernels(kernel: Any) -> None:

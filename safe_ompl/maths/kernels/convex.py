@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.maths.kernels.compiled import compiled
+from safe_ompl.maths.kernels.compiled import compiled, part
 from safe_ompl.maths.kernels.extreme_vertices import cell_of
 from safe_ompl.maths.kernels.simplex import nearest_in_simplex
 
@@ -54,6 +54,30 @@ _TIGHT = 0.9  # of the distance: a bound as good as this is not improved any mor
 _OVERLAPPING = 1e-12  # [m] between bodies that count as overlapping
 
 
+@part
+def place_bodies(
+    bodies: Records, poses: Records, rotations: FloatArray, origins: FloatArray, moving: bool
+) -> None:
+    """Write the poses of the bodies that joints with these frames carry, or of those that none does."""
+    for g in range(len(bodies)):
+        joint = bodies[g].joint - 1
+        if (joint >= 0) != moving:
+            continue
+        R, o, c = poses[g].rotation, poses[g].origin, poses[g].centre
+        own, t, centre = bodies[g].rotation, bodies[g].translation, bodies[g].centre
+        for x in range(3):
+            if moving:
+                r, s, u = rotations[joint, x, 0], rotations[joint, x, 1], rotations[joint, x, 2]
+                for y in range(3):
+                    R[x, y] = r * own[0, y] + s * own[1, y] + u * own[2, y]
+                o[x] = origins[joint, x] + r * t[0] + s * t[1] + u * t[2]
+            else:
+                for y in range(3):
+                    R[x, y] = own[x, y]
+                o[x] = t[x]
+            c[x] = o[x] + R[x, 0] * centre[0] + R[x, 1] * centre[1] + R[x, 2] * centre[2]
+
+
 @compiled
 def support(
     body: Records, pose: Records, starts: IntArray, vertices: FloatArray, x: float, y: float, z: float
@@ -87,7 +111,7 @@ def support(
     )
 
 
-@compiled
+@part
 def from_box(body: Records, pose: Records, point: FloatArray) -> Vector:
     """Return the way, in the world, from the box that holds a body to a point (3,)."""
     R, o, half = pose.rotation, pose.centre, body.extent

@@ -24,7 +24,7 @@ import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.maths.kernels.compiled import compiled, part
-from safe_ompl.maths.kernels.convex import POSE, Records, distance_bounds, from_box
+from safe_ompl.maths.kernels.convex import POSE, Records, distance_bounds, from_box, place_bodies
 from safe_ompl.maths.kernels.joints import place_joints
 
 _ROUNDING = 1e-12  # of the length of an interval, and of rates
@@ -37,28 +37,6 @@ class Pairs(NamedTuple):
     bodies: IntArray
     radii: FloatArray
     moved: BoolArray
-
-
-@part
-def _place(bodies: Records, poses: Records, rotations: FloatArray, origins: FloatArray, moving: bool) -> None:
-    """Write the poses of the bodies that joints with these frames carry, or of those that none does."""
-    for g in range(len(bodies)):
-        joint = bodies[g].joint - 1
-        if (joint >= 0) != moving:
-            continue
-        R, o, c = poses[g].rotation, poses[g].origin, poses[g].centre
-        own, t, centre = bodies[g].rotation, bodies[g].translation, bodies[g].centre
-        for x in range(3):
-            if moving:
-                r, s, u = rotations[joint, x, 0], rotations[joint, x, 1], rotations[joint, x, 2]
-                for y in range(3):
-                    R[x, y] = r * own[0, y] + s * own[1, y] + u * own[2, y]
-                o[x] = origins[joint, x] + r * t[0] + s * t[1] + u * t[2]
-            else:
-                for y in range(3):
-                    R[x, y] = own[x, y]
-                o[x] = t[x]
-            c[x] = o[x] + R[x, 0] * centre[0] + R[x, 1] * centre[1] + R[x, 2] * centre[2]
 
 
 @part
@@ -234,8 +212,8 @@ def prove_edge(
             now[p] = required[p] + t * growth[p]
         place_joints(joints, there, rotations, origins, joint_axes)
         if places == 0:
-            _place(bodies, poses, rotations, origins, False)
-        _place(bodies, poses, rotations, origins, True)
+            place_bodies(bodies, poses, rotations, origins, False)
+        place_bodies(bodies, poses, rotations, origins, True)
         half, first = _half_length(
             bodies,
             starts,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.maths.kernels.compiled import compiled
+from safe_ompl.maths.kernels.compiled import compiled, part
 
 _OVERLAP = 1e-9  # of cells, so that a direction on their border may be looked up in either
 
@@ -34,7 +34,7 @@ def cell_of(x: float, y: float, z: float, grid: int) -> int:
     return (side * grid + row) * grid + column
 
 
-@compiled
+@part
 def _corner(side: int, u: float, v: float) -> tuple[float, float, float]:
     sign = 1.0 if side % 2 == 0 else -1.0
     if side < 2:
@@ -44,7 +44,7 @@ def _corner(side: int, u: float, v: float) -> tuple[float, float, float]:
     return u, v, sign
 
 
-@compiled
+@part
 def _beats(heights: FloatArray, k: int, other: int) -> bool:
     """Return whether vertex k is as high as another one, or higher, in the directions of all corners."""
     return bool(
@@ -103,9 +103,11 @@ def extreme_vertices(vertices: FloatArray, grid: int) -> tuple[IntArray, IntArra
                 count = remaining + 1
         if number + count > len(found):
             longer = np.empty(2 * (number + count), np.intp)
-            longer[:number] = found[:number]
+            for n in range(number):
+                longer[n] = found[n]
             found = longer
-        found[number : number + count] = kept[:count]
+        for n in range(count):
+            found[number + n] = kept[n]
         number += count
     starts[cells] = number
     return starts, found[:number].copy()

@@ -89,7 +89,10 @@ def peak_dangers(
     """
     B, m = values.shape
     out, bounds = np.empty(B), np.empty(len(radii))
-    fields, levels = np.empty((len(links), len(radii))), np.empty(np.max(spans[:, 1] - spans[:, 0]))
+    most = 0
+    for g in range(len(spans)):
+        most = max(most, spans[g, 1] - spans[g, 0])
+    fields, levels = np.empty((len(links), len(radii))), np.empty(most)
     rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     places, forces = np.empty((len(keys), 3)), np.empty((len(keys), 3))
     for b in range(B):

@@ -13,7 +13,7 @@ from math import inf, sqrt
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.maths.kernels.compiled import compiled
+from safe_ompl.maths.kernels.compiled import compiled, part
 
 _STEPS = 60
 _CLOSE = 1e-5  # [m] nearer bounds than this are not looked for
@@ -71,7 +71,7 @@ def hull_gap(
     return best
 
 
-@compiled
+@part
 def _ball(points: FloatArray) -> tuple[float, float, float, float]:
     """Return the mean of the points, and how far the farthest of them is from it."""
     m0, m1, m2, far = 0.0, 0.0, 0.0, 0.0

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.maths.kernels.compiled import compiled
+from safe_ompl.maths.kernels.compiled import compiled, part
 
 Found = tuple[float, float, float, int]
 
 _FLAT = 1e-12  # squared sine of an angle of triangles that count as segments
 
 
-@compiled
+@part
 def _in_segment(S: FloatArray, i: int, j: int) -> Found:
     """Return the nearest point of the segment of corners i and j, and the corners it lies between as bits."""
     x, y, z = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
@@ -26,7 +26,7 @@ def _in_segment(S: FloatArray, i: int, j: int) -> Found:
     return S[i, 0] + t * x, S[i, 1] + t * y, S[i, 2] + t * z, (1 << i) | (1 << j)
 
 
-@compiled
+@part
 def _in_triangle(S: FloatArray, i: int, j: int, k: int) -> Found:
     """Return the nearest point of the triangle of corners i, j and k, and the corners it lies between as bits."""
     ux, uy, uz = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
@@ -50,7 +50,7 @@ def _in_triangle(S: FloatArray, i: int, j: int, k: int) -> Found:
     return best
 
 
-@compiled
+@part
 def _hides(S: FloatArray, i: int, j: int, k: int, opposite: int) -> bool:
     """Return whether the origin is not on the same side of the face of corners i, j and k as the fourth corner."""
     ux, uy, uz = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]

@@ -79,11 +79,9 @@ class ObstacleCost:
         if not 0 < ends < np.inf:
             return ends, ends
         distances = self._proximity.distances if ends <= self.distance else PairDistances(checker, ends)
-        distances.follow()
         curve = Curve(checker.robot, path)
-        for q in curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP))):
-            least = max(0.0, distances.least(q, least))
-        return ends, least
+        samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP)))
+        return ends, max(0.0, distances.least(samples, least))
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""

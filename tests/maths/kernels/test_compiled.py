@@ -69,3 +69,16 @@ def test_compiles_without_keeping_anything_where_nothing_can_be_written(monkeypa
 
     monkeypatch.setattr(compiled, "njit", no_folder)
     assert compiled.compiled(lambda x: 1 / x)(0.0) == np.inf
+
+
+def test_constants_cause_no_compilation_of_their_own():
+    @compiled.part
+    def plus(x, n):
+        return x + n
+
+    @njit
+    def three(n):
+        return plus(plus(n, 0), 3)
+
+    assert three(4) == 7
+    assert len(plus.signatures) == 1
