@@ -65,7 +65,7 @@ class TimedSetup(SimplifyingSetup):
             danger = None if wanted.max_danger is None or self.field is None else self.field.moving
             self._timer = PathTimer(
                 self.robot,
-                RateLimits.of(self.robot, wanted.velocity, wanted.acceleration),
+                RateLimits.of(self.robot, wanted.velocity, wanted.acceleration, wanted.jerk),
                 motion=motion,
                 people=self._people,
                 tool_speed=wanted.tool_speed,
