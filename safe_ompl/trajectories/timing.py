@@ -234,7 +234,7 @@ class PathTimer:
             of = np.searchsorted(cells.edges, (smooth.edges[1:] + smooth.edges[:-1]) / 2, side="right") - 1
             caps = [SpeedCap(cap.name, cap.speeds[of]) for cap in caps]
             brakes = None if brakes is None else brakes[of]
-            return Trajectory(curve, smooth, limits, tuple(caps), brakes, self.people)
+            return Trajectory(curve, smooth, limits, tuple(caps), brakes, self.people, *self._speeds)
         squares = fastest_law(cells, limits, np.min([cap.speeds for cap in caps], axis=0), speed)
         if squares[0] < speed * speed * (1 - _SAME):
             q = curve.at(np.zeros(1)).q[0]
@@ -243,7 +243,7 @@ class PathTimer:
             )
             raise StandstillError(Standstill(0.0, q, reason))
         law = TimeLaw.through(cells.edges, squares)
-        return Trajectory(curve, law, limits, tuple(caps), brakes, self.people)
+        return Trajectory(curve, law, limits, tuple(caps), brakes, self.people, *self._speeds)
 
 
 def _danger_cap(

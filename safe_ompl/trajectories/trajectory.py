@@ -73,6 +73,8 @@ class Trajectory:
         Deceleration along the path that a stop may take in each cell [rad/s²]; caps by people rest on it.
     people : People or None
         Beside whom it stops in time.
+    tool_speed, link_speed : float or None
+        What the tip, and all points of all links, are no faster than [m/s].
     """
 
     curve: BlendedCurve
@@ -81,6 +83,8 @@ class Trajectory:
     caps: tuple[SpeedCap, ...] = ()
     brakes: FloatArray | None = None
     people: People | None = None
+    tool_speed: float | None = None
+    link_speed: float | None = None
 
     @property
     def joint_names(self) -> tuple[str, ...]:
