@@ -47,7 +47,7 @@ def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -
     check_picture(options.timed_plot, "--timed-plot")
     if not (options.timed or options.trajectory or options.timed_plot):
         return None
-    return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration)
+    return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk)
 
 
 def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Trajectory:

@@ -1,4 +1,4 @@
-"""Limits of velocity and acceleration: plain data of a scenario."""
+"""Limits of velocity, acceleration and jerk: plain data of a scenario."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ class MotionLimits:
     velocity, acceleration : float, mapping of str to float, or sequence of float, optional
         Of the joints: one for all, those of some, or all [rad/s, rad/s²; m where they slide]; defaults as in
         `RateLimits.of`.
+    jerk : as these, optional
+        [rad/s³]; not limited unless given. With it the robot stops at every way point where its path turns.
     tool_speed, link_speed : float, optional
         Of the tip, and of any point of any link [m/s].
     max_danger : float, optional
@@ -33,12 +35,13 @@ class MotionLimits:
 
     velocity: ByJoint | None = None
     acceleration: ByJoint | None = None
+    jerk: ByJoint | None = None
     tool_speed: float | None = None
     link_speed: float | None = None
     max_danger: float | None = None
 
     def __post_init__(self) -> None:
-        for key in ("velocity", "acceleration"):
+        for key in ("velocity", "acceleration", "jerk"):
             object.__setattr__(self, key, _by_joint(key, getattr(self, key)))
         for key in ("tool_speed", "link_speed", "max_danger"):
             if getattr(self, key) is not None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from time import perf_counter
 from typing import Any, Literal, TypeAlias
 
@@ -37,7 +37,6 @@ class TimedSetup(SimplifyingSetup):
     _people: People | None = None
     _timer: PathTimer | None = None
     _cost: Cost = "danger"
-    _objective: Any = None  # of planners, while another one is in its place
 
     def setMotionLimits(self, motion: MotionLimits | None = None, people: People | None = None) -> None:
         """Say what trajectories keep to, for `plan(cost="duration")`: limits of the joints, speeds, and people.
@@ -65,7 +64,7 @@ class TimedSetup(SimplifyingSetup):
             danger = None if wanted.max_danger is None or self.field is None else self.field.moving
             self._timer = PathTimer(
                 self.robot,
-                RateLimits.of(self.robot, wanted.velocity, wanted.acceleration),
+                RateLimits.of(self.robot, wanted.velocity, wanted.acceleration, wanted.jerk),
                 motion=motion,
                 people=self._people,
                 tool_speed=wanted.tool_speed,
@@ -75,20 +74,28 @@ class TimedSetup(SimplifyingSetup):
             )
         return self._timer
 
-    def _choose_cost(self, cost: Cost, planner: str | Any, parameters: Mapping[str, Any] | None) -> None:
-        """Choose what is to become less, and with it the objective of OMPL's planners; ours plan away from danger."""
+    @contextmanager
+    def _choosing(
+        self, cost: Cost, planner: str | Any, parameters: Mapping[str, Any] | None
+    ) -> Iterator[None]:
+        """Plan for a cost within: it is the objective of OMPL's planners; ours plan away from danger."""
         if cost not in COSTS:
             raise UnknownNameError("cost", cost, COSTS)
-        if self._objective is not None:
-            self.setOptimizationObjective(self._objective)
-        self._cost, self._objective = cost, None
+        replaced = None
         if cost == "duration":
             self.timer  # noqa: B018  # whatever it lacks is said now
             si = self.getSpaceInformation()
             made = make_planner(planner, si, parameters) if isinstance(planner, str) else planner
             if not isinstance(made, SafePlanner):
-                self._objective = self.getOptimizationObjective()
+                replaced = self.getOptimizationObjective()
                 self.setOptimizationObjective(DurationObjective(si, self.timer))
+        self._cost = cost
+        try:
+            yield
+        finally:
+            self._cost = "danger"
+            if replaced is not None:
+                self.setOptimizationObjective(replaced)
 
     def _make_cheaper(self, seconds: float, seed: int) -> None:
         """Simplify the solution for some seconds."""

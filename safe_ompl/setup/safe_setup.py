@@ -154,26 +154,26 @@ class SafeSetup(TimedSetup):
         begin = perf_counter()
         time = positive_time("time limit", time if optimise is None else optimise)
         duration = simplification_time(simplify)
-        self._choose_cost(cost, planner, parameters)
-        planner, name = self.prepare(planner, seed, parameters)
-        if duration is None and optimise is None:
-            result = self._planned(planner, name, seed, time, None)
-            return self._validated(result, name, report, begin)
-        self._validator.setDangerLimit(self._limit_of(planner))
-        try:
-            if self.field is not None or optimise is not None:
-                self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
-            with Interrupts() as interrupts:
-                if optimise is not None:
-                    result = self._optimised(planner, name, seed, time, lambda: interrupts.happened)
-                else:
-                    result = self._planned(planner, name, seed, time, duration)
-            result = self._validated(result, name, report, begin)
-        finally:
-            self._validator.setDangerLimit(self._danger_limit)
-        if interrupts.happened and not result:
-            raise KeyboardInterrupt
-        return replace(result, interrupted=interrupts.happened)
+        with self._choosing(cost, planner, parameters):
+            planner, name = self.prepare(planner, seed, parameters)
+            if duration is None and optimise is None:
+                result = self._planned(planner, name, seed, time, None)
+                return self._validated(result, name, report, begin)
+            self._validator.setDangerLimit(self._limit_of(planner))
+            try:
+                if self.field is not None or optimise is not None:
+                    self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
+                with Interrupts() as interrupts:
+                    if optimise is not None:
+                        result = self._optimised(planner, name, seed, time, lambda: interrupts.happened)
+                    else:
+                        result = self._planned(planner, name, seed, time, duration)
+                result = self._validated(result, name, report, begin)
+            finally:
+                self._validator.setDangerLimit(self._danger_limit)
+            if interrupts.happened and not result:
+                raise KeyboardInterrupt
+            return replace(result, interrupted=interrupts.happened)
 
     def _planned(self, planner: Any, name: str, seed: int, time: float, duration: float | None) -> PlanResult:
         """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""

@@ -144,7 +144,7 @@ class ArcProof:
             steps = np.maximum(np.abs(low), np.abs(high))[0] * (last - first) / 2
             q = arc.places(np.array([middle])).q[0]
             approach = self._required.pairs.radii @ steps
-            free = not self._required.pairs.within_margins(q, approach + self._required.at_start)
+            free = not self._required.pairs.within_margins(q, approach + self._required.provable(0.0))
             if free and all(_keeps(limit, q, steps) for limit in self._limits):
                 continue
             if 2 * approach.max(initial=0.0) < self._floor or (not free and self._checker.touches(q)):

@@ -273,12 +273,11 @@ def motion_danger(curve: BlendedCurve, law: TimeLaw, field: KinetostaticField) -
 
 def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: MovingDanger, peak: float) -> float:
     """Divide the cells whose bound is above the sampled peak until none is far above it; return the highest."""
-    squares, edges = law.squares, law.edges
     enough = _TIGHT * peak
     upper = np.zeros(len(cells))
     rows: IntArray = np.arange(len(cells))
     for _ in range(_PEAK_ROUNDS):
-        ends = np.sqrt(np.interp(cells.edges, edges, squares))
+        ends = np.sqrt(law.squares_at(cells.edges))
         slowest, fastest = (pick(ends[:-1], ends[1:])[rows] for pick in (np.minimum, np.maximum))
         bounds = danger.bounds(curve, Spans.of(cells, rows), fastest, enough)
         upper[rows] = np.maximum(danger.at(bounds, fastest), danger.at(bounds, slowest))

@@ -1,4 +1,4 @@
-"""Joint limits of a trajectory: velocities and accelerations."""
+"""Joint limits of a trajectory: velocities, accelerations and, if wanted, jerks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _UNLIMITED = 1e3  # [rad/s or m/s] from here on a URDF's velocity stands for non
 
 @dataclass(frozen=True)
 class RateLimits:
-    """Largest velocity and acceleration of each joint.
+    """Largest velocity and acceleration of each joint, and its largest jerk where that is limited.
 
     Parameters
     ----------
@@ -35,6 +35,8 @@ class RateLimits:
         [rad/s or m/s], > 0
     acceleration : ndarray, shape (n,)
         [rad/s² or m/s²], > 0
+    jerk : ndarray, shape (n,), optional
+        [rad/s³ or m/s³], > 0; None: not limited.
 
     Raises
     ------
@@ -45,9 +47,15 @@ class RateLimits:
     joint_names: tuple[str, ...]
     velocity: FloatArray
     acceleration: FloatArray
+    jerk: FloatArray | None = None
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What is limited: "velocity", "acceleration", and "jerk" where it is."""
+        return ("velocity", "acceleration") if self.jerk is None else ("velocity", "acceleration", "jerk")
 
     def __post_init__(self) -> None:
-        for kind in ("velocity", "acceleration"):
+        for kind in self.kinds:
             values = finite_array(getattr(self, kind), (len(self.joint_names),), f"{kind} limits")
             for name, value in zip(self.joint_names, values.tolist(), strict=True):
                 number(f"{kind} limit of joint {name!r}", value, above=0.0)
@@ -56,7 +64,11 @@ class RateLimits:
 
     @classmethod
     def of(
-        cls, robot: Robot, velocity: LimitByJoint | None = None, acceleration: LimitByJoint | None = None
+        cls,
+        robot: Robot,
+        velocity: LimitByJoint | None = None,
+        acceleration: LimitByJoint | None = None,
+        jerk: LimitByJoint | None = None,
     ) -> RateLimits:
         """Return the limits of a robot.
 
@@ -69,6 +81,9 @@ class RateLimits:
         acceleration : float, mapping of str to float, or array_like of shape (n,), optional
             As above. Default: the robot's own (`Robot.with_accelerations`, or its entry in a scenario), and where it
             has none what reaches the velocity limit in 0.25 s, which a warning says: URDFs know none.
+        jerk : float, mapping of str to float, or array_like of shape (n,), optional
+            One for all joints, or those of all. Default: it is not limited. With a limit the robot stops at every
+            way point where its path turns.
 
         Raises
         ------
@@ -93,13 +108,13 @@ class RateLimits:
         if unsaid and (acceleration is None or isinstance(acceleration, Mapping)):
             values = dict(zip(robot.joint_names, default.tolist(), strict=True))
             _say_default(robot.name, tuple(unsaid), tuple(values[name] for name in unsaid))
-        return cls(robot.joint_names, velocities, accelerations)
+        return cls(robot.joint_names, velocities, accelerations, _jerks(robot, jerk))
 
     def as_dict(self) -> dict[str, dict[str, float]]:
-        """Return velocity and acceleration by joint."""
+        """Return velocity and acceleration by joint, and the jerk where it is limited."""
         return {
             kind: dict(zip(self.joint_names, getattr(self, kind).tolist(), strict=True))
-            for kind in ("velocity", "acceleration")
+            for kind in self.kinds
         }
 
 
@@ -108,6 +123,16 @@ def _urdf_velocities(robot: Robot) -> FloatArray:
     planned = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
     limits: FloatArray = np.array(model.velocityLimit, dtype=np.float64).ravel()[planned]
     return limits
+
+
+def _jerks(robot: Robot, jerk: LimitByJoint | None) -> FloatArray | None:
+    if jerk is None:
+        return None
+    if isinstance(jerk, Mapping):
+        for name in robot.joint_names:
+            if name not in jerk:
+                raise InputError(f"joint {name!r} has no jerk limit; give those of all joints, or none")
+    return _chosen(robot, jerk, np.ones(robot.n), "jerk")
 
 
 def _chosen(robot: Robot, given: LimitByJoint | None, default: FloatArray, kind: str) -> FloatArray:

@@ -43,6 +43,11 @@ class TimeLaw:
         """How long it takes [s]."""
         return float(self.times[-1])
 
+    def squares_at(self, s: FloatArray) -> FloatArray:
+        """Return ṡ² (S,) at arc lengths `s: (S,)` of the curve."""
+        squares: FloatArray = np.interp(s, self.edges, self.squares)
+        return squares
+
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
         cell: IntArray = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.edges) - 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ from safe_ompl.inputs import float_array, number, positive
 from safe_ompl.scenario.people import People
 from safe_ompl.trajectories.curve import BlendedCurve
 from safe_ompl.trajectories.danger import MotionDanger, motion_danger
+from safe_ompl.trajectories.jerk_law import JerkLaw
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.time_law import TimeLaw
 
@@ -65,13 +66,15 @@ class Trajectory:
     law : TimeLaw
         Where on the curve it is at what time.
     limits : RateLimits
-        What joint velocities and accelerations keep to at every instant.
+        What joint velocities and accelerations, and jerks where limited, keep to at every instant.
     caps : tuple of SpeedCap
         What the speed along the path keeps to.
     brakes : ndarray, shape (N,), or None
         Deceleration along the path that a stop may take in each cell [rad/s²]; caps by people rest on it.
     people : People or None
         Beside whom it stops in time.
+    tool_speed, link_speed : float or None
+        What the tip, and all points of all links, are no faster than [m/s].
     """
 
     curve: BlendedCurve
@@ -80,6 +83,8 @@ class Trajectory:
     caps: tuple[SpeedCap, ...] = ()
     brakes: FloatArray | None = None
     people: People | None = None
+    tool_speed: float | None = None
+    link_speed: float | None = None
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -121,6 +126,23 @@ class Trajectory:
         state = State(place.q, qd, qdd)
         return state if times.ndim else State(*(values[0] for values in state))
 
+    def jerks_at(self, time: float | ArrayLike) -> FloatArray:
+        """Return the jerk of the joints, (n,) or (T, n) [rad/s³ or m/s³], at a time or at times (T,) [s].
+
+        Raises
+        ------
+        InputError
+            If the trajectory was made without a limit of it: it has impulses then; or as `at`.
+        """
+        if not isinstance(self.law, JerkLaw):
+            raise InputError("the jerk of the trajectory is not limited: give RateLimits a jerk")
+        times = np.atleast_1d(float_array(time, (None,) if np.ndim(time) else (), "time"))
+        cell, s, _, _ = self.law.at(times)
+        edges = self.law.edges
+        place = self.curve.at(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
+        jerks: FloatArray = place.slope * self.law.jerks(times)[:, None]
+        return jerks if np.ndim(time) else jerks[0]
+
     def sampled(self, rate: float = RATE) -> tuple[FloatArray, State]:
         """Return times (T,) [s] at a rate [Hz], the end included, and the states (T, n).
 
@@ -137,7 +159,7 @@ class Trajectory:
     def stop_from(self, time: float) -> Trajectory:
         """Return the stop on the path that begins at a time [s]: what is proven to end before anyone is reached.
 
-        It decelerates by the least of `brakes` from where it begins to where it is.
+        It decelerates by the least of `brakes` from where it begins to where it is; its jerk is not limited.
 
         Raises
         ------
@@ -162,7 +184,7 @@ class Trajectory:
         if len(edges) == 1:  # it stands already
             edges, squares = [edges[0], edges[0]], [0.0, 0.0]
         law = TimeLaw.through(np.array(edges), np.array(squares))
-        return Trajectory(self.curve, law, self.limits)
+        return Trajectory(self.curve, law, replace(self.limits, jerk=None))
 
     def speed_bounds(self) -> FloatArray:
         """Return for each cell (N,) the least of all caps [rad/s]."""

@@ -40,11 +40,14 @@ def test_simplified_for_duration(setup):
     assert duration_of(setup.timer, fast.path) <= duration_of(setup.timer, plain.path)
 
 
-def test_planners_of_ompl_get_the_objective_and_give_it_back(setup):
+def test_planners_of_ompl_get_the_objective_and_give_it_back(setup, monkeypatch):
+    set_to, plain = [], setup.setOptimizationObjective
+    monkeypatch.setattr(
+        setup, "setOptimizationObjective", lambda objective: (set_to.append(objective), plain(objective))
+    )
     result = setup.plan("RRTstar", seed=0, time=0.5, cost="duration")
     assert result.path is not None
-    assert isinstance(setup.getOptimizationObjective(), DurationObjective)
-    setup.plan("RRTConnect", seed=0)
+    assert isinstance(set_to[0], DurationObjective)
     assert isinstance(setup.getOptimizationObjective(), DangerObjective)
 
 

@@ -117,6 +117,16 @@ def test_arcs_that_are_not_free_are_not_proven(panda, shelf_path, shelf_motion):
     assert len(stopped.stops) == 2
 
 
+def test_arcs_are_proven_with_what_certificates_need_to_spare(panda, shelf_path, shelf_motion):
+    """Distances are 10 µm off at most, and a certificate is checked with as much again, as edges are."""
+    curve = blended(np.array(shelf_path), panda, 0.2, shelf_motion)
+    arc = next(piece for piece in curve.pieces if piece.curvature)
+    at = np.linspace(0, arc.length, 2001)
+    least = min(shelf_motion.checker.clearance(q).distance for q in arc.places(at).q)
+    assert ArcProof(shelf_motion.with_margin(least - 4e-5)).holds(arc)
+    assert not ArcProof(shelf_motion.with_margin(least - 1.5e-5)).holds(arc)
+
+
 def test_arcs_keep_the_limit_of_danger(panda, shelf, shelf_path, shelf_motion):
     field = DangerField(panda, shelf.scene.danger_points()[0])
     curve = blended(np.array(shelf_path), panda, 0.2, shelf_motion)

@@ -14,7 +14,11 @@ import numpy as np
 from safe_ompl import document
 from safe_ompl.errors import CertificateError, InputError, UnknownNameError
 from safe_ompl.paths.certificate.format import CLAIMS
-from safe_ompl.paths.certificate.trajectory_claims import check_trajectory_claim, claimed_of_trajectory
+from safe_ompl.paths.certificate.trajectory_claims import (
+    check_trajectory_claim,
+    claimed_of_trajectory,
+    not_claimed_of_trajectory,
+)
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.cloud import PointCloud
@@ -198,8 +202,7 @@ def not_claimed(content: Mapping[str, Any]) -> tuple[str, ...]:
     """Return which claims a certificate could make, but does not; of time only where the path is timed."""
     claims = {**{key: content[key] for key in CLAIMS}, "tool": content.get("tool")}
     missing = [key.replace("_", " ") for key, claim in claims.items() if claim is None]
-    trajectory = content.get("trajectory")
-    return (*missing, *(["stops"] if trajectory is not None and trajectory["stops"] is None else []))
+    return (*missing, *not_claimed_of_trajectory(content.get("trajectory")))
 
 
 def not_covered(content: Mapping[str, Any]) -> tuple[str, ...]:

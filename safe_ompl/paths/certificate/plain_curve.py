@@ -1,7 +1,7 @@
 """The curve and the time law that a certificate claims, evaluated by plain means.
 
 Pieces are lines and circular arcs in joint space, q(σ) = start + r sin(σ/r)·forward + r (1 − cos(σ/r))·inward, one
-after the other, and ṡ² is linear in each cell between two grid points.
+after the other, and ṡ² is linear in each cell between two grid points; or the jerk is constant in phases.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import CertificateError
+from safe_ompl.paths.certificate.plain_phases import PlainPhases
 from safe_ompl.robot.robot import Robot
 
 _SAME = 1e-9  # [rad] places, and directions, that differ by less are the same
@@ -88,7 +89,7 @@ class PlainMotion:
     Parameters
     ----------
     claim : mapping
-        `pieces`, `corners`, `edges` and `squares` of a certificate.
+        `pieces`, `corners`, `edges` and `squares` of a certificate, and `phases` where it claims them.
     robot : Robot
         The robot.
     path : ndarray, shape (N, n)
@@ -126,6 +127,9 @@ class PlainMotion:
         self.edges = finite_array(claim["edges"], (None,), "trajectory: edges")
         self.squares = finite_array(claim["squares"], (len(self.edges),), "trajectory: squares")
         self.of = self._check_grid()
+        self.phases: PlainPhases | None = None
+        if claim.get("phases") is not None:
+            self._take_phases(PlainPhases(claim["phases"], self.starts[-1]))
         stops = {self._grid_point(self.starts[k]) for k in corners} | {0, len(self.edges) - 1}
         for j in sorted(stops):
             if self.squares[j] != 0:
@@ -137,8 +141,28 @@ class PlainMotion:
     @property
     def duration(self) -> float:
         """How long it takes [s]."""
+        if self.phases is not None:
+            return self.phases.duration
         speeds = np.sqrt(self.squares)
         return float((2 * np.diff(self.edges) / (speeds[1:] + speeds[:-1])).sum())
+
+    @property
+    def pushes(self) -> tuple[FloatArray, FloatArray]:
+        """The least and the largest s̈ (C,) in each cell."""
+        if self.phases is not None:
+            return self.phases.of(self.edges)[:2]
+        pushes = np.diff(self.squares) / (2 * np.diff(self.edges))
+        return pushes, pushes
+
+    def _take_phases(self, phases: PlainPhases) -> None:
+        if any(piece.curvature for piece in self.pieces):
+            raise CertificateError(
+                "trajectory: its jerk is limited, but it has arcs: the acceleration jumps there"
+            )
+        found = phases.squares(self.edges)
+        if np.abs(found - self.squares).max() > _SAME * max(1.0, float(found.max())):
+            raise CertificateError("trajectory: its speeds are not those of its phases")
+        self.phases = phases
 
     def _check_joined(self, corners: list[int], robot: Robot, path: FloatArray) -> None:
         first, last = self.pieces[0], self.pieces[-1]
@@ -207,6 +231,16 @@ class PlainMotion:
                 corners = [p * a + c * y for p in (low, high) for c in (bend_low, bend_high) for y in x]
                 if max(max(corners), -min(corners)) > acceleration[i] * (1 + _ROUNDING):
                     return f"joint {i} accelerates more than its limit at {self.edges[j]:.6f} rad"
+        return None
+
+    def jerk_exceeded(self, jerk: FloatArray) -> str | None:
+        """Return which joint exceeds its jerk `(n,)` where, if any does; on lines it is q′s⃛."""
+        if self.phases is None:
+            return "the jerk is not limited"
+        for j, change in enumerate(self.phases.of(self.edges)[2].tolist()):
+            slopes = np.abs(self.pieces[self.of[j]].forward)
+            for i in np.flatnonzero(slopes * change > jerk * (1 + _ROUNDING)):
+                return f"joint {i} has more jerk than its limit at {self.edges[j]:.6f} rad"
         return None
 
 

@@ -41,8 +41,8 @@ class Separations:
     def __init__(self, robot: Robot, scene: Scene, claims: Mapping[str, Any]) -> None:
         self._robot, self._data = robot, robot.shared.model.createData()
         self._links = list(robot.shared.collision_model.geometryObjects)
-        self._points = [_corners(link.geometry) for link in self._links]
-        self._movers = [_joints_below(robot, int(link.parentJoint)) for link in self._links]
+        self._points = [corners(link.geometry) for link in self._links]
+        self._movers = [joints_below(robot, int(link.parentJoint)) for link in self._links]
         self._obstacles = [
             (f"{OBSTACLE}{name}", obstacle.name, shape, coal.Transform3s(place.rotation, place.translation))
             for obstacle in scene
@@ -124,7 +124,7 @@ def _required(claims: Mapping[str, Any], link: str, obstacle: str) -> float:
     return distance
 
 
-def _joints_below(robot: Robot, joint: int) -> list[int]:
+def joints_below(robot: Robot, joint: int) -> list[int]:
     """Return the joints, counted from 0, between a joint of Pinocchio's and the base, itself included."""
     found = []
     while joint != 0:
@@ -133,7 +133,7 @@ def _joints_below(robot: Robot, joint: int) -> list[int]:
     return found
 
 
-def _corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
+def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
     """Return points, and a radius, such that the balls around the points have the shape in their convex hull."""
     if isinstance(shape, coal.Sphere):
         return np.zeros((1, 3)), float(shape.radius)

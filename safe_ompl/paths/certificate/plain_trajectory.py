@@ -23,6 +23,7 @@ from safe_ompl.paths.certificate.format import OBSTACLE
 from safe_ompl.paths.certificate.plain_curve import PlainMotion
 from safe_ompl.paths.certificate.plain_danger import PlainDanger
 from safe_ompl.paths.certificate.plain_distances import Separations, plain_name
+from safe_ompl.paths.certificate.plain_speeds import PlainSpeeds
 from safe_ompl.paths.certificate.plain_tool import PlainTool
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
@@ -48,10 +49,13 @@ def check_trajectory(
             f"trajectory: it takes {motion.duration:.6f} s, {claim['duration']} s are claimed"
         )
     sizes, squares = np.diff(motion.edges), motion.squares
-    pushes = np.diff(squares) / (2 * sizes)
-    failure = motion.exceeded(np.column_stack([squares[:-1], squares[1:]]), pushes, velocity, acceleration)
-    if failure is not None:
-        raise CertificateError(f"trajectory: {failure}")
+    for pushes in motion.pushes:
+        failure = motion.exceeded(
+            np.column_stack([squares[:-1], squares[1:]]), pushes, velocity, acceleration
+        )
+        if failure is not None:
+            raise CertificateError(f"trajectory: {failure}")
+    _check_jerk_and_speeds(claim, motion, robot)
     stops = claim["stops"]
     required = Required(scene, None, np.zeros(len(sizes)))
     if stops is not None:
@@ -65,6 +69,20 @@ def check_trajectory(
     _check_danger_and_tool(content, motion, robot, scene)
 
 
+def _check_jerk_and_speeds(claim: Mapping[str, Any], motion: PlainMotion, robot: Robot) -> None:
+    if claim.get("jerk") is not None:
+        failure = motion.jerk_exceeded(finite_array(claim["jerk"], (robot.n,), "trajectory: jerk"))
+        if failure is not None:
+            raise CertificateError(f"trajectory: {failure}")
+    for key, who in (("tool_speed", "the tool"), ("link_speed", "a link")):
+        if claim.get(key) is not None:
+            at = PlainSpeeds(robot).exceeded(motion, float(claim[key]), tool=key == "tool_speed")
+            if at is not None:
+                raise CertificateError(
+                    f"trajectory: {who} is faster than {claim[key]:g} m/s near {at:.6f} rad"
+                )
+
+
 def latest_instants(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the latest instants [s] of stops in each cell (C,), and the largest ṡ² there.
 
@@ -76,6 +94,10 @@ def latest_instants(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray
     if not (brakes > 0).all():
         raise CertificateError("trajectory: a stop does not decelerate")
     sizes, squares = np.diff(motion.edges), motion.squares
+    if motion.phases is not None and (motion.pushes[0] < -brakes * (1 + _ROUNDING)).any():
+        raise CertificateError(
+            "trajectory: it slows down harder than its stops: one that begins later is too late"
+        )
     latest = np.zeros(len(sizes))
     fastest = np.maximum(squares[:-1], squares[1:])
     for j in range(len(sizes)):
@@ -100,7 +122,7 @@ def latest_instants(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray
         latest[reached] = np.maximum(latest[reached], np.minimum(whole, ending))
         entry = max(
             squares[j] - taken[1], squares[j + 1]
-        )  # ṡ² at the end of cell j: linear in where the stop begins
+        )  # ṡ² at the end of cell j, wherever the stop begins
         after = entry - (taken[1:last] - taken[1])
         fastest[j + 1 : j + last] = np.maximum(fastest[j + 1 : j + last], after)
     return latest, fastest

@@ -74,10 +74,10 @@ def plot_motion(
 
 
 def _draw_speed(axes: Any, trajectory: Trajectory) -> None:
-    """Draw ṡ over the arc length: constant s̈ in a cell makes it a root there, which many points resolve."""
+    """Draw ṡ over the arc length: it is curved in each cell, which many points resolve."""
     law = trajectory.law
     s = np.unique(np.concatenate([law.edges, np.linspace(0.0, law.edges[-1], _SAMPLES)]))
-    speed = np.sqrt(np.interp(s, law.edges, law.squares))
+    speed = np.sqrt(law.squares_at(s))
     top = 1.15 * float(speed.max())
     binding = trajectory.binding()
     for cap in trajectory.caps:

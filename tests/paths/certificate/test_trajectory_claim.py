@@ -200,6 +200,87 @@ def test_a_curve_through_an_obstacle_is_refused(ur5, scene):
         verify({**content, "digest": digest(content)}, ur5, scene)
 
 
+@pytest.fixture(scope="module")
+def smooth(ur5, scene):
+    """Return the certificate of a trajectory with limits of jerk, tool and links."""
+    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    limits = RateLimits.of(ur5, 2.0, 4.0, 50.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        made = time_path(PATH, ur5, limits, motion=motion, people=PEOPLE, tool_speed=0.3, link_speed=0.32)
+    assert {"tool speed", "link speed"} & set(made.binding())
+    return json.loads(json.dumps(certificate(PATH, ur5, scene, trajectory=made)))
+
+
+def test_jerk_and_speeds_of_tool_and_links_are_claimed(smooth, ur5, scene):
+    found = verify(smooth, ur5, scene)
+    assert "within velocities, accelerations and jerks of its joints" in found.claims[-4]
+    assert found.claims[-3] == "the tip is no faster than 0.3 m/s"
+    assert found.claims[-2] == "no point of a link, nor the tip, is faster than 0.32 m/s"
+    assert not {"stops", "jerk", "tool speed", "link speed"} & set(found.not_claimed)
+    assert "danger in motion" in found.not_claimed
+    without = again(smooth, lambda claim: [claim.pop(key) for key in ("tool_speed", "jerk")])
+    assert {"tool speed", "jerk"} <= set(verify(without, ur5, scene).not_claimed)
+
+
+def phase(number, change):
+    def changed(claim):
+        duration, jerk = claim["phases"][number]
+        claim["phases"][number] = [change[0] * duration, change[1] * jerk]
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (scaled("tool_speed", 0.9), "the tool is faster than 0.27 m/s"),
+        (scaled("link_speed", 0.9), "a link is faster than 0.288 m/s"),
+        (scaled("jerk", 0.99), "has more jerk than its limit"),
+        (scaled("acceleration", 0.3), "accelerates more than its limit"),
+        (scaled("velocity", 0.1), "is faster than its limit"),
+        (scaled("duration", 0.999), "are claimed"),
+        (lambda claim: claim.pop("phases"), "are claimed|the jerk is not limited"),
+        (lambda claim: claim["phases"].pop(), "do not end at rest"),
+        (phase(0, (1.01, 1.0)), "do not end|rises and falls|not those|no grid point|backwards"),
+        (phase(0, (1.0, 1.01)), "do not end|rises and falls|not those|no grid point|backwards"),
+        (phase(0, (-1.0, 1.0)), "lasts no time"),
+        (
+            lambda claim: claim["squares"].__setitem__(3, 1.01 * claim["squares"][3]),
+            "not those of its phases",
+        ),
+        (lambda claim: claim.update(jerk=[0.0] * 6), "jerk"),
+        (lambda claim: claim.update(tool_speed=-1), "tool_speed: must be"),
+        (stronger(speed=1.3), "are needed"),
+        (
+            lambda claim: claim["stops"].update(brakes=[0.9 * b for b in claim["stops"]["brakes"]]),
+            "slows down harder",
+        ),
+    ],
+)
+def test_what_does_not_hold_of_jerk_and_speeds_is_refused(smooth, ur5, scene, change, message):
+    with pytest.raises((CertificateError, InputError), match=message):
+        verify(again(smooth, change), ur5, scene)
+
+
+def test_random_mutations_of_phases_are_refused_unless_they_change_nothing(smooth, ur5, scene):
+    rng = random.Random(1)
+    ways = [("trajectory", "phases", *at) for at in places(smooth["trajectory"]["phases"])]
+    for _ in range(60):
+        content = replaced(smooth, rng.choice(ways), lambda value: mutated(rng, value))
+        if content["trajectory"]["phases"] != smooth["trajectory"]["phases"]:
+            found = verified({**content, "digest": digest(content)}, ur5, scene)
+            if found is not None:
+                np.testing.assert_allclose(
+                    content["trajectory"]["phases"], smooth["trajectory"]["phases"], atol=1e-6
+                )
+
+
+def test_a_motion_with_arcs_has_no_phases(written, ur5, scene):
+    with pytest.raises(CertificateError, match=r"it has arcs|do not end"):
+        verify(again(written, lambda claim: claim.update(phases=[[1.0, 1.0]])), ur5, scene)
+
+
 def test_random_mutations_are_refused_or_claim_nothing_false(written, ur5, scene, plain_check):
     rng, plain = random.Random(0), plain_check(ur5, scene)
     ways = [("trajectory", *at) for at in places(written["trajectory"])]

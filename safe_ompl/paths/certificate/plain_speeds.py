@@ -1,0 +1,121 @@
+"""Plain checks of claimed speeds of the tool and of all links of a timed motion: for the verifier of certificates.
+
+At the centre of an interval of the curve the velocity x′ of a point, by arc length, is the sum of what the joints add;
+no point of a body is faster than its fastest corner. Away from it x′ changes by no more than ‖x″‖ allows: with joint
+j nearer to the base than joint k, ‖∂²x/∂q_j∂q_k‖ is no more than R_k if k turns, 1 if it slides, and 0 where j slides.
+R_k is the length of the chain from joint k to the farthest point.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.paths.certificate.plain_curve import PlainMotion, PlainPiece
+from safe_ompl.paths.certificate.plain_distances import corners, joints_below
+from safe_ompl.robot.robot import Robot
+
+_ROUNDING = 1e-9  # relative
+_SMALLEST = 1e-7  # [rad] intervals that are not divided any more
+
+
+class _Body(NamedTuple):
+    """Points in the frame of a joint, the radius of the balls about them, and the joints below, deepest first."""
+
+    points: FloatArray
+    pad: float
+    carrier: int
+    movers: list[int]
+
+
+class PlainSpeeds:
+    """The largest speeds of the tip, or of every body and the tip.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._model, self._data = robot.shared.model, robot.shared.model.createData()
+        self._axes = robot.shared.chain.axes
+        frame = self._model.frames[robot.tip_frame]
+        self._tip = self._body(np.array(frame.placement.translation)[None], 0.0, int(frame.parentJoint))
+        self._all = [self._tip]
+        for link in robot.shared.collision_model.geometryObjects:
+            points, pad = corners(link.geometry)
+            place = link.placement
+            points = points @ place.rotation.T + place.translation
+            self._all.append(self._body(points, pad, int(link.parentJoint)))
+        self._all = [body for body in self._all if body.movers]
+
+    def _body(self, points: FloatArray, pad: float, carrier: int) -> _Body:
+        return _Body(points, pad, carrier, joints_below(self._robot, carrier))
+
+    def exceeded(self, motion: PlainMotion, limit: float, *, tool: bool) -> float | None:
+        """Return where on the curve [rad] the tip, or any body, is not proven to keep to a speed [m/s]; else None."""
+        bodies = [self._tip] if tool else self._all
+        squares = np.maximum(motion.squares[:-1], motion.squares[1:])
+        for j, rate in enumerate(np.sqrt(squares).tolist()):
+            start = motion.starts[motion.of[j]]
+            piece = motion.pieces[motion.of[j]]
+            waiting = [(float(motion.edges[j]) - start, float(motion.edges[j + 1]) - start)]
+            while waiting:
+                first, last = waiting.pop()
+                middle, half = (first + last) / 2, (last - first) / 2
+                exact, bound = self._bounds(piece, middle, half, bodies)
+                if bound * rate <= limit * (1 + _ROUNDING):
+                    continue
+                if exact * rate > limit * (1 + _ROUNDING) or half < _SMALLEST:
+                    return start + middle
+                waiting += [(first, middle), (middle, last)]
+        return None
+
+    def _bounds(
+        self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]
+    ) -> tuple[float, float]:
+        """Return the largest ‖x′‖ at the middle of an interval, and a bound of it throughout."""
+        robot = self._robot
+        q, coupling = piece.at(middle), robot.coupling
+        pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
+        rates = coupling.motions(piece.slope(middle))
+        steps = coupling.reach(piece.steps(1.0))
+        slid = np.abs(coupling.values(q)) + half * steps
+        exact = bound = 0.0
+        for body in bodies:
+            here = self._speed(body, rates)
+            exact, bound = max(exact, here), max(bound, here + half * self._bend(body, steps, piece, slid))
+        return exact, bound
+
+    def _speed(self, body: _Body, rates: FloatArray) -> float:
+        place = self._data.oMi[body.carrier]
+        points = body.points @ place.rotation.T + place.translation
+        velocity, turning = np.zeros_like(points), np.zeros(3)
+        for i in body.movers:
+            joint = self._data.oMi[i + 1]
+            motion = rates[i] * (joint.rotation @ self._axes[i])
+            if self._robot.joint_prismatic[i]:
+                velocity += motion
+            else:
+                velocity += np.cross(motion, points - joint.translation)
+                turning += motion
+        return float(np.linalg.norm(velocity, axis=1).max() + body.pad * np.linalg.norm(turning))
+
+    def _bend(self, body: _Body, steps: FloatArray, piece: PlainPiece, slid: FloatArray) -> float:
+        """Return a bound of ‖x″‖ of the points of a body, by arc length."""
+        sliding = self._robot.joint_prismatic
+        beneath = float(sum(steps[i] for i in body.movers if not sliding[i]))
+        length = float(np.linalg.norm(body.points, axis=1).max()) + body.pad
+        found = 0.0
+        for i in body.movers:
+            radius, own = (1.0, 0.0) if sliding[i] else (length, float(steps[i]))
+            beneath -= own
+            found += radius * steps[i] * (2 * beneath + own + piece.curvature)
+            length += float(np.linalg.norm(self._model.jointPlacements[i + 1].translation))
+            length += float(slid[i]) if sliding[i] else 0.0
+        return found
