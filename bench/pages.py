@@ -1,4 +1,4 @@
-"""The pictures of the pages in docs/, by one command: `python bench/pages.py`, about a minute.
+"""The pictures of the pages in docs/, by one command: `python bench/pages.py`, some minutes.
 
 That of the viewer is a picture of the browser's window, taken by hand; those of `panda_shelf` are made by
 `safe-ompl view --animation` and `safe-ompl compare`, as the README says.
@@ -6,9 +6,12 @@ That of the viewer is a picture of the browser's window, taken by hand; those of
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from PIL import Image
 
 from safe_ompl import (
@@ -24,11 +27,15 @@ from safe_ompl import (
     Scenario,
     Scene,
 )
+from safe_ompl.cli.main import main
 from safe_ompl.exchange.timed_motion import TimedMotion
+from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.pictures.plots import plot_bubbles, plot_field, plot_profiles, plot_speeds
-from safe_ompl.pictures.render import render_comparison, render_path, save_png
+from safe_ompl.pictures.render import choose_camera, render_comparison, render_path, save_png
 from safe_ompl.scenario.scenario import find_scenario
+from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.viewer.recordings import read_recording
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "pictures"
@@ -112,8 +119,135 @@ def people_and_time() -> None:
     plot_speeds(motion.times, motion.speeds, motion.bounds, motion.binding, OUT / "speeds.png", title=title)
 
 
+def a_drive() -> None:
+    """Draw moments of a robot that is driven beside a person who reaches in front of it, and goes again."""
+    with tempfile.TemporaryDirectory() as folder:
+        recording = f"{folder}/reaching.npz"
+        save_reaching(recording)
+        options = ["--people", recording, "--seconds", "14", "--simplify", "0.3", "--out", folder]
+        main(["live", "ur5_handover", *options])
+        draw_moments(f"{folder}/ticks.jsonl")
+
+
+def save_reaching(file: str) -> None:
+    """Write a recording of a person who stretches her right arm out and draws it back, every six seconds."""
+    skeleton, height = find_skeleton("recording12"), 1.75
+    bones = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
+    places = {"hip": [0, 0, STANDING["left_hip"][2]], "torso": [0, 0, 0.65], "neck": [0, 0, 0.82]}
+    places["head"] = STANDING["head"]
+    for side in ("left", "right"):
+        places[f"{side}_collar"] = [0, 0, 0.8]
+        places |= {f"{side}_{bone}": STANDING[f"{side}_{joint}"] for bone, joint in bones.items()}
+    standing = height * np.array([places[name] for name in skeleton.points])
+    shoulder, elbow, hand = (skeleton.points.index(f"right_{bone}") for bone in bones)
+    upper, whole = (np.linalg.norm(standing[k] - standing[shoulder]) for k in (elbow, hand))
+    frames = []
+    for time in np.arange(0.0, 12.0, 0.05):
+        share = max(0.0, np.sin(2.0 * np.pi * time / 6.0 - 1.2)) ** 2
+        direction = np.array([np.sin(1.35 * share), 0.1, -np.cos(1.35 * share)])
+        direction /= np.linalg.norm(direction)
+        frame = standing.copy()
+        frame[elbow], frame[hand] = (standing[shoulder] + length * direction for length in (upper, whole))
+        frames.append(frame + np.array([0.4 * share - 0.35, 0.0, 0.0]))
+    np.savez(file, names=np.array(skeleton.points), rate=20.0, clip_0=np.array(frames))
+
+
+def draw_moments(ticks: str) -> None:
+    """Draw moments of a drive: on the way, slowed, standing before a hand, and on the way again."""
+    exhibit = read_recording(ticks)
+    motion, movers = exhibit.motions["live"], exhibit.movers
+    assert movers is not None
+    states = np.array(motion.binding)
+    stands = int(np.flatnonzero((states == "standing") & (motion.times > 1.0))[0])
+    slowed = int(np.flatnonzero((states != "standing")[:stands])[-1]) - 4
+    goes = stands + int(np.flatnonzero(states[stands:] == "moving")[0]) + 12
+    shown = [max(stands - 30, 0), slowed, stands + 10, min(goes, len(states) - 1)]
+    still = [obstacle for obstacle in exhibit.scene if not isinstance(obstacle.shape, Person)]
+    scenes = [Scene((*still, *movers.people_at(motion.times[k]))) for k in shown]
+    panel = (420, 400)
+    everyone = Scene((*still, *movers.people_at(motion.times[shown[2]])))
+    camera = choose_camera(
+        exhibit.robot, everyone, {"live": motion.configurations[shown]}, size=panel, azimuth=2.5
+    )
+    images = [
+        render_path(exhibit.robot, scene, motion.configurations[[k, k]], size=panel, ghosts=0, camera=camera)
+        for scene, k in zip(scenes, shown, strict=True)
+    ]
+    words = [f"{motion.times[k]:.1f} s: {motion.binding[k]}" for k in shown]
+    save_strip(images, words, OUT / "live.png")
+
+
+def robots() -> None:
+    """Draw four arms of example-robot-data."""
+    postures = {
+        "panda": [0.3, -0.4, 0, -2.2, 0, 1.9, 0.8],
+        "ur10": [0.4, -1.2, 1.5, -1.9, -1.57, 0.0],
+        "kinova": [0.5, 3.6, 1.9, 0.4, 1.2, 0.3],
+        "xarm7": [0.3, -0.4, 0, 0.9, 0, 1.3, 0],
+    }
+    images = []
+    for name, q in postures.items():
+        robot, way = Robot.from_example(name), np.array([q, q])
+        images.append(render_path(robot, Scene(), way, size=(300, 340), ghosts=0))
+    save_strip(images, list(postures), OUT / "robots.png")
+
+
+def region() -> None:
+    """Draw a region of the tip, and a path to it."""
+    setup = setup_scenario(Scenario.load(find_scenario("ur5_handover")))
+    result = setup.plan("SafeRRTConnect", time=5.0, seed=0, simplify=True)
+    tip = setup.robot.tip_pose(result.path[-1]).translation
+    ring = Obstacle("region", Box((0.26, 0.22, 0.012)), Pose(tuple(tip)), color=(0.2, 0.75, 0.4))
+    scene = Scene((*setup.scene, ring))
+    save_png(render_path(setup.robot, scene, result.path, size=SIZE), OUT / "goals.png")
+
+
+FLOORS = (
+    ("doors", "cli · benchmark · pictures · viewer", "what a person or a script starts"),
+    ("setup", "SafeSetup, plan, results; exchange: files", "OMPL's SimpleSetup for a robot in a scene"),
+    ("planners", "planners · live", "paths by OMPL; replanning beside people"),
+    ("paths", "paths · trajectories · people · plugins", "what happens to a path once it exists"),
+    ("models", "robot · scene · collision · danger · scenario", "frozen, on Pinocchio and coal; no OMPL"),
+    ("maths", "pure functions of arrays; kernels by Numba", "the equations of the mathematics page"),
+)
+
+
+def architecture() -> None:
+    """Draw the floors of the package."""
+    figure = Figure(figsize=(8.0, 3.9), dpi=110)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0, 10), ylim=(-0.15, 6.1))
+    axes.axis("off")
+    for k, (name, rooms, words) in enumerate(reversed(FLOORS)):
+        axes.barh(k + 0.45, 9.3, left=0.35, height=0.82, color="#0b62b4", alpha=0.10 + 0.06 * k)
+        axes.text(0.55, k + 0.45, f"{k}  {name}", weight="bold", va="center", fontsize=11)
+        axes.text(2.25, k + 0.62, rooms, va="center", fontsize=10.5)
+        axes.text(2.25, k + 0.27, words, va="center", fontsize=8.5, color="0.35")
+    axes.annotate(
+        "", (9.4, 0.2), (9.4, 5.7), arrowprops={"arrowstyle": "->", "color": "0.3", "linewidth": 1.4}
+    )
+    axes.text(9.25, 2.95, "imports", rotation=90, va="center", ha="right", fontsize=9, color="0.3")
+    FigureCanvasAgg(figure).print_png(OUT / "architecture.png")
+
+
+def save_strip(images: list, words: list, file: Path) -> None:
+    """Save pictures side by side, with words above each."""
+    height, width = images[0].shape[:2]
+    total, gap, head = len(images) * (width + 8) - 8, 8, 30
+    figure = Figure(figsize=(total / 100, (height + head) / 100), dpi=100)
+    for k, (image, said) in enumerate(zip(images, words, strict=True)):
+        figure.figimage(image, k * (width + gap), 0, origin="upper")
+        figure.text((k * (width + gap) + 3) / total, 1 - 20 / (height + head), said, fontsize=11)
+    FigureCanvasAgg(figure).print_png(file)
+
+
+PICTURES = (
+    *(own_robot, simplification, planar, scenes, a_start_in_collision, profiles, people_and_time),
+    *(a_drive, robots, region, architecture),
+)
+
 if __name__ == "__main__":
-    for draw in (own_robot, simplification, planar, scenes, a_start_in_collision, profiles, people_and_time):
+    for draw in PICTURES:
         draw()
         print(draw.__name__)
     for file in OUT.glob("*.png"):  # fewer colours: a tenth of the bytes

@@ -6,6 +6,7 @@ import argparse
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,16 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.person import Person
+from safe_ompl.setup.safe_setup import SafeSetup
 
 _SAMPLES, _SEED = 2000, 0
 _ROOM = 0.03  # [m] that start and goal leave around the robot
+_CHOICE = 12  # configurations on each side that may become start and goal
+_PLANNER, _TRIALS, _PATIENCE = (
+    "SafeRRTConnect",
+    6,
+    1.0,
+)  # who tries how many pairs of them, for how long each [s]
 _BESIDE = 0.35  # [m] from where the robot reaches to the middle of the person
 _HEIGHT = 1.75  # [m]
 _WAIST = 0.55  # share of her height that is below the middle of the robot's reach
@@ -70,7 +78,9 @@ class New:
     def __call__(self) -> int:
         """Find a start and a goal, and write the scenario."""
         person, reach = self._person()
-        start, goal = self._ends(CollisionChecker(self.robot, Scene((person,))))
+        scene = Scene((person,))
+        left, right = self._ends(CollisionChecker(self.robot, scene))
+        start, goal, solved = self._connected(scene, left, right)
         self.file.write_text(self._text(person, start, goal), encoding="utf-8")
         error_console().print(
             f"a scenario in {self.file}: {self.robot.n} joints, tip {self.robot.tip!r}, reach {reach:.2f} m; "
@@ -78,6 +88,13 @@ class New:
             markup=False,
             soft_wrap=True,
         )
+        if not solved:
+            error_console().print(
+                f"safe-ompl: {_PLANNER} found no path from this start to this goal, nor between other "
+                "pairs: choose them by the sliders of `safe-ompl view`",
+                markup=False,
+                soft_wrap=True,
+            )
         return 0
 
     def _person(self) -> tuple[Obstacle, float]:
@@ -91,14 +108,14 @@ class New:
         return Obstacle("person", Person(height=_HEIGHT), Pose(place, (0.0, 0.0, 1.0, 0.0))), reach
 
     def _ends(self, checker: CollisionChecker) -> tuple[FloatArray, FloatArray]:
-        """Return two free configurations in front of the person, whose tips are far to her left and to her right."""
+        """Return free configurations (K, n) in front of the person: tips far to her left, and far to her right."""
         samples = np.round(self._sampled(), 2)
         tips = self.robot.keypoints_batch(samples)[:, -1]
         sides = np.arctan2(tips[:, 1], tips[:, 0])
         order = np.argsort(np.abs(np.abs(sides) - np.pi / 3))  # 60° to either side
-        found = []
-        for side in (1.0, -1.0):
-            free = (
+
+        def free(side: float) -> FloatArray:
+            found = (
                 samples[k]
                 for k in order
                 if side * sides[k] > 0
@@ -106,13 +123,28 @@ class New:
                 and not checker.in_collision(samples[k])
                 and checker.clearance(samples[k]).distance > _ROOM
             )
-            found.append(next(free, None))
-        start, goal = found
-        if start is None or goal is None:
+            return np.array(list(islice(found, _CHOICE)))
+
+        left, right = free(1.0), free(-1.0)
+        if not len(left) or not len(right):
             raise SafeOmplError(
                 f"no configuration of {_SAMPLES} is free on both sides: do links touch that may? see `safe-ompl srdf`"
             )
-        return start, goal
+        return left, right
+
+    def _connected(
+        self, scene: Scene, left: FloatArray, right: FloatArray
+    ) -> tuple[FloatArray, FloatArray, bool]:
+        """Return start and goal with a path between them, near ones first; the nearest and False if none is found."""
+        setup = SafeSetup(self.robot, scene)
+        distances = np.linalg.norm(left[:, None] - right[None], axis=2)
+        pairs = [np.unravel_index(k, distances.shape) for k in np.argsort(distances, axis=None)]
+        for i, k in pairs[:_TRIALS]:
+            setup.setConfigurations(left[i], right[k])
+            if setup.plan(_PLANNER, time=_PATIENCE, seed=_SEED, report=False):
+                return left[i], right[k], True
+        i, k = pairs[0]
+        return left[i], right[k], False
 
     def _sampled(self) -> FloatArray:
         low, high = np.maximum(self.robot.lower, -np.pi), np.minimum(self.robot.upper, np.pi)

@@ -6,7 +6,6 @@ import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from safe_ompl import document
 from safe_ompl.arrays import FloatArray
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.errors import InputError, PlanningError
+from safe_ompl.maths.kernels.compiled import clock
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.run import Stop
 from safe_ompl.planners.base import SafePlanner
@@ -151,7 +151,7 @@ class SafeSetup(TimedSetup):
             On Ctrl-C before there is a path. Later it ends simplification and optimisation, and the best path so far
             is returned; `PlanResult.interrupted` says so.
         """
-        begin = perf_counter()
+        begin = clock()
         time = positive_time("time limit", time if optimise is None else optimise)
         duration = simplification_time(simplify)
         with self._choosing(cost, planner, parameters):
@@ -177,11 +177,11 @@ class SafeSetup(TimedSetup):
 
     def _planned(self, planner: Any, name: str, seed: int, time: float, duration: float | None) -> PlanResult:
         """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""
-        begin, before = perf_counter(), self.counts.copy()
+        begin, before = clock(), self.counts.copy()
         status = self.solve(time)
         exact = self.haveExactSolutionPath()
         found = self.solution() if self.haveSolutionPath() else None
-        planned = simplified = perf_counter()
+        planned = simplified = clock()
         if found is not None and exact and duration is not None:
             left = time - (planned - begin)
             if left > 0:
@@ -189,7 +189,7 @@ class SafeSetup(TimedSetup):
                 found = self.solution()
             else:
                 _log.info("planning took all of the time limit: the path is not simplified")
-            simplified = perf_counter()
+            simplified = clock()
         counts = self.counts - before
         counts.nodes = nodes_of(planner)
         return PlanResult(
@@ -207,8 +207,8 @@ class SafeSetup(TimedSetup):
         PlanningError
             If the path is not proven, or is none from a start to the goal.
         """
-        setup_time = perf_counter() - begin - result.planning_time - result.simplification_time
-        begin = perf_counter()
+        setup_time = clock() - begin - result.planning_time - result.simplification_time
+        begin = clock()
         path, short = result.path, result.approximate_path
         speeds, duration = self.getMovingObstacles()
         if short is not None and not self.is_free(short):
@@ -228,7 +228,7 @@ class SafeSetup(TimedSetup):
             approximate_path=short,
             validation=None if examined is None else examined.validation,
             setup_time=setup_time,
-            validation_time=perf_counter() - begin,
+            validation_time=clock() - begin,
             robot=self.robot,
             scene=self.scene,
             danger=self.danger_options,
@@ -268,7 +268,7 @@ class SafeSetup(TimedSetup):
 
     def _optimised(self, planner: Any, name: str, seed: int, time: float, stop: Stop) -> PlanResult:
         """Plan again and again; see `safe_ompl.setup.optimise`."""
-        begin, before = perf_counter(), self.counts.copy()
+        begin, before = clock(), self.counts.copy()
         simplifier, nodes, status = self.simplifier, 0, "Timeout"
 
         def search(start: int, seconds: float) -> FloatArray | None:
@@ -284,7 +284,7 @@ class SafeSetup(TimedSetup):
             status = found.asString()
             return self.solution()
 
-        left = time - (perf_counter() - begin)
+        left = time - (clock() - begin)
         found: Optimisation | FastestPath
         if self._cost == "duration":
             found = FastestPath(self.timer, simplifier, int(seed))
@@ -296,7 +296,7 @@ class SafeSetup(TimedSetup):
             path = next((best for best in (path, *reversed(found.paths)) if self.is_free(best)), None)
         if path is not None:
             self._set_solution(path)
-        elapsed = perf_counter() - begin
+        elapsed = clock() - begin
         counts = self.counts - before
         counts.nodes = nodes
         first = elapsed if found.first_path is None else found.first_path
@@ -345,12 +345,12 @@ def plan(
     InputError, PlanningError
         As `SafeSetup.plan`; and if the scenario cannot be used.
     """
-    begin = perf_counter()
+    begin = clock()
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(find_scenario(scenario))
     setup = setup_scenario(scenario)
     own = scenario.planners.get(planner, {}) if isinstance(planner, str) else {}
-    built = perf_counter() - begin
+    built = clock() - begin
     result = setup.plan(
         planner,
         time=scenario.time if time is None else time,

@@ -8,10 +8,9 @@ import numpy as np
 from ompl import base as ob
 
 from safe_ompl.errors import InputError
+from safe_ompl.maths.kernels.compiled import clock
 from safe_ompl.paths.simplify.run import Stop
 from safe_ompl.paths.simplify.simplifier import timed
-
-_FOR_EVER = 1e9  # [s] OMPL's clock overflows not far above
 
 
 def positive_time(name: str, value: Any) -> float:
@@ -44,5 +43,6 @@ def termination(time: Any) -> Any:
         number = isinstance(time, (int, float, np.integer, np.floating)) and not isinstance(time, bool)
         if not (number and time >= 0):
             raise InputError(f"time must be a number of seconds or a termination condition, got {time!r}")
-        time = ob.timedPlannerTerminationCondition(min(float(time), _FOR_EVER))
+        end = clock() + float(time)
+        return ob.PlannerTerminationCondition(lambda: clock() >= end)
     return ob.PlannerTerminationCondition(lambda: bool(time()))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from pathlib import Path
+from time import perf_counter
 from typing import Any, TypeVar
 
 from numba import njit
@@ -51,6 +52,11 @@ def _without_literals(kernel: Any) -> Any:
     return kernel
 
 
+def clock() -> float:
+    """Return the time [s] of a clock that stands while kernels are compiled: no time limit should count that."""
+    return perf_counter() - _compilation.seconds
+
+
 def _depend_on_all_kernels(kernel: Any) -> None:
     """Let what is kept of a kernel be out of date once any file of this folder changes, and not its own alone.
 
@@ -67,19 +73,33 @@ def _sources() -> tuple[tuple[str, float, int], ...]:
     return tuple((name, stat.st_mtime, stat.st_size) for name, stat in files)
 
 
-class _Announcement(event.Listener):  # type: ignore[misc]
-    """Says once in a process that kernels are being compiled: what comes from the disk causes no such event."""
+class _Compilation(event.Listener):  # type: ignore[misc]
+    """Says once in a process that kernels are being compiled, and adds up for how long.
 
-    made = False
+    What comes from the disk causes no such event. Kernels that others call are compiled within these.
+    """
+
+    def __init__(self) -> None:
+        self.seconds, self._depth, self._begin, self._said = 0.0, 0, 0.0, False
 
     def on_start(self, event: Any) -> None:
-        if not self.made and event.data["dispatcher"].__module__.startswith(__package__):
-            self.made = True
+        if not event.data["dispatcher"].__module__.startswith(__package__):
+            return
+        if not self._said:
+            self._said = True
             _log.warning("compiling kernels for this machine, which takes some seconds: once, they are kept")
+        if not self._depth:
+            self._begin = perf_counter()
+        self._depth += 1
 
     def on_end(self, event: Any) -> None:
-        pass
+        if not event.data["dispatcher"].__module__.startswith(__package__):
+            return
+        self._depth -= 1
+        if not self._depth:
+            self.seconds += perf_counter() - self._begin
 
 
 _SOURCES = _sources()
-event.register("numba:compile", _Announcement())
+_compilation = _Compilation()
+event.register("numba:compile", _compilation)

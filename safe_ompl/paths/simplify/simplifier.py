@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from copy import copy
-from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +14,7 @@ from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import number
+from safe_ompl.maths.kernels.compiled import clock
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.simplify.best_path import Better
 from safe_ompl.paths.simplify.constraints import GoalSet
@@ -237,5 +237,5 @@ def simplify_danger(
 
 def timed(seconds: float, stop: Stop | None = None) -> Stop:
     """Return a predicate that says stop after some seconds from now, or when `stop` does."""
-    end = perf_counter() + seconds
-    return lambda: perf_counter() >= end or (stop is not None and stop())
+    end = clock() + seconds
+    return lambda: clock() >= end or (stop is not None and stop())

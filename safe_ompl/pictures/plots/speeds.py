@@ -77,8 +77,9 @@ def plot_speeds(
             bbox_to_anchor=(0.0, 1.0),
             ncols=4,
             borderaxespad=0.2,
-            handlelength=1.2,
-            fontsize=8.5,
+            handlelength=1.0,
+            handletextpad=0.5,
+            fontsize=8.5 if len(used) < 4 else 7.5,  # four names of caps are just within the axes
             columnspacing=1.0,
         )
     return page.figure

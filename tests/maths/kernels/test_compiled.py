@@ -4,9 +4,11 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 from numba import njit
+from numba.core import event
 
 import safe_ompl
 from safe_ompl.danger.field import DangerField
@@ -82,3 +84,23 @@ def test_constants_cause_no_compilation_of_their_own():
 
     assert three(4) == 7
     assert len(plus.signatures) == 1
+
+
+def test_the_clock_of_time_limits_stands_while_kernels_are_compiled():
+    """A first plan after an installation would be over before it began."""
+
+    class Dispatcher:
+        __module__ = "safe_ompl.maths.kernels.somewhere"
+
+    compilation = compiled._Compilation()
+    compilation._said = True
+    made = event.Event("numba:compile", event.EventStatus.START, {"dispatcher": Dispatcher()})
+    compilation.on_start(made)
+    compilation.on_start(made)  # one that it calls
+    compilation.on_end(made)
+    assert compilation.seconds == 0.0
+    compilation.on_end(made)
+    once = compilation.seconds
+    assert once > 0.0
+    before = perf_counter() - compiled._compilation.seconds
+    assert before <= compiled.clock() <= perf_counter() - compiled._compilation.seconds
