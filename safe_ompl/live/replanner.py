@@ -16,8 +16,11 @@ from safe_ompl.errors import InputError
 from safe_ompl.inputs import number, positive, whole_number
 from safe_ompl.live.command import Command, Doing
 from safe_ompl.live.detours import Detours
-from safe_ompl.live.guarded_path import LIVE_CAPS, GuardedPath, Left, RobotBodies
+from safe_ompl.live.drive import Left
+from safe_ompl.live.guarded_path import GuardedPath
+from safe_ompl.live.limits import DriveLimits, own_caps
 from safe_ompl.live.roadmap import Around
+from safe_ompl.live.robot_bodies import RobotBodies
 from safe_ompl.live.surroundings import Surroundings
 from safe_ompl.people.reach import ReachModel
 from safe_ompl.people.tracking import Tracker, Violation
@@ -74,13 +77,16 @@ class Replanner:
         Whether to look for other ways, in `think`.
     seed : int
         Of the roadmap on which they are looked for.
+    motion : CertifiedMotion, optional
+        What proves motions among all that stands still, with limits such as of danger or clearance: trajectories and
+        other ways keep to them. Its scene is `scene` without what moves. Default: they must be free.
 
     Raises
     ------
     UnknownNameError
         If the scene has no obstacle of a name in `objects`.
     InputError
-        If a number is out of its range.
+        If a number is out of its range; if the motion is of another robot or of another scene.
     """
 
     def __init__(
@@ -96,6 +102,7 @@ class Replanner:
         lost_after: float = 0.5,
         detours: bool = True,
         seed: int = 0,
+        motion: CertifiedMotion | None = None,
     ) -> None:
         self.robot = robot
         self.people = People() if people is None else people
@@ -103,7 +110,8 @@ class Replanner:
         self.lost_after = number("lost_after", lost_after, above=0.0)
         self.surroundings = Surroundings(scene, trackers, objects or {}, self.people, reach)
         self.still = self.surroundings.still
-        self.motion = CertifiedMotion(CollisionChecker(robot, self.still))
+        self.motion = CertifiedMotion(CollisionChecker(robot, self.still)) if motion is None else motion
+        self._check_motion()
         self._bodies = RobotBodies(robot)
         self._path: GuardedPath | None = None
         self._command: Command | None = None
@@ -116,6 +124,14 @@ class Replanner:
 
     def __repr__(self) -> str:
         return f"Replanner({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
+
+    def _check_motion(self) -> None:
+        checker = self.motion.checker
+        if checker.robot.joint_names != self.robot.joint_names:
+            raise InputError(f"is of the robot {checker.robot.name!r}, not of {self.robot.name!r}", "motion")
+        for name in sorted(set(checker.scene.names) ^ set(self.still.names)):
+            where = "in its scene, but it moves" if name in checker.scene.names else "not in its scene"
+            raise InputError(f"{name!r} is {where}: give it the scene of what stands still", "motion")
 
     # ---------------------------------------------------------------------------------------------------- doors
 
@@ -150,14 +166,16 @@ class Replanner:
 
     def _cover(self, trajectory: Trajectory) -> None:
         """Have milestones about a trajectory, if other ways may be taken."""
-        foreign = [cap.name for cap in trajectory.caps if cap.name not in LIVE_CAPS]
+        foreign = own_caps(trajectory)
         self._may_turn = self._detours_wanted and not foreign
         if not self._may_turn:
             if foreign:
-                _log.info("no other ways are looked for: nothing proves the cap %r on them", foreign[0])
+                _log.info("no other ways are looked for: nothing proves the cap %r on them", foreign[0].name)
             return
+        limits = DriveLimits.of(trajectory)
         if self._detours is None:
-            self._detours = Detours(self.motion, self._bodies, trajectory.limits, self._seed)
+            self._detours = Detours(self.motion, self._bodies, limits, self._seed)
+        self._detours.keep_to(limits)
         self._detours.roadmap.cover(trajectory.curve)
 
     def update(

@@ -11,10 +11,11 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.live.guarded_path import GuardedPath, RobotBodies
+from safe_ompl.live.guarded_path import GuardedPath
+from safe_ompl.live.limits import DriveLimits
+from safe_ompl.live.robot_bodies import RobotBodies
 from safe_ompl.people.reach import ReachSets
 from safe_ompl.trajectories.curve import BlendedCurve, Piece
-from safe_ompl.trajectories.limits import RateLimits
 
 _AROUND = (0.3, 0.6, 1.2)  # [rad] how far from the way samples are, in turn
 _NEIGHBOURS = 8
@@ -67,8 +68,8 @@ class Roadmap:
         What proves edges; its scene stands still.
     bodies : RobotBodies
         Of the robot.
-    limits : RateLimits
-        Of its joints.
+    limits : DriveLimits
+        What ways keep to, until `keep_to`.
     milestones : int
         How many there are about each new way.
     seed : int
@@ -79,7 +80,7 @@ class Roadmap:
         self,
         motion: CertifiedMotion,
         bodies: RobotBodies,
-        limits: RateLimits,
+        limits: DriveLimits,
         milestones: int = 150,
         seed: int = 0,
     ) -> None:
@@ -98,6 +99,14 @@ class Roadmap:
     def __repr__(self) -> str:
         free = sum(self._free.values())
         return f"Roadmap({len(self.milestones)} milestones, {free} of {len(self._free)} edges free)"
+
+    def keep_to(self, limits: DriveLimits) -> None:
+        """Have ways keep to other limits from now on: what is free stays so, how long it takes is asked anew."""
+        if not limits.same_as(self.limits):
+            self._paths.clear()
+            self._looks.clear()
+            self._full.clear()
+        self.limits = limits
 
     # ------------------------------------------------------------------------------------------------- milestones
 
@@ -132,7 +141,7 @@ class Roadmap:
     def _full_times(self, q: FloatArray) -> FloatArray:
         """Return how long (N,) the straight motions to all milestones take at full speed [s]."""
         moves = np.abs(self._robot.difference(self.milestones, q))
-        times: FloatArray = (moves / self.limits.velocity).max(axis=1, initial=0.0)
+        times: FloatArray = (moves / self.limits.joints.velocity).max(axis=1, initial=0.0)
         return times
 
     # ------------------------------------------------------------------------------------------------------ edges
@@ -239,7 +248,7 @@ class Roadmap:
         full = self._full.get(key)
         if full is None:
             move = self._robot.difference(self.milestones[a], self.milestones[b])
-            full = self._full[key] = float((np.abs(move) / self.limits.velocity).max())
+            full = self._full[key] = float((np.abs(move) / self.limits.joints.velocity).max())
         known = self._looks.get(key)
         return full if known is None or now > known.until else max(full, known.time)
 
