@@ -84,7 +84,7 @@ def run(job: tuple[Path, str, int, str, float, int]) -> dict[str, Any]:
     file, clip, place, policy, seconds, count = job
     logging.disable(logging.WARNING)
     one = simulation(file, clip, place, policy, count=count)
-    duration = max(seconds or one.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
+    duration = max(seconds or one.world.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
     summary = one.run(duration)
     return {"policy": policy, "file": file.stem, "clip": clip, "place": place, **summary.as_dict()}
 

@@ -17,7 +17,8 @@ from safe_ompl.cli.files import json_line, make_folder
 from safe_ompl.cli.live_cast import CLIP, Cast, cast, clearance_of_movers, limits_of_still
 from safe_ompl.cli.view import check_page
 from safe_ompl.live.replanner import Replanner
-from safe_ompl.live.simulation import Faults, Simulation, Summary
+from safe_ompl.live.simulation import Simulation
+from safe_ompl.live.summary import Faults, Summary
 from safe_ompl.live.ticks import write_ticks
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario

@@ -9,10 +9,11 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.live.around import Around
 from safe_ompl.live.command import Command
 from safe_ompl.live.guarded_path import GuardedPath
 from safe_ompl.live.limits import DriveLimits
-from safe_ompl.live.roadmap import Around, Budget, Roadmap
+from safe_ompl.live.roadmap import Budget, Roadmap
 from safe_ompl.live.robot_bodies import RobotBodies
 from safe_ompl.trajectories.blends import blended
 

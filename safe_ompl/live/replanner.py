@@ -9,26 +9,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import number, positive, whole_number
+from safe_ompl.live.around import Around
 from safe_ompl.live.command import Command, Doing
 from safe_ompl.live.detours import Detours
 from safe_ompl.live.drive import Left
 from safe_ompl.live.guarded_path import GuardedPath
 from safe_ompl.live.limits import DriveLimits, own_caps
-from safe_ompl.live.roadmap import Around
 from safe_ompl.live.robot_bodies import RobotBodies
+from safe_ompl.live.still import check_motion, prove
 from safe_ompl.live.surroundings import Surroundings
 from safe_ompl.people.reach import ReachModel
 from safe_ompl.people.tracking import Tracker, Violation
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.scene import Scene
-from safe_ompl.trajectories.blends import ArcProof
-from safe_ompl.trajectories.curve import BlendedCurve
 from safe_ompl.trajectories.trajectory import Trajectory
 
 _log = logging.getLogger(__name__)
@@ -111,7 +109,7 @@ class Replanner:
         self.surroundings = Surroundings(scene, trackers, objects or {}, self.people, reach)
         self.still = self.surroundings.still
         self.motion = CertifiedMotion(CollisionChecker(robot, self.still)) if motion is None else motion
-        self._check_motion()
+        check_motion(self.motion, robot, self.still)
         self._bodies = RobotBodies(robot)
         self._path: GuardedPath | None = None
         self._command: Command | None = None
@@ -124,14 +122,6 @@ class Replanner:
 
     def __repr__(self) -> str:
         return f"Replanner({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
-
-    def _check_motion(self) -> None:
-        checker = self.motion.checker
-        if checker.robot.joint_names != self.robot.joint_names:
-            raise InputError(f"is of the robot {checker.robot.name!r}, not of {self.robot.name!r}", "motion")
-        for name in sorted(set(checker.scene.names) ^ set(self.still.names)):
-            where = "in its scene, but it moves" if name in checker.scene.names else "not in its scene"
-            raise InputError(f"{name!r} is {where}: give it the scene of what stands still", "motion")
 
     # ---------------------------------------------------------------------------------------------------- doors
 
@@ -160,7 +150,7 @@ class Replanner:
                 raise InputError(
                     f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands"
                 )
-        _prove(trajectory.curve, self.motion)
+        prove(trajectory.curve, self.motion)
         self._path, self._command, self._other = path, None, None
         self._cover(trajectory)
 
@@ -320,19 +310,3 @@ def told(left: Left) -> str:
     who, limb = left.who
     named = f"{limb} of {who!r}" if limb else repr(who)
     return f"{named} may come to {left.link} before it stands ({1e3 * left.margin:.0f} mm)"
-
-
-def _prove(curve: BlendedCurve, motion: CertifiedMotion) -> None:
-    """Raise InputError unless all of a curve is proven free of what stands still."""
-    arcs = ArcProof(motion)
-    for k, piece in enumerate(curve.pieces):
-        if piece.curvature:
-            free = arcs.holds(piece)
-        else:
-            end: FloatArray = piece.start + piece.length * piece.forward
-            free = motion.is_free(piece.start, end)
-        if not free:
-            raise InputError(
-                f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on, is not free of what stands "
-                "still"
-            )

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import heapq
 from collections import OrderedDict
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.live.around import Around, Look
 from safe_ompl.live.guarded_path import GuardedPath
 from safe_ompl.live.limits import DriveLimits
 from safe_ompl.live.robot_bodies import RobotBodies
-from safe_ompl.people.reach import ReachSets
 from safe_ompl.trajectories.curve import BlendedCurve, Piece
 
 _AROUND = (0.3, 0.6, 1.2)  # [rad] how far from the way samples are, in turn
@@ -22,23 +21,6 @@ _NEIGHBOURS = 8
 _STEP = 0.1  # [rad] cells of edges: estimates may be coarse
 _KEPT = 400  # edges whose cells are kept
 _PROOF, _LOOK = 8, 1  # units of work
-_STALE = 0.3  # [s] looks at edges that people slow down are this old at most
-
-
-@dataclass(frozen=True)
-class Look:
-    """What was seen of an edge beside people.
-
-    Attributes
-    ----------
-    time : float
-        How long it takes [s]; inf: barred.
-    until : float
-        Until when it needs no other look [s]: no sooner can anyone be so near that it takes longer.
-    """
-
-    time: float
-    until: float
 
 
 class Budget:
@@ -277,30 +259,6 @@ class Roadmap:
                     best[other], before[other] = cost, k
                     heapq.heappush(queue, (cost + float(ahead[other]), other))
         return None
-
-
-@dataclass(frozen=True)
-class Around:
-    """People as they stand now, for looks at edges.
-
-    Attributes
-    ----------
-    sets : ReachSets
-        Where they are.
-    clearance : float
-        What must be left [m].
-    reaction : float
-        From a measurement until the robot begins to brake at the latest [s].
-    """
-
-    sets: ReachSets
-    clearance: float
-    reaction: float
-
-    def look(self, path: GuardedPath, now: float) -> Look:
-        """Return how long a path takes, and until when that holds."""
-        times, left = path.pace(self.sets, self.clearance, self.reaction)
-        return Look(float(times.sum()), now + max(_STALE, left))
 
 
 def _line(step: FloatArray, start: FloatArray) -> BlendedCurve:

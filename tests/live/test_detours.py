@@ -10,11 +10,12 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError
+from safe_ompl.live.around import Around
 from safe_ompl.live.command import Doing
 from safe_ompl.live.guarded_path import GuardedPath
 from safe_ompl.live.limits import DriveLimits
 from safe_ompl.live.replanner import Replanner
-from safe_ompl.live.roadmap import Around, Budget, Roadmap
+from safe_ompl.live.roadmap import Budget, Roadmap
 from safe_ompl.live.robot_bodies import RobotBodies
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose

@@ -10,7 +10,8 @@ from safe_ompl.cli.main import command_line
 from safe_ompl.errors import InputError
 from safe_ompl.live.judge import Judge, limb_solids
 from safe_ompl.live.movers import Drifting, Playback
-from safe_ompl.live.simulation import Faults, Simulation
+from safe_ompl.live.simulation import Simulation
+from safe_ompl.live.summary import Faults
 from safe_ompl.live.ticks import read_ticks
 from safe_ompl.paths.certificate.portable import built_robot, built_scene
 from safe_ompl.people.recordings import Recording
