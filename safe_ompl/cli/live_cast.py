@@ -243,6 +243,10 @@ def limits_of_still(scenario: Scenario, found: Cast) -> Scenario:
         _log.warning(
             "limits.max_danger is kept to what stands still, not to people who move: distances from them are"
         )
+    if scenario.people is not None and scenario.people.contact:
+        _log.warning(
+            "people.contact is not used beside people who move: the robot stops before they can touch it"
+        )
     if scenario.motion.max_danger is not None:
         _log.warning(
             "motion.max_danger, of the robot's own speed, is not kept beside what moves: distances are"
