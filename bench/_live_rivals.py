@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from safe_ompl.live.command import Command, Doing
-from safe_ompl.live.guarded_path import GuardedPath, Left
+from safe_ompl.live.drive import Left
+from safe_ompl.live.guarded_path import GuardedPath
 from safe_ompl.live.replanner import Replanner
 from safe_ompl.trajectories.trajectory import Trajectory
 

@@ -308,17 +308,19 @@ def draw(counts: list[int], rows: dict[str, list[list[dict[str, Any]]]], file: P
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 3.2), layout="constrained")
-    for axes, key, label in zip(
+    for axes, key, label, top in zip(
         figure.subplots(1, 2),
         ("success", "moving"),
-        ("success", "contacts while moving, per run"),
+        ("share of runs that succeed", "contacts while moving, per run"),
+        (1.05, None),
         strict=True,
     ):
-        for name, per_count in rows.items():
-            axes.plot(
-                counts, [np.mean([float(run[key]) for run in runs]) for runs in per_count], "o-", label=name
-            )
+        for (name, per_count), mark in zip(rows.items(), ("o-", "s--", "^:"), strict=True):
+            means = [np.mean([float(run[key]) for run in runs]) for runs in per_count]
+            axes.plot(counts, means, mark, label=name, alpha=0.8)
         axes.set(xlabel="cubes", title=label)
+        axes.set_ylim(0.0, top)
+        axes.grid(alpha=0.3)
     figure.axes[0].legend()
     figure.savefig(file, dpi=150)
 

@@ -6,7 +6,7 @@ while the arm goes to and fro as in `scenarios/panda_shelf.yaml`. A judge looks 
 full, half and a quarter of the speed: a slower robot stops sooner. `--memory MINUTES` measures memory instead.
 
 All clips at 20 places with all policies are about 13 hours of simulated time; one idle core simulates 6 s in a
-second (`--jobs` for more cores, `--clips` and `--places` for less).
+second (`--jobs` for more cores; `--sample N` for N of all clips and places, drawn evenly).
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def run(job: tuple[Path, str, int, str, float, int]) -> dict[str, Any]:
     file, clip, place, policy, seconds, count = job
     logging.disable(logging.WARNING)
     one = simulation(file, clip, place, policy, count=count)
-    duration = max(seconds or one.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
+    duration = max(seconds or one.world.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
     summary = one.run(duration)
     return {"policy": policy, "file": file.stem, "clip": clip, "place": place, **summary.as_dict()}
 
@@ -158,6 +158,13 @@ def main() -> None:
     parser.add_argument(
         "--seconds", type=float, default=0.0, metavar="S", help="of each; default: the clip's"
     )
+    parser.add_argument(
+        "--sample",
+        type=int,
+        default=0,
+        metavar="N",
+        help="only so many of all clips and places, drawn evenly",
+    )
     parser.add_argument("--policies", default=",".join(POLICIES))
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     parser.add_argument("--memory", type=float, default=0.0, metavar="MINUTES", help="measure memory instead")
@@ -169,11 +176,18 @@ def main() -> None:
     if options.memory:
         memory(files[0], "clip_0", options.memory)
         return
-    jobs = [
-        (file, clip, place, policy, options.seconds, options.places)
+    situations = [
+        (file, clip, place)
         for file in files
         for clip in (list_clips(file)[: options.clips] if options.clips else list_clips(file))
         for place in range(options.places)
+    ]
+    if 0 < options.sample < len(situations):
+        chosen = np.random.default_rng(0).choice(len(situations), options.sample, replace=False)
+        situations = [situations[k] for k in sorted(chosen.tolist())]
+    jobs = [
+        (*situation, policy, options.seconds, options.places)
+        for situation in situations
         for policy in options.policies.split(",")
     ]
     if options.jobs == 1:

@@ -1,4 +1,4 @@
-"""`safe-ompl live`: a robot beside a recorded person who moves, in simulated time."""
+"""`safe-ompl live`: a robot beside people and things that move, in simulated time."""
 
 from __future__ import annotations
 
@@ -9,57 +9,69 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.cli.arguments import add_run_options, load_scenario, seconds
+from safe_ompl.cli.arguments import add_run_options, count, limit, load_scenario, seconds
 from safe_ompl.cli.console import error_console, output_console, progress_bar
 from safe_ompl.cli.files import json_line, make_folder
-from safe_ompl.errors import InputError
-from safe_ompl.live.movers import Playback
+from safe_ompl.cli.live_cast import CLIP, Cast, cast, clearance_of_movers, limits_of_still
+from safe_ompl.cli.view import check_page
 from safe_ompl.live.replanner import Replanner
-from safe_ompl.live.simulation import Faults, Simulation, Summary
+from safe_ompl.live.simulation import Simulation
+from safe_ompl.live.summary import Faults, Summary
 from safe_ompl.live.ticks import write_ticks
-from safe_ompl.people.body import PELVIS, TrackedBody, facing
-from safe_ompl.people.recordings import Recording
-from safe_ompl.people.tracking import Tracker
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.pose import Pose
-from safe_ompl.scene.shapes.person import Person
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 from safe_ompl.trajectories.trajectory import Trajectory
+from safe_ompl.viewer import read_recording, save_page
 
 _PLANNER = "SafeRRTConnect"
-_SOMEBODY = "person"
 
 
 def add_command(commands: Any) -> None:
     """Add `live` to the commands."""
     parser = commands.add_parser(
         "live",
-        help="drive a robot beside a recorded person who moves, in simulated time",
-        description="Plan from start to goal and back, and drive there again and again beside a recorded person. What "
-        "is driven is proven at every tick, including its stop. A judge looks for contacts.",
+        help="drive a robot beside people and things that move, in simulated time",
+        description="Plan from start to goal and back, and drive there again and again beside a recorded person, or "
+        "beside people and things that move at random. What is driven is proven at every tick, including its stop. A "
+        "judge looks for contacts.",
     )
     parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
-    parser.add_argument("--people", metavar="FILE", required=True, help="recordings of key points (.npz)")
     parser.add_argument(
-        "--clip", metavar="NAME", default="clip_0", help="which one of them; default: %(default)s"
+        "--people",
+        metavar="FILE|random[:N]",
+        help="recordings of key points (.npz), or so many people who walk about at random",
     )
+    parser.add_argument("--clip", metavar="NAME", help=f"which one of the recordings; default: {CLIP}")
     parser.add_argument(
         "--place",
         type=_place,
         metavar="X,Y,Z,YAW",
-        help="where the recording's origin is in the world [m, rad]; default: she stands where the scenario's first "
-        "person does",
+        help="where the recording's origin, or the first person who walks about, is in the world [m, rad]; default: "
+        "where the scenario's first person stands",
+    )
+    parser.add_argument(
+        "--movers", type=count, default=0, metavar="N", help="so many balls of 0.1 m that fly about the robot"
+    )
+    parser.add_argument(
+        "--mover-speed",
+        type=limit,
+        default=0.5,
+        metavar="V",
+        help="none of them is faster [m/s]; default: %(default)g",
     )
     parser.add_argument(
         "--seconds", type=seconds, default=60.0, metavar="S", help="how long; default: %(default)g"
     )
     parser.add_argument("--out", metavar="DIR", required=True, help="where ticks.jsonl and summary.json go")
+    parser.add_argument(
+        "--html", metavar="FILE", help="write also a page that plays it, offline, in any browser (.html)"
+    )
     parser.add_argument(
         "--tick", type=seconds, default=0.05, metavar="S", help="between commands; default: %(default)g"
     )
@@ -79,7 +91,7 @@ def add_command(commands: Any) -> None:
         type=seconds,
         default=1.0,
         metavar="FACTOR",
-        help="how many times as fast as recorded she moves",
+        help="how many times as fast as recorded, or as promised, they move",
     )
     parser.set_defaults(prepare=prepare)
 
@@ -87,15 +99,23 @@ def add_command(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = load_scenario(options.scenario)
-    recording = Recording.load(options.people, options.clip)
     faults = Faults(options.noise, options.drops, options.late, options.seed)
     robot = scenario.build_robot()
-    folder = Path(options.out)
-    make_folder(folder, "--out")
-    name, tracker = _tracked(scenario, recording, options)
-    people = replace(scenario.people or People(), who=None)
-    replanner = Replanner(robot, scenario.scene, {name: tracker}, people=people, tick=options.tick)
-    return Live(scenario, replanner, name, Playback(recording, tracker, options.faster), faults, options)
+    people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))
+    found = cast(scenario, robot, people, options)
+    setup = setup_scenario(limits_of_still(scenario, found), robot)
+    make_folder(Path(options.out), "--out")
+    check_page(options.html)
+    replanner = Replanner(
+        robot,
+        found.scene,
+        found.trackers,
+        found.speeds,
+        people=people,
+        tick=options.tick,
+        motion=setup.certified_motion,
+    )
+    return Live(scenario, setup, replanner, found, faults, options)
 
 
 @dataclass(frozen=True)
@@ -103,9 +123,9 @@ class Live:
     """The job of `safe-ompl live`."""
 
     scenario: Scenario
+    setup: SafeSetup
     replanner: Replanner
-    name: str
-    mover: Playback
+    cast: Cast
     faults: Faults
     options: argparse.Namespace
 
@@ -115,18 +135,22 @@ class Live:
         ways = self._trajectories()
         if ways is None:
             return 1
-        simulation = Simulation(self.replanner, ways, {self.name: self.mover}, faults=self.faults)
+        simulation = Simulation(self.replanner, ways, self.cast.people, self.cast.objects, faults=self.faults)
         write_ticks(folder / "ticks.jsonl", _with_progress(simulation, options.seconds, options.tick))
         summary = simulation.summary
         (folder / "summary.json").write_text(json_line(summary.as_dict()) + "\n", encoding="utf-8")
         output_console().print(told(summary))
         error_console().print(f"ticks and summary in {folder}")
+        if options.html is None:
+            error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
+        else:
+            save_page(read_recording(folder / "ticks.jsonl"), options.html)
+            error_console().print(f"view in {options.html}")
         return 0
 
     def _trajectories(self) -> list[Trajectory] | None:
-        scenario, robot = self.scenario, self.replanner.robot
-        setup = setup_scenario(replace(scenario, scene=self.replanner.still, people=None), robot)
-        result = setup.plan(
+        scenario = self.scenario
+        result = self.setup.plan(
             _PLANNER,
             time=self.options.time or scenario.time,
             seed=self.options.seed,
@@ -172,31 +196,6 @@ def _with_progress(simulation: Simulation, seconds: float, tick: float) -> Itera
         for line in simulation.ticks(seconds):
             yield line
             bar.advance(task)
-
-
-def _tracked(scenario: Scenario, recording: Recording, options: argparse.Namespace) -> tuple[str, Tracker]:
-    """Return who plays the recording, and how she is tracked."""
-    persons = [obstacle for obstacle in scenario.scene if isinstance(obstacle.shape, Person)]
-    shape = persons[0].shape if persons else Person()
-    assert isinstance(shape, Person)
-    body = TrackedBody(shape.height)
-    if options.place is not None:
-        place = options.place
-    elif persons:
-        place = _instead_of(persons[0].pose, recording, body)
-    else:
-        raise InputError("the scenario has no person whose place she could take: say where", "--place")
-    return (persons[0].name if persons else _SOMEBODY), Tracker(
-        recording.skeleton, body, place, options.noise
-    )
-
-
-def _instead_of(pose: Pose, recording: Recording, body: TrackedBody) -> Pose:
-    """Return where a recording must be so that she stands in the first frame where a person does, and as she faces."""
-    points, _ = body.completed(recording.skeleton.keypoints(recording.frames[0]))
-    turn = pose.se3.rotation @ facing(points).T
-    hips = pose.se3.act(body.height * PELVIS)
-    return Pose.of(pin.SE3(turn, hips - turn @ body.pelvis(points)))
 
 
 def _place(text: str) -> Pose:

@@ -78,13 +78,11 @@ def add_command(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     _check_animation(options.animation)
-    if find_spec("viser") is None and options.animation is None:
-        raise InputError("viser missing; get the viewer with: pip install 'safe-ompl[viewer]'")
-    if options.html is not None and Path(options.html).suffix.lower() != ".html":
-        raise InputError(f"{options.html!r} must end in .html", "--html")
+    if options.animation is None:
+        _check_viewer()
+    check_page(options.html)
     if options.slice is not None and options.html is None:
         raise InputError("is for --html; a live view has a slider for it", "--slice")
-    check_writable(options.html, "--html")
     recordings = [name for name in options.what if Path(name).suffix.lower() == ENDING]
     if recordings:
         if len(options.what) > 1:
@@ -101,6 +99,21 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
     exhibit = _loaded(files)
     return Show(lambda: exhibit, options)
+
+
+def check_page(file: str | None) -> None:
+    """Raise InputError if a page cannot be written to a file, if one is asked for."""
+    if file is None:
+        return
+    _check_viewer()
+    if Path(file).suffix.lower() != ".html":
+        raise InputError(f"{file!r} must end in .html", "--html")
+    check_writable(file, "--html")
+
+
+def _check_viewer() -> None:
+    if find_spec("viser") is None:
+        raise InputError("viser missing; get the viewer with: pip install 'safe-ompl[viewer]'")
 
 
 def _check_animation(file: str | None) -> None:

@@ -7,7 +7,8 @@ from enum import Enum
 
 import numpy as np
 
-from safe_ompl.live.guarded_path import Drive, GuardedPath, Left
+from safe_ompl.live.drive import Drive, Left
+from safe_ompl.live.guarded_path import GuardedPath
 from safe_ompl.trajectories.trajectory import State
 
 

@@ -9,11 +9,13 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.live.around import Around
 from safe_ompl.live.command import Command
-from safe_ompl.live.guarded_path import GuardedPath, RobotBodies
-from safe_ompl.live.roadmap import Around, Budget, Roadmap
+from safe_ompl.live.guarded_path import GuardedPath
+from safe_ompl.live.limits import DriveLimits
+from safe_ompl.live.roadmap import Budget, Roadmap
+from safe_ompl.live.robot_bodies import RobotBodies
 from safe_ompl.trajectories.blends import blended
-from safe_ompl.trajectories.limits import RateLimits
 
 _log = logging.getLogger(__name__)
 
@@ -37,14 +39,14 @@ class Detours:
         Proves what stands still.
     bodies : RobotBodies
         Of the robot.
-    limits : RateLimits
-        Of its joints.
+    limits : DriveLimits
+        What other ways keep to, until `keep_to`.
     seed : int
         Of the roadmap.
     """
 
     def __init__(
-        self, motion: CertifiedMotion, bodies: RobotBodies, limits: RateLimits, seed: int = 0
+        self, motion: CertifiedMotion, bodies: RobotBodies, limits: DriveLimits, seed: int = 0
     ) -> None:
         self._motion, self._bodies, self._limits = motion, bodies, limits
         self._undisturbed: tuple[GuardedPath | None, float] = (
@@ -52,6 +54,11 @@ class Detours:
             0.0,
         )  # a path that needs no look until then [s]
         self.roadmap = Roadmap(motion, bodies, limits, seed=seed)
+
+    def keep_to(self, limits: DriveLimits) -> None:
+        """Have other ways keep to other limits from now on."""
+        self._limits = limits
+        self.roadmap.keep_to(limits)
 
     def other_way(
         self, command: Command, now: float, people: Around, units: int

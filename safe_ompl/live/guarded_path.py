@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.danger.moving_skeleton import JointMotions
+from safe_ompl.live.drive import Drive, Left
+from safe_ompl.live.limits import DriveLimits, own_caps
+from safe_ompl.live.robot_bodies import RobotBodies
 from safe_ompl.maths.kernels.driving import ceilings, drive
 from safe_ompl.maths.kernels.hull_gaps import cell_gaps, gaps
 from safe_ompl.people.reach import ReachSets
-from safe_ompl.robot.bodies.reach import bounding_hull
-from safe_ompl.robot.robot import Robot
-from safe_ompl.trajectories.body_speeds import BodySpeeds
-from safe_ompl.trajectories.curve import BlendedCurve, Cells
-from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.caps import speed_caps
+from safe_ompl.trajectories.curve import BlendedCurve
 from safe_ompl.trajectories.time_law import velocity_cap
 from safe_ompl.trajectories.trajectory import Trajectory
 
@@ -30,105 +29,6 @@ _COARSE = 0.1  # [rad] cells of estimates
 _ROUGH = 5e-3  # [m] of distances in estimates
 _CLOSE = 1e-4  # [m] of distances that are told
 _SAME = 1e-9  # [rad]
-# Caps of trajectories that the replanner has itself, from moment to moment.
-LIVE_CAPS = ("joint velocity", "separation", "separation or contact", "bends beside people")
-
-
-class RobotBodies:
-    """The moving bodies of a robot as hulls in the frames of their joints, with balls about them.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-
-    Attributes
-    ----------
-    links : tuple of str
-        The link of each of the G moving bodies.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        parts = list(robot.shared.collision_model.geometryObjects)
-        self._moving = [k for k, part in enumerate(parts) if part.parentJoint != 0]
-        hulls = [bounding_hull(parts[k].geometry).moved(parts[k].placement) for k in self._moving]
-        self.links = tuple(parts[k].name.rsplit("_", 1)[0] for k in self._moving)
-        carriers: IntArray = np.array([parts[k].parentJoint - 1 for k in self._moving], dtype=np.intp)
-        first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
-        middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
-        extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
-        self.arrays = (
-            carriers,
-            np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
-            first,
-            np.array([hull.radius for hull in hulls]),
-            middles,
-            np.array(extents),
-        )
-        self._joints = JointMotions(robot)
-        self._speeds = BodySpeeds(robot)
-
-    def frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rotations (B, m, 3, 3) and origins (B, m, 3) of the joints at `Q: (B, n)`."""
-        rotations, origins, _ = self._joints.frames(Q)
-        return rotations, origins
-
-    def travel(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
-        """Return how far (N, G) the bodies get from where they are at the centres of cells, at most [m]."""
-        bounds = self._speeds.bounds(curve, cells)[:, self._moving]
-        found: FloatArray = np.ascontiguousarray(bounds * cells.sizes[:, None] / 2)
-        return found
-
-
-class Left(NamedTuple):
-    """The least that is left between a motion and what moves.
-
-    Attributes
-    ----------
-    margin : float
-        Lower bound of distance less growth, less what must be left [m]; +inf if there is nobody.
-    link : str or None
-    who : (str, str) or None
-        Who, and which limb.
-    """
-
-    margin: float
-    link: str | None = None
-    who: tuple[str, str] | None = None
-
-
-class Drive(NamedTuple):
-    """A motion of one tick along a path, and the stop after it.
-
-    Attributes
-    ----------
-    cells : ndarray of int, shape (W,)
-        In which cell each piece of it is.
-    places, squares, times : ndarray, shape (W + 1,)
-        s, ṡ², and the time since it began [s] where pieces meet.
-    """
-
-    cells: IntArray
-    places: FloatArray
-    squares: FloatArray
-    times: FloatArray
-
-    @property
-    def duration(self) -> float:
-        """When it stands [s]."""
-        return float(self.times[-1])
-
-    def at(self, time: float) -> tuple[float, float, float]:
-        """Return s, ṡ and s̈ at a time since it began [s]; at rest after its end."""
-        if time >= self.duration:
-            return float(self.places[-1]), 0.0, 0.0
-        k = max(int(np.searchsorted(self.times, time, side="right")) - 1, 0)
-        span, since = self.times[k + 1] - self.times[k], max(time, 0.0) - self.times[k]
-        speed, after = np.sqrt(self.squares[k]), np.sqrt(self.squares[k + 1])
-        push = (after - speed) / span if span > 0 else 0.0
-        place = self.places[k] + since * (speed + 0.5 * since * push)
-        return float(min(place, self.places[k + 1])), float(max(speed + since * push, 0.0)), float(push)
 
 
 @dataclass(frozen=True)
@@ -141,8 +41,8 @@ class GuardedPath:
         Of the robot.
     curve : BlendedCurve
         The path, proven against all that stands still.
-    limits : RateLimits
-        Of the joints.
+    limits : DriveLimits
+        What it keeps to.
     edges : ndarray, shape (N + 1,)
         Ends of the cells [rad].
     squares, brakes : ndarray, shape (N,)
@@ -157,7 +57,7 @@ class GuardedPath:
 
     bodies: RobotBodies
     curve: BlendedCurve
-    limits: RateLimits
+    limits: DriveLimits
     edges: FloatArray
     squares: FloatArray
     brakes: FloatArray
@@ -171,7 +71,7 @@ class GuardedPath:
 
         Of its time law nothing is kept: the robot is as fast as limits, caps and people let it.
         """
-        path = cls.along(bodies, trajectory.curve, trajectory.limits)
+        path = cls.along(bodies, trajectory.curve, DriveLimits.of(trajectory))
         squares = path.squares
         middles = 0.5 * (trajectory.law.edges[1:] + trajectory.law.edges[:-1])
         begin = np.clip(
@@ -180,22 +80,24 @@ class GuardedPath:
         end = np.clip(
             np.searchsorted(trajectory.law.edges, path.edges[1:], side="left"), begin + 1, len(middles)
         )
-        for cap in trajectory.caps:
-            if cap.name not in LIVE_CAPS:
-                least = [cap.speeds[a:b].min() for a, b in zip(begin, end, strict=True)]
-                squares = np.minimum(squares, np.square(least))
+        for cap in own_caps(trajectory):
+            least = [cap.speeds[a:b].min() for a, b in zip(begin, end, strict=True)]
+            squares = np.minimum(squares, np.square(least))
         return replace(path, squares=squares)
 
     @classmethod
     def along(
-        cls, bodies: RobotBodies, curve: BlendedCurve, limits: RateLimits, step: float = STEP
+        cls, bodies: RobotBodies, curve: BlendedCurve, limits: DriveLimits, step: float = STEP
     ) -> GuardedPath:
         """Return the path along a curve, in cells no longer than a step [rad]."""
-        cells = curve.cells(step)
+        cells, joints = curve.cells(step), limits.joints
         with np.errstate(divide="ignore"):
-            bending = np.sqrt((_BENDING * limits.acceleration / cells.bends).min(axis=1))
-        speeds = np.minimum(velocity_cap(cells, limits), bending)
-        rest = limits.acceleration - cells.bends * (speeds * speeds)[:, None]
+            bending = np.sqrt((_BENDING * joints.acceleration / cells.bends).min(axis=1))
+        speeds = np.minimum(velocity_cap(cells, joints), bending)
+        of_bodies = bodies.speeds(curve, cells)
+        for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
+            speeds = np.minimum(speeds, cap.speeds)
+        rest = joints.acceleration - cells.bends * (speeds * speeds)[:, None]
         with np.errstate(divide="ignore"):
             brakes = np.where(cells.slopes > 0, rest / cells.slopes, np.inf).min(axis=1)
         frames = bodies.frames(curve.at(cells.centres).q)
@@ -208,7 +110,7 @@ class GuardedPath:
             brakes,
             cells.stops,
             frames,
-            bodies.travel(curve, cells),
+            bodies.travel(of_bodies, cells),
         )
 
     def __repr__(self) -> str:

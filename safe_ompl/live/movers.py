@@ -1,4 +1,4 @@
-"""What moves in a simulation: recorded people, and people and things that move at random."""
+"""What moves in a simulation: recorded people, things that fly about, and things that only might move."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.live.stepwise import Stepwise
 from safe_ompl.people.recordings import Recording
 from safe_ompl.people.tracking import Tracker
-
-_FORGOTTEN = 1000  # steps after which those of more than a second ago are forgotten
 
 
 class PersonMover(Protocol):
@@ -75,23 +74,13 @@ class Drifting:
         inner: tuple[FloatArray, float] | None = None,
         step: float = 0.01,
     ) -> None:
-        self._places = [np.array(start, dtype=np.float64)]
-        self._first = 0  # step of the first place that is kept
         self._velocity = np.array(velocity, dtype=np.float64)
         self._centre, self._radius, self._inner, self._step = centre, radius, inner, step
+        self._places = Stepwise(np.array(start, dtype=np.float64), self._after, step)
 
     def at(self, time: float) -> pin.SE3:
         """Return where it is at a time [s], no earlier than a second before the latest that was asked for."""
-        place = max(time, 0.0) / self._step - self._first
-        k = max(int(place), 0)
-        while len(self._places) <= k + 1:
-            self._places.append(self._after(self._places[-1]))
-        share = place - k
-        kept = k - round(1 / self._step)
-        if kept > _FORGOTTEN:
-            del self._places[:kept]
-            self._first, k = self._first + kept, k - kept
-        return pin.SE3(np.eye(3), (1 - share) * self._places[k] + share * self._places[k + 1])
+        return pin.SE3(np.eye(3), self._places.at(time))
 
     def _after(self, place: FloatArray) -> FloatArray:
         for centre, radius, outwards in ((self._centre, self._radius, 1.0), *self._walls()):
@@ -105,3 +94,20 @@ class Drifting:
 
     def _walls(self) -> list[tuple[FloatArray, float, float]]:
         return [] if self._inner is None else [(*self._inner, -1.0)]
+
+
+class Resting:
+    """A thing that may move, but does not.
+
+    Parameters
+    ----------
+    place : pin.SE3
+        Where it stays.
+    """
+
+    def __init__(self, place: pin.SE3) -> None:
+        self._place = place
+
+    def at(self, time: float) -> pin.SE3:
+        """Return where it is at any time."""
+        return self._place

@@ -9,23 +9,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import number, positive, whole_number
+from safe_ompl.live.around import Around
 from safe_ompl.live.command import Command, Doing
 from safe_ompl.live.detours import Detours
-from safe_ompl.live.guarded_path import LIVE_CAPS, GuardedPath, Left, RobotBodies
-from safe_ompl.live.roadmap import Around
+from safe_ompl.live.drive import Left
+from safe_ompl.live.guarded_path import GuardedPath
+from safe_ompl.live.limits import DriveLimits, own_caps
+from safe_ompl.live.robot_bodies import RobotBodies
+from safe_ompl.live.still import check_motion, prove
 from safe_ompl.live.surroundings import Surroundings
 from safe_ompl.people.reach import ReachModel
 from safe_ompl.people.tracking import Tracker, Violation
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.scene import Scene
-from safe_ompl.trajectories.blends import ArcProof
-from safe_ompl.trajectories.curve import BlendedCurve
 from safe_ompl.trajectories.trajectory import Trajectory
 
 _log = logging.getLogger(__name__)
@@ -74,13 +75,16 @@ class Replanner:
         Whether to look for other ways, in `think`.
     seed : int
         Of the roadmap on which they are looked for.
+    motion : CertifiedMotion, optional
+        What proves motions among all that stands still, with limits such as of danger or clearance: trajectories and
+        other ways keep to them. Its scene is `scene` without what moves. Default: they must be free.
 
     Raises
     ------
     UnknownNameError
         If the scene has no obstacle of a name in `objects`.
     InputError
-        If a number is out of its range.
+        If a number is out of its range; if the motion is of another robot or of another scene.
     """
 
     def __init__(
@@ -96,6 +100,7 @@ class Replanner:
         lost_after: float = 0.5,
         detours: bool = True,
         seed: int = 0,
+        motion: CertifiedMotion | None = None,
     ) -> None:
         self.robot = robot
         self.people = People() if people is None else people
@@ -103,7 +108,8 @@ class Replanner:
         self.lost_after = number("lost_after", lost_after, above=0.0)
         self.surroundings = Surroundings(scene, trackers, objects or {}, self.people, reach)
         self.still = self.surroundings.still
-        self.motion = CertifiedMotion(CollisionChecker(robot, self.still))
+        self.motion = CertifiedMotion(CollisionChecker(robot, self.still)) if motion is None else motion
+        check_motion(self.motion, robot, self.still)
         self._bodies = RobotBodies(robot)
         self._path: GuardedPath | None = None
         self._command: Command | None = None
@@ -144,20 +150,22 @@ class Replanner:
                 raise InputError(
                     f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands"
                 )
-        _prove(trajectory.curve, self.motion)
+        prove(trajectory.curve, self.motion)
         self._path, self._command, self._other = path, None, None
         self._cover(trajectory)
 
     def _cover(self, trajectory: Trajectory) -> None:
         """Have milestones about a trajectory, if other ways may be taken."""
-        foreign = [cap.name for cap in trajectory.caps if cap.name not in LIVE_CAPS]
+        foreign = own_caps(trajectory)
         self._may_turn = self._detours_wanted and not foreign
         if not self._may_turn:
             if foreign:
-                _log.info("no other ways are looked for: nothing proves the cap %r on them", foreign[0])
+                _log.info("no other ways are looked for: nothing proves the cap %r on them", foreign[0].name)
             return
+        limits = DriveLimits.of(trajectory)
         if self._detours is None:
-            self._detours = Detours(self.motion, self._bodies, trajectory.limits, self._seed)
+            self._detours = Detours(self.motion, self._bodies, limits, self._seed)
+        self._detours.keep_to(limits)
         self._detours.roadmap.cover(trajectory.curve)
 
     def update(
@@ -302,19 +310,3 @@ def told(left: Left) -> str:
     who, limb = left.who
     named = f"{limb} of {who!r}" if limb else repr(who)
     return f"{named} may come to {left.link} before it stands ({1e3 * left.margin:.0f} mm)"
-
-
-def _prove(curve: BlendedCurve, motion: CertifiedMotion) -> None:
-    """Raise InputError unless all of a curve is proven free of what stands still."""
-    arcs = ArcProof(motion)
-    for k, piece in enumerate(curve.pieces):
-        if piece.curvature:
-            free = arcs.holds(piece)
-        else:
-            end: FloatArray = piece.start + piece.length * piece.forward
-            free = motion.is_free(piece.start, end)
-        if not free:
-            raise InputError(
-                f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on, is not free of what stands "
-                "still"
-            )

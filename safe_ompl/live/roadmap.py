@@ -4,40 +4,23 @@ from __future__ import annotations
 
 import heapq
 from collections import OrderedDict
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.live.guarded_path import GuardedPath, RobotBodies
-from safe_ompl.people.reach import ReachSets
+from safe_ompl.live.around import Around, Look
+from safe_ompl.live.guarded_path import GuardedPath
+from safe_ompl.live.limits import DriveLimits
+from safe_ompl.live.robot_bodies import RobotBodies
 from safe_ompl.trajectories.curve import BlendedCurve, Piece
-from safe_ompl.trajectories.limits import RateLimits
 
 _AROUND = (0.3, 0.6, 1.2)  # [rad] how far from the way samples are, in turn
 _NEIGHBOURS = 8
 _STEP = 0.1  # [rad] cells of edges: estimates may be coarse
 _KEPT = 400  # edges whose cells are kept
 _PROOF, _LOOK = 8, 1  # units of work
-_STALE = 0.3  # [s] looks at edges that people slow down are this old at most
-
-
-@dataclass(frozen=True)
-class Look:
-    """What was seen of an edge beside people.
-
-    Attributes
-    ----------
-    time : float
-        How long it takes [s]; inf: barred.
-    until : float
-        Until when it needs no other look [s]: no sooner can anyone be so near that it takes longer.
-    """
-
-    time: float
-    until: float
 
 
 class Budget:
@@ -67,8 +50,8 @@ class Roadmap:
         What proves edges; its scene stands still.
     bodies : RobotBodies
         Of the robot.
-    limits : RateLimits
-        Of its joints.
+    limits : DriveLimits
+        What ways keep to, until `keep_to`.
     milestones : int
         How many there are about each new way.
     seed : int
@@ -79,7 +62,7 @@ class Roadmap:
         self,
         motion: CertifiedMotion,
         bodies: RobotBodies,
-        limits: RateLimits,
+        limits: DriveLimits,
         milestones: int = 150,
         seed: int = 0,
     ) -> None:
@@ -98,6 +81,14 @@ class Roadmap:
     def __repr__(self) -> str:
         free = sum(self._free.values())
         return f"Roadmap({len(self.milestones)} milestones, {free} of {len(self._free)} edges free)"
+
+    def keep_to(self, limits: DriveLimits) -> None:
+        """Have ways keep to other limits from now on: what is free stays so, how long it takes is asked anew."""
+        if not limits.same_as(self.limits):
+            self._paths.clear()
+            self._looks.clear()
+            self._full.clear()
+        self.limits = limits
 
     # ------------------------------------------------------------------------------------------------- milestones
 
@@ -132,7 +123,7 @@ class Roadmap:
     def _full_times(self, q: FloatArray) -> FloatArray:
         """Return how long (N,) the straight motions to all milestones take at full speed [s]."""
         moves = np.abs(self._robot.difference(self.milestones, q))
-        times: FloatArray = (moves / self.limits.velocity).max(axis=1, initial=0.0)
+        times: FloatArray = (moves / self.limits.joints.velocity).max(axis=1, initial=0.0)
         return times
 
     # ------------------------------------------------------------------------------------------------------ edges
@@ -239,7 +230,7 @@ class Roadmap:
         full = self._full.get(key)
         if full is None:
             move = self._robot.difference(self.milestones[a], self.milestones[b])
-            full = self._full[key] = float((np.abs(move) / self.limits.velocity).max())
+            full = self._full[key] = float((np.abs(move) / self.limits.joints.velocity).max())
         known = self._looks.get(key)
         return full if known is None or now > known.until else max(full, known.time)
 
@@ -268,30 +259,6 @@ class Roadmap:
                     best[other], before[other] = cost, k
                     heapq.heappush(queue, (cost + float(ahead[other]), other))
         return None
-
-
-@dataclass(frozen=True)
-class Around:
-    """People as they stand now, for looks at edges.
-
-    Attributes
-    ----------
-    sets : ReachSets
-        Where they are.
-    clearance : float
-        What must be left [m].
-    reaction : float
-        From a measurement until the robot begins to brake at the latest [s].
-    """
-
-    sets: ReachSets
-    clearance: float
-    reaction: float
-
-    def look(self, path: GuardedPath, now: float) -> Look:
-        """Return how long a path takes, and until when that holds."""
-        times, left = path.pace(self.sets, self.clearance, self.reaction)
-        return Look(float(times.sum()), now + max(_STALE, left))
 
 
 def _line(step: FloatArray, start: FloatArray) -> BlendedCurve:

@@ -3,108 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.inputs import fraction, number
+from safe_ompl.inputs import number
 from safe_ompl.live.command import Command, Doing
-from safe_ompl.live.judge import Judge, Nearest, Solid, limb_solids
+from safe_ompl.live.judge import Judge, Nearest
 from safe_ompl.live.movers import ObjectMover, PersonMover
 from safe_ompl.live.replanner import Replanner
+from safe_ompl.live.summary import Faults, Summary
 from safe_ompl.live.ticks import header
+from safe_ompl.live.world import World
 from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
-from safe_ompl.people.body import TrackedBody
 from safe_ompl.people.reach import ReachSets
-from safe_ompl.people.skeletons import KEYPOINTS
-from safe_ompl.scene.pose import placed
 from safe_ompl.trajectories.trajectory import Trajectory
 
 _FINE = 0.005  # [s] between looks of the judge
 _STILL = 1e-9  # [rad/s] slower than this is at rest
 _ROUNDING = 1e-6  # [m]
-
-
-@dataclass(frozen=True)
-class Faults:
-    """What goes wrong between the world and the replanner.
-
-    Parameters
-    ----------
-    noise : float
-        Errors of measured key points and places of objects: uniform in a ball of this radius [m].
-    drops : float
-        Share of the frames in which nobody is seen.
-    late : float
-        Share of the ticks in which the replanner answers too late: the robot follows its last command to its stop.
-    seed : int
-        Of the generator that draws them.
-    """
-
-    noise: float = 0.0
-    drops: float = 0.0
-    late: float = 0.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        number("noise", self.noise, at_least=0.0)
-        fraction("drops", self.drops)
-        fraction("late", self.late)
-
-
-@dataclass
-class Summary:
-    """What came of a simulation.
-
-    Attributes
-    ----------
-    seconds : float
-        Simulated time [s].
-    contacts_while_moving : int
-        While the robot moved and all kept to the reach model: none, if what is proven holds.
-    contacts_after_violations : int
-        While the robot moved, but somebody had not kept to it.
-    contacts_at_rest : int
-        Somebody touched the robot that stood.
-    model_obeyed : float
-        Share of the time in which all had kept to the model since the measurement that the motion was proven against.
-    tasks, stops, detours : int
-        How often the goal was reached, the robot stopped on its way, and another way was taken.
-    moving : float
-        Share of the time in which it moved.
-    reaction : tuple of float
-        From a measurement to a proven command on the clock of this machine: median and 99 % [s].
-    deadlines_missed : int
-        Ticks without a new command: the robot followed its stop.
-    violations : int
-        Frames in which somebody was seen to have moved farther than promised.
-    least_distance : float
-        While it moved and all kept to the model [m].
-    """
-
-    seconds: float = 0.0
-    contacts_while_moving: int = 0
-    contacts_after_violations: int = 0
-    contacts_at_rest: int = 0
-    model_obeyed: float = 1.0
-    tasks: int = 0
-    stops: int = 0
-    detours: int = 0
-    moving: float = 0.0
-    reaction: tuple[float, float] = (0.0, 0.0)
-    deadlines_missed: int = 0
-    violations: int = 0
-    least_distance: float = np.inf
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return all of it as plain data."""
-        found = dict(self.__dict__)
-        found["reaction"] = {"median": self.reaction[0], "p99": self.reaction[1]}
-        return found
 
 
 class Simulation:
@@ -131,6 +50,8 @@ class Simulation:
     ----------
     summary : Summary
         What came of it, complete once it has run to its end.
+    world : World
+        Who and what moves.
     judge : Judge or None
         Knows the contacts.
     reactions : list of float
@@ -149,7 +70,7 @@ class Simulation:
         judged: bool = True,
     ) -> None:
         self.replanner, self.trajectories = replanner, trajectories
-        self.people, self.objects = dict(people), dict(objects or {})
+        self.world = World(people, objects or {}, replanner.surroundings)
         self.faults = Faults() if faults is None else faults
         self.latency = number("latency", latency, at_least=0.0, at_most=replanner.tick)
         self.judge = Judge(replanner.robot) if judged else None
@@ -157,41 +78,6 @@ class Simulation:
         self._rng = np.random.default_rng(self.faults.seed)
         self._promised: dict[float, ReachSets] = {}
         self.reactions: list[float] = []
-
-    # ------------------------------------------------------------------------------------------------------ world
-
-    def _truth(self, time: float) -> dict[str, FloatArray]:
-        """Return the key points (18, 3) of all people in the world, completed as their bodies have it."""
-        found = {}
-        for name, mover in self.people.items():
-            tracker = mover.tracker
-            seen = placed(tracker.place.se3, tracker.skeleton.keypoints(mover.at(time)))
-            found[name] = tracker.body.completed(seen)[0]
-        return found
-
-    def _solids(self, keypoints: Mapping[str, FloatArray], time: float) -> list[Solid]:
-        found = []
-        for name, points in keypoints.items():
-            body = self._body(name)
-            ends = body.ends(points)
-            found += limb_solids(name, body.limbs, ends, body.radii(ends))
-        for name, mover in self.objects.items():
-            world = mover.at(time)
-            for part in self.replanner.surroundings.shapes[name].parts():
-                found.append(Solid(name, "", part.geometry, world * part.placement))
-        return found
-
-    def _body(self, name: str) -> TrackedBody:
-        return self.people[name].tracker.body
-
-    def _ends(self, keypoints: Mapping[str, FloatArray], time: float) -> list[FloatArray]:
-        """Return the points of all bodies: ends of limbs (2, 3), and corners of things."""
-        ends: list[FloatArray] = []
-        for name, points in keypoints.items():
-            ends += list(self._body(name).ends(points))
-        for name, mover in self.objects.items():
-            ends += self.replanner.surroundings.objects[name].points_at(mover.at(time))
-        return ends
 
     def _obeyed(self, ends: list[FloatArray], time: float, measured: float) -> bool:
         """Return whether all are where the measurement promised that they would be."""
@@ -260,10 +146,10 @@ class Simulation:
         seen: dict[str, Any] = {}
         things: dict[str, Any] = {}
         if not self._rng.random() < self.faults.drops:
-            for name, mover in self.people.items():
+            for name, mover in self.world.people.items():
                 points = mover.at(now)
                 seen[name] = points + self._noise(points.shape) / mover.tracker.skeleton.scale
-            for name, thing in self.objects.items():
+            for name, thing in self.world.objects.items():
                 things[name] = thing.at(now)
         begin = perf_counter()
         violations = self.replanner.update(seen, things, now)
@@ -297,8 +183,8 @@ class Simulation:
             command = new if old is None or time >= now + self.latency - 1e-12 else old
             state = command.at(max(time, command.time))
             moving = bool(np.abs(state.qd).max() > _STILL)
-            keypoints = self._truth(time)
-            ends = self._ends(keypoints, time)
+            keypoints = self.world.keypoints(time)
+            ends = self.world.ends(keypoints, time)
             good = self._obeyed(ends, time, command.measured)
             obeyed, moves = obeyed + good, moves + moving
             if self.judge is None:
@@ -313,7 +199,7 @@ class Simulation:
                     self.judge.apart()
                     continue
             nearest = self.judge.look(
-                time, state.q, self._solids(keypoints, time), moving=moving, obeyed=good
+                time, state.q, self.world.solids(keypoints, time), moving=moving, obeyed=good
             )
             if not i:
                 here, first_q, first = nearest, state.q, ends
@@ -344,11 +230,7 @@ class Simulation:
             joint_names=list(replanner.robot.joint_names),
             robot=carried_robot(replanner.robot),
             scene=carried_scene(replanner.surroundings.scene),
-            people={
-                name: {"height": self._body(name).height, "limbs": list(self._body(name).limbs)}
-                for name in self.people
-            },
-            objects={name: track.speed for name, track in replanner.surroundings.objects.items()},
+            **self.world.header(),
         )
 
     def _line(
@@ -359,11 +241,7 @@ class Simulation:
             "time": now,
             "q": state.q.tolist(),
             "qd": state.qd.tolist(),
-            "people": {
-                name: dict(zip(KEYPOINTS, points.tolist(), strict=True))
-                for name, points in self._truth(now).items()
-            },
-            "objects": {name: _pose(mover.at(now)) for name, mover in self.objects.items()},
+            **self.world.tick(now),
             "state": command.doing.value,
             "margin": command.left.margin,
             "distance": nearest.distance,
@@ -383,10 +261,3 @@ def _way_points(command: Command) -> list[list[float]]:
     curve = command.path.curve
     points: list[list[float]] = curve.at(np.append(curve.starts, curve.length)).q.tolist()
     return points
-
-
-def _pose(place: pin.SE3) -> dict[str, list[float]]:
-    return {
-        "position": place.translation.tolist(),
-        "quaternion_xyzw": pin.Quaternion(place.rotation).coeffs().tolist(),
-    }

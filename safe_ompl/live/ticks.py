@@ -64,8 +64,10 @@ def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         ]
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read as JSON lines: {error}", str(file)) from None
-    first = lines[0] if lines else None
-    if not isinstance(first, dict) or first.get("format") != FORMAT:
+    if not lines or not all(isinstance(line, dict) for line in lines):
+        raise InputError("must hold a JSON object in every line", str(file))
+    first = lines[0]
+    if first.get("format") != FORMAT:
         raise InputError(f"must begin with a header of {FORMAT!r}", str(file))
     if first.get("version") != VERSION:
         raise InputError(f"version {first.get('version')!r} is not known, {VERSION} is", str(file))

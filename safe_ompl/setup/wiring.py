@@ -16,7 +16,7 @@ from ompl import geometric as og
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray, finite_array, positive
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import FLOOR
+from safe_ompl.collision.motion import FLOOR, CertifiedMotion
 from safe_ompl.counts import Counts
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
@@ -159,6 +159,11 @@ class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
             raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
         path = self.getSolutionPath()
         return np.array([self._bridge.read(path.getState(i)) for i in range(path.getStateCount())])
+
+    @property
+    def certified_motion(self) -> CertifiedMotion:
+        """What proves motions under the limits that are set now."""
+        return self._validator.motion
 
     def report(self, path: ArrayLike) -> PathReport:
         """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""

@@ -19,6 +19,7 @@ from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
 from safe_ompl.trajectories.time_law import velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap
 
+TOOL_SPEED, LINK_SPEED = "tool speed", "link speed"  # names of caps
 _BENDING = 0.5  # share of the accelerations that arcs may take beside people; the rest is left for braking
 _INSTANT = 0.005  # [s] times shorter than this count as this
 _FINEST = 1e-3  # [rad] no cell is divided into smaller ones
@@ -239,10 +240,10 @@ def speed_caps(
     """
     caps = []
     for name, limit, bound in (
-        ("tool speed", tool_speed, speeds[:, -1]),
-        ("link speed", link_speed, speeds.max(axis=1)),
+        (TOOL_SPEED, tool_speed, speeds[:, -1]),
+        (LINK_SPEED, link_speed, speeds.max(axis=1)),
     ):
         if limit is not None:
             with np.errstate(divide="ignore"):
-                caps.append(SpeedCap(name, np.where(bound > 0, limit / bound, np.inf)))
+                caps.append(SpeedCap(name, np.where(bound > 0, limit / bound, np.inf), limit))
     return tuple(caps)

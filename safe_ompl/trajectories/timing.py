@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -224,7 +226,7 @@ class PathTimer:
         if self._danger is not None and self._max_danger is not None:
             most = np.min([cap.speeds for cap in caps], axis=0)
             found = _danger_cap(curve, cells, self._danger, self._max_danger, most)
-            cells, caps = found.cells, [SpeedCap(cap.name, cap.speeds[found.parents]) for cap in caps]
+            cells, caps = found.cells, [replace(cap, speeds=cap.speeds[found.parents]) for cap in caps]
             brakes = None if brakes is None else brakes[found.parents]
             caps.append(
                 SpeedCap("danger", np.where(found.speeds < most[found.parents], found.speeds, np.inf))

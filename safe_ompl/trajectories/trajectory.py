@@ -44,10 +44,13 @@ class SpeedCap:
         "joint velocity", "separation", "contact", "danger", "tool speed", "link speed", …
     speeds : ndarray, shape (N,)
         Largest ṡ in each cell [rad/s]; +inf where it allows any.
+    limit : float, optional
+        Of caps of the speed of tool or links: what they may reach [m/s].
     """
 
     name: str
     speeds: FloatArray
+    limit: float | None = None
 
     @property
     def least(self) -> float:

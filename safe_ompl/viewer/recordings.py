@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,13 @@ import numpy as np
 from safe_ompl import document
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.timed_motion import TimedMotion
+from safe_ompl.live.ticks import read_ticks
 from safe_ompl.paths.certificate.portable import built_robot, built_scene
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.viewer.exhibit import Exhibit
 from safe_ompl.viewer.movers import Keypoints, Movers
 
-FORMAT, VERSION = "safe-ompl ticks", 1
 ENDING = ".jsonl"
 
 
@@ -30,11 +29,8 @@ def read_recording(file: str | Path) -> Exhibit:
     InputError, CertificateError
         If it cannot be read or has another form; if robot and scene cannot be built.
     """
-    header, ticks = _lines(file)
+    header, ticks = read_ticks(file)
     with document.within(str(file), ": "):
-        if header.get("format") != FORMAT or header.get("version") != VERSION:
-            found = f"{header.get('format')!r}, version {header.get('version')!r}"
-            raise InputError(f"must begin with a header of {FORMAT!r}, version {VERSION}, not {found}")
         if len(ticks) < 2:
             raise InputError(f"must have two ticks at least, got {len(ticks)}")
         robot = built_robot(document.require(header, "robot"))
@@ -60,16 +56,6 @@ def read_recording(file: str | Path) -> Exhibit:
     return Exhibit(
         robot, scene, danger=None, motions={motion.name: motion}, movers=movers, title=Path(file).stem
     )
-
-
-def _lines(file: str | Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
-    try:
-        lines = [json.loads(line) for line in Path(file).read_text(encoding="utf-8").splitlines() if line]
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read as JSON lines: {error}", str(file)) from None
-    if not lines or not all(isinstance(line, dict) for line in lines):
-        raise InputError("must hold a JSON object in every line", str(file))
-    return lines[0], lines[1:]
 
 
 def _keypoints(people: Mapping[str, Any]) -> dict[str, Keypoints]:

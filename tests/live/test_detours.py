@@ -1,14 +1,26 @@
 """Other ways: found where the way is barred, taken over only when proven, and with what is known kept."""
 
+import logging
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.errors import InputError
+from safe_ompl.live.around import Around
 from safe_ompl.live.command import Doing
-from safe_ompl.live.guarded_path import GuardedPath, RobotBodies
-from safe_ompl.live.roadmap import Around, Budget, Roadmap
+from safe_ompl.live.guarded_path import GuardedPath
+from safe_ompl.live.limits import DriveLimits
+from safe_ompl.live.replanner import Replanner
+from safe_ompl.live.roadmap import Budget, Roadmap
+from safe_ompl.live.robot_bodies import RobotBodies
+from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 
@@ -64,7 +76,7 @@ def test_nothing_is_looked_for_where_the_way_is_clear(replanner_for, to_and_fro)
 @pytest.fixture
 def roadmap(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
-    limits = RateLimits.of(panda, acceleration=10.0)
+    limits = DriveLimits(RateLimits.of(panda, acceleration=10.0))
     found = Roadmap(replanner.motion, RobotBodies(panda), limits)
     way = to_and_fro(replanner)[0]
     found.cover(way.curve)
@@ -121,20 +133,109 @@ def test_ways_are_free_and_end_where_they_must(roadmap):
     assert roadmap.way(start, goal, 0.0, around(replanner, FAR), 0.1, Budget(2000)) is None
 
 
-def test_other_ways_do_not_break_caps_that_they_cannot_keep(replanner_for, to_and_fro, panda):
-    replanner = replanner_for("ball", ball=0.1)
-    path = to_and_fro(replanner)[0].curve
-    slow = time_path(
-        path.at(np.array([0.0, path.length])).q,
-        panda,
-        RateLimits.of(panda),
-        motion=replanner.motion,
-        tool_speed=0.5,
+def slowed(replanner, to_and_fro, panda, way=0, **speeds):
+    """Return the trajectory there (0) or back (1) with caps of the speed of tool or links."""
+    path = [
+        [-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785],
+        [0.0, -0.4, 0, -2.0, 0, 2.0, 0.785],
+        [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785],
+    ]
+    limits = to_and_fro(replanner)[0].limits
+    return time_path(path[::-1] if way else path, panda, limits, motion=replanner.motion, **speeds)
+
+
+def fastest(panda, commands, points):
+    """Return the largest speed of points of the robot, by differences over 1 ms [m/s]."""
+    found = 0.0
+    for command in commands:
+        for t in np.linspace(command.time, command.time + 0.048, 5):
+            moved = points(command.at(t + 1e-3).q) - points(command.at(t).q)
+            found = max(found, float(np.linalg.norm(moved, axis=-1).max()) / 1e-3)
+    return found
+
+
+def test_other_ways_keep_caps_of_tool_speed(replanner_for, to_and_fro, panda):
+    reached = []
+    for limit in (1.0, 10.0):
+        replanner = replanner_for("ball", ball=0.1)
+        commands = driven(
+            replanner, slowed(replanner, to_and_fro, panda, tool_speed=limit), lambda t: BARRED, 25.0
+        )
+        assert commands[-1].doing is Doing.DONE
+        assert len({id(command.path) for command in commands}) > 1
+        reached.append(fastest(panda, commands, lambda q: panda.tip_pose(q).translation[None]))
+    assert 0.5 < reached[0] <= 1.001
+    assert reached[1] > 1.2  # it is the cap that slows it
+
+
+def test_a_path_under_a_cap_of_link_speed_keeps_it_everywhere(panda, to_and_fro, replanner_for):
+    way = to_and_fro(replanner_for("ball"))[0]
+    path = GuardedPath.along(RobotBodies(panda), way.curve, DriveLimits(way.limits, link_speed=0.7))
+    for s, square in zip(0.5 * (path.edges[1:] + path.edges[:-1]), path.squares, strict=True):
+        place = path.curve.at(np.array([s]))
+        step = 1e-5 * np.sqrt(square)
+        moved = panda.keypoints(place.q[0] + step * place.slope[0]) - panda.keypoints(place.q[0])
+        assert np.linalg.norm(moved, axis=1).max() <= 0.7 * 1e-5 * 1.001
+    assert (
+        path.squares.min() < GuardedPath.along(path.bodies, way.curve, DriveLimits(way.limits)).squares.min()
     )
-    commands = driven(replanner, slow, lambda t: FAR, 3.0)
-    assert not replanner.think()
-    places = [panda.tip_pose(c.at(c.time + t).q).translation for c in commands for t in (0.0, 0.025)]
-    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() <= 0.5 * 0.025 * 1.001
+
+
+def test_other_limits_make_other_times_but_no_other_proofs(roadmap):
+    roadmap, replanner, way = roadmap
+    start, goal = way.at([0.0, way.duration]).q
+    people = around(replanner, FAR)
+    _, fast = roadmap.way(start, goal, 0.0, people, 60.0, Budget(2000))
+    roadmap.keep_to(replace(roadmap.limits, tool_speed=0.3))
+    again = Budget(20000)
+    _, slow = roadmap.way(start, goal, 0.0, people, 60.0, again)
+    assert slow > 1.5 * fast
+    assert again.left < 20000
+    kept = Budget(2000)
+    roadmap.keep_to(roadmap.limits)
+    assert roadmap.way(start, goal, 0.0, people, 60.0, kept)[1] == slow
+    assert kept.left == 2000
+
+
+def test_a_new_trajectory_brings_its_limits(replanner_for, to_and_fro, panda):
+    replanner = replanner_for("ball", ball=0.1)
+    driven(replanner, slowed(replanner, to_and_fro, panda), lambda t: FAR, 6.0)
+    replanner.start(slowed(replanner, to_and_fro, panda, 1, tool_speed=1.0))
+    assert replanner._detours.roadmap.limits.tool_speed == 1.0
+
+
+def test_no_other_way_is_taken_where_a_cap_holds_on_its_own_curve_only(
+    replanner_for, to_and_fro, panda, caplog
+):
+    replanner = replanner_for("ball", ball=0.1)
+    slow = slowed(replanner, to_and_fro, panda, tool_speed=0.5)
+    unknown = replace(slow, caps=tuple(replace(cap, limit=None) for cap in slow.caps))
+    with caplog.at_level(logging.INFO, "safe_ompl"):
+        commands = driven(replanner, unknown, lambda t: BARRED, 3.0)
+    assert len({id(command.path) for command in commands}) == 1
+    assert "nothing proves the cap 'tool speed' on them" in caplog.text
+    assert fastest(panda, commands, lambda q: panda.tip_pose(q).translation[None]) <= 0.5 * 1.001
+
+
+def test_other_ways_keep_the_limits_of_the_motion(panda, table, to_and_fro):
+    post = Obstacle("post", Box((0.05, 0.05, 0.6)), Pose((0.75, 0.0, 0.9)))
+    scene = Scene((*table, post))
+    still = CertifiedMotion(CollisionChecker(panda, scene.without("ball")))
+    motion = still.with_min_clearance(0.1, ["post"])
+    replanner = Replanner(panda, scene, {}, {"ball": 0.1}, motion=motion)
+    commands = driven(replanner, to_and_fro(replanner)[0], lambda t: BARRED, 20.0)
+    assert len({id(command.path) for command in commands}) > 1
+    nearest = [
+        replanner.motion.separation.required(motion.checker).violating_pair(command.at(t).q)
+        for command in commands
+        for t in np.linspace(command.time, command.time + 0.05, 4)
+    ]
+    assert not any(nearest)
+    with pytest.raises(InputError, match=r"motion: 'ball' is in its scene, but it moves"):
+        Replanner(panda, table, {}, {"ball": 0.1}, motion=CertifiedMotion(CollisionChecker(panda, table)))
+    empty = CertifiedMotion(CollisionChecker(panda, scene.without("ball", "post")))
+    with pytest.raises(InputError, match=r"motion: 'post' is not in its scene"):
+        Replanner(panda, scene, {}, {"ball": 0.1}, motion=empty)
 
 
 def test_paths_are_cut_and_joined_as_they_were(panda):
@@ -152,7 +253,7 @@ def test_paths_are_cut_and_joined_as_they_were(panda):
     rest = GuardedPath.along(
         bodies,
         time_path([part.curve.at(np.array([part.length])).q[0], points[0]], panda, limits).curve,
-        limits,
+        DriveLimits(limits),
     )
     whole = part.then(rest)
     assert whole.length == pytest.approx(part.length + rest.length)

@@ -54,7 +54,9 @@ class World:
         return best, way / max(np.linalg.norm(way), 1e-12)
 
 
-def attack(replanner, trajectory, begin, place, measure, solids, speed, latency=0.02, step=0.005):
+def attack(
+    replanner, trajectory, begin, place, measure, solids, speed, latency=0.02, step=0.005, think=False
+):
     """Let a body stand, and from an instant on run at the nearest link; return the least distance in motion."""
     world, place = World(replanner.robot), np.array(place, dtype=float)
     replanner.start(trajectory)
@@ -65,6 +67,8 @@ def attack(replanner, trajectory, begin, place, measure, solids, speed, latency=
         if k % 10 == 0:
             replanner.update(*measure(place), time)
             old, new = new, replanner.command(time + latency)
+            if think:
+                replanner.think()
         command = new if old is None or time >= 10 * step * (k // 10) + latency - 1e-9 else old
         state = command.at(max(time, command.time))
         if np.abs(state.qd).max() > 1e-9 or time < begin:
@@ -79,7 +83,7 @@ def attack(replanner, trajectory, begin, place, measure, solids, speed, latency=
     return least
 
 
-def ball_attack(replanner, trajectory, begin, place, speed):
+def ball_attack(replanner, trajectory, begin, place, speed, **options):
     return attack(
         replanner,
         trajectory,
@@ -88,6 +92,7 @@ def ball_attack(replanner, trajectory, begin, place, speed):
         lambda at: ({}, {"ball": Pose(tuple(at))}),
         lambda at: [(coal.Sphere(0.1), pin.SE3(np.eye(3), at))],
         speed,
+        **options,
     )
 
 
@@ -98,6 +103,15 @@ def test_a_ball_never_touches_a_robot_that_moves(replanner_for, to_and_fro, seed
     place = [0.9, 0.9, 0.5] * rng.uniform(0.6, 1.0, 3) * [1, rng.choice([-1, 1]), 1]
     least = ball_attack(replanner, to_and_fro(replanner)[0], rng.uniform(0.1, 1.0), place, 1.6)
     assert least > 0
+
+
+@pytest.mark.parametrize("begin", [0.35, 0.7, 1.2])
+def test_a_ball_never_touches_a_robot_on_other_ways_under_caps(replanner_for, to_and_fro, panda, begin):
+    replanner = replanner_for("ball", ball=0.1)
+    way = to_and_fro(replanner)[0]
+    points = way.curve.at(np.array([0.0, 0.5, 1.0]) * way.curve.length).q
+    slow = time_path(points, panda, way.limits, motion=replanner.motion, tool_speed=1.0, link_speed=1.5)
+    assert ball_attack(replanner, slow, begin, (0.55, 0.0, 0.45), 0.1, think=True) > 0
 
 
 def test_a_ball_that_is_faster_than_promised_can_win(replanner_for, to_and_fro):

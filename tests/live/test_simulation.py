@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 
 from safe_ompl.cli import main
+from safe_ompl.cli.main import command_line
 from safe_ompl.errors import InputError
 from safe_ompl.live.judge import Judge, limb_solids
 from safe_ompl.live.movers import Drifting, Playback
-from safe_ompl.live.simulation import Faults, Simulation
+from safe_ompl.live.simulation import Simulation
+from safe_ompl.live.summary import Faults
 from safe_ompl.live.ticks import read_ticks
 from safe_ompl.paths.certificate.portable import built_robot, built_scene
 from safe_ompl.people.recordings import Recording
 from safe_ompl.people.skeletons import KEYPOINTS, SKELETONS
 from safe_ompl.people.tracking import Tracker
+from safe_ompl.scenario.scenario import find_scenario
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.anatomy import STANDING
 
@@ -199,6 +202,11 @@ def test_the_command_writes_ticks_and_a_summary(clips, tmp_path, capsys):
         (["--drops", "2"], "drops must be"),
         (["--seconds", "0"], "positive number of seconds"),
         (["--people", "nowhere.npz"], "nowhere.npz: cannot be read"),
+        (["--people", "random:0"], "random:N with a whole number N of at least 1, not 'random:0'"),
+        (["--people", "random", "--clip", "clip_0"], "--clip: is for recordings, not for 'random'"),
+        (["--html", "page.txt"], "--html: 'page.txt' must end in .html"),
+        (["--movers", "0"], "a whole number of at least 1"),
+        (["--mover-speed", "-1"], "a positive number"),
     ],
 )
 def test_the_command_refuses_in_one_line(clips, tmp_path, capsys, change, message):
@@ -220,3 +228,91 @@ def test_she_stands_where_the_scenario_has_somebody(clips, tmp_path):
     across = np.array(hips["left_hip"]) - np.array(hips["right_hip"])
     assert across[1] < 0  # she faces the robot
     assert Pose().position == (0.0, 0.0, 0.0)
+
+
+def test_people_and_things_that_move_at_random(tmp_path, capsys):
+    words = ["live", "panda_shelf", "--people", "random:2", "--movers", "3", "--seconds", "2"]
+    runs = []
+    for name in ("one", "two"):
+        assert main([*words, "--seed", "3", "--out", str(tmp_path / name)]) == 0
+        summary = json.loads((tmp_path / name / "summary.json").read_text())
+        assert summary["contacts_while_moving"] == summary["violations"] == 0
+        assert summary["model_obeyed"] == pytest.approx(1.0)
+        header, ticks = read_ticks(tmp_path / name / "ticks.jsonl")
+        runs.append([(tick["q"], tick["people"], tick["objects"]) for tick in ticks])
+    assert runs[0] == runs[1]
+    assert set(header["people"]) == {"operator", "person"}
+    assert header["objects"] == {"thing": 0.5, "thing_2": 0.5, "thing_3": 0.5}
+    assert {"thing", "thing_2", "thing_3"} <= set(built_scene(header["scene"]).names)
+    wrists = np.array([tick["people"]["person"]["left_wrist"] for tick in ticks])
+    assert np.ptp(wrists, axis=0).max() > 0.05
+
+
+def test_it_can_be_seen(tmp_path, capsys):
+    words = ["live", "panda_shelf", "--people", "random", "--seconds", "0.3", "--out", str(tmp_path)]
+    assert main(words) == 0
+    assert f"see it: safe-ompl view {tmp_path}" in "".join(capsys.readouterr().err.split("\n"))
+    pytest.importorskip("viser")
+    page = tmp_path / "page.html"
+    assert main([*words, "--html", str(page)]) == 0
+    assert "<html" in page.read_text(encoding="utf-8")[:2000].lower()
+
+
+def test_things_alone_and_nobody(tmp_path, capsys):
+    words = ["live", "panda_shelf", "--out", str(tmp_path), "--seconds", "0.2"]
+    assert main([*words, "--movers", "1"]) == 0
+    header, _ = read_ticks(tmp_path / "ticks.jsonl")
+    assert not header["people"]
+    assert "operator" in built_scene(header["scene"]).names  # she stands there for ever
+    capsys.readouterr()
+    for given, said in (
+        ([], "--people: nobody and nothing moves"),
+        (["--movers", "1", "--clip", "clip_0"], "--clip: there is nobody"),
+        (["--movers", "1", "--place", "1,0,0,0"], "--place: there is nobody"),
+    ):
+        assert main([*words, *given]) == 2
+        assert said in capsys.readouterr().err
+
+
+def limited(tmp_path, limits):
+    """Return a copy of a scenario with limits."""
+    file = tmp_path / "limited.yaml"
+    text = find_scenario("panda_shelf").read_text(encoding="utf-8")
+    file.write_text(text + "limits: " + json.dumps(limits) + "\n", encoding="utf-8")
+    return str(file)
+
+
+def test_a_scenarios_limits_reach_the_replanner(tmp_path):
+    limits = {
+        "min_clearance": 0.04,
+        "obstacles": ["operator", "table"],
+        "moving": {"speeds": {"parcel": 0.1}, "time": 1},
+    }
+    words = [
+        "live",
+        limited(tmp_path, limits),
+        "--people",
+        "random",
+        "--out",
+        str(tmp_path / "out"),
+        "--seconds",
+        "1",
+    ]
+    options = command_line().parse_args(words)
+    job = options.prepare(options)
+    assert job.replanner.people.clearance == 0.04
+    kept = job.replanner.motion.separation.min_clearance
+    assert (kept.distance, kept.obstacles) == (0.04, ("table",))
+    assert job.replanner.surroundings.objects["parcel"].speed == 0.1
+    assert "parcel" not in job.replanner.still.names
+    assert job() == 0
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["contacts_while_moving"] == 0
+
+
+def test_limits_of_danger_hold_for_what_stands_still_and_are_said_not_to_for_who_moves(tmp_path, capsys):
+    words = [limited(tmp_path, {"max_danger": 50.0}), "--out", str(tmp_path / "out"), "--seconds", "0.1"]
+    assert main(["live", *words, "--people", "random"]) == 0
+    assert "max_danger is kept to what stands still" in " ".join(capsys.readouterr().err.split())
+    options = command_line().parse_args(["live", *words, "--movers", "1"])
+    job = options.prepare(options)
+    assert [limit.limit for limit in job.replanner.motion.limits] == [50.0]

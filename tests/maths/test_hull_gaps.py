@@ -4,7 +4,8 @@ import coal
 import numpy as np
 import pytest
 
-from safe_ompl.live.guarded_path import GuardedPath, RobotBodies
+from safe_ompl.live.guarded_path import GuardedPath
+from safe_ompl.live.robot_bodies import RobotBodies
 from safe_ompl.maths.kernels.hull_gaps import hull_gap
 from safe_ompl.people.reach import ReachSets
 from safe_ompl.trajectories.limits import RateLimits

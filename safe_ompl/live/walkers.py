@@ -1,0 +1,174 @@
+"""People who walk about at random beside a robot, no faster than their limbs may move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.inputs import whole_number
+from safe_ompl.live.stepwise import Stepwise
+from safe_ompl.people.body import TrackedBody
+from safe_ompl.people.skeletons import Skeleton
+from safe_ompl.people.tracking import Tracker
+from safe_ompl.scenario.people import People
+from safe_ompl.scene.shapes.anatomy import STANDING
+
+# A sensor that sees all key points of the body.
+ALL_KEYPOINTS = Skeleton("standing", tuple(STANDING), {name: (name,) for name in STANDING})
+STEP = 0.02  # [s] between two places
+_NEAR, _FAR = 0.55, 1.6  # [m] from the centre
+_SECTOR = 1.0  # [rad] to either side of where she begins
+_ARMS_LOW, _ARMS_HIGH = np.array([0.0, -0.3, 0.0]), np.array([1.7, 0.9, 1.4])  # [rad] raised, outwards, bent
+_HANGING: FloatArray = np.array([[0.05, 0.0, 0.1]] * 2)
+_TURN, _SWING = 2.0, 3.0  # [rad/s] of the body and of the arms, at most
+_ARRIVED = 0.05  # [m]
+_LONGEST = 3.0  # [s] for one place; then she goes to another one
+_SMALLER = 0.7  # what is tried next where a step is too long
+_TRIES = 30
+
+
+@dataclass(frozen=True)
+class _Stance:
+    """How she stands: where about the centre (distance [m], angle [rad]), where she faces, and both arms (2, 3)."""
+
+    place: FloatArray
+    yaw: float
+    arms: FloatArray
+
+    def towards(self, other: _Stance, share: float) -> _Stance:
+        return replace(
+            self,
+            place=self.place + share * (other.place - self.place),
+            yaw=self.yaw + share * (other.yaw - self.yaw),
+            arms=self.arms + share * (other.arms - self.arms),
+        )
+
+
+class Walker:
+    """A person who walks about at random, turns, and reaches out with her arms.
+
+    No end of a limb is ever faster than `People.speed_of` it, so that `SpeedReach` holds. She stays in a sector of a
+    ring about a centre, walks through whatever stands there, and minds the robot as little.
+
+    Parameters
+    ----------
+    people : People
+        How fast her limbs may move.
+    centre : ndarray, shape (3,)
+        About which she walks, at the height of the floor [m].
+    start : ndarray, shape (2,)
+        Where she stands at first [m]; taken into the ring.
+    body : TrackedBody, optional
+        Her size, and which limbs are tracked.
+    noise : float
+        Bound of the errors of her key points that is promised [m].
+    speed : float
+        How many times as fast as promised she moves.
+    seed : int
+        Of the generator that draws where she goes.
+
+    Attributes
+    ----------
+    tracker : Tracker
+        How she is tracked: all key points, in the world.
+    """
+
+    def __init__(
+        self,
+        people: People,
+        centre: FloatArray,
+        start: FloatArray,
+        *,
+        body: TrackedBody | None = None,
+        noise: float = 0.0,
+        speed: float = 1.0,
+        seed: int = 0,
+    ) -> None:
+        self.tracker = Tracker(ALL_KEYPOINTS, TrackedBody() if body is None else body, noise=noise)
+        self._people, self._centre, self._speed = people, centre, speed
+        self._rng = np.random.default_rng(whole_number("seed", seed, at_least=0))
+        self._bounds = _keypoint_speeds(self.tracker.body, people)
+        away = np.asarray(start, dtype=float) - centre[:2]
+        self._home = float(np.arctan2(away[1], away[0]))
+        first = np.array([np.clip(np.linalg.norm(away), _NEAR, _FAR), self._home])
+        self._stance = _Stance(first, self._home + np.pi, _HANGING.copy())
+        self._goal, self._pace, self._left = self._stance, 1.0, 0
+        self._steps = Stepwise(self._keypoints(self._stance), self._after, STEP)
+
+    def at(self, time: float) -> FloatArray:
+        """Return her key points (17, 3) at a time [s], no earlier than a second before the latest asked for."""
+        return self._steps.at(self._speed * time)
+
+    def _keypoints(self, stance: _Stance) -> FloatArray:
+        """Return the key points (17, 3) of a stance, in the world [m]."""
+        far, angle = stance.place
+        c, s = np.cos(stance.yaw), np.sin(stance.yaw)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        at = self._centre + np.array([far * np.cos(angle), far * np.sin(angle), 0.0])
+        points: FloatArray = self.tracker.body.height * _posture(stance.arms) @ turn.T + at
+        return points
+
+    def _after(self, before: FloatArray) -> FloatArray:
+        """Return the key points a step later, and take her there: the longest step in which none is too fast."""
+        if self._left <= 0 or float(np.linalg.norm(self._way())) < _ARRIVED:
+            self._choose()
+        self._left -= 1
+        wanted = self._wanted()
+        share = 1.0
+        for _ in range(_TRIES):
+            stance = self._stance.towards(wanted, share)
+            points = self._keypoints(stance)
+            if (np.linalg.norm(points - before, axis=1) <= self._bounds * STEP).all():
+                self._stance = stance
+                return points
+            share *= _SMALLER
+        return before.copy()
+
+    def _choose(self) -> None:
+        """Draw where she goes next, how fast, and what her arms do there."""
+        far = self._rng.uniform(_NEAR, _FAR)
+        angle = self._home + self._rng.uniform(-_SECTOR, _SECTOR)
+        arms = self._rng.uniform(_ARMS_LOW, _ARMS_HIGH, (2, 3))
+        yaw = angle + np.pi + self._rng.uniform(-0.8, 0.8)
+        self._goal = _Stance(np.array([far, angle]), yaw, arms)
+        self._pace, self._left = self._rng.uniform(0.3, 1.0), round(_LONGEST / STEP)
+
+    def _way(self) -> FloatArray:
+        """Return how far (2,) she still has to go, outwards and about the centre [m]."""
+        way: FloatArray = (self._goal.place - self._stance.place) * [1.0, self._stance.place[0]]
+        return way
+
+    def _wanted(self) -> _Stance:
+        """Return the stance that she would have a step later if none of her limbs had a bound."""
+        here, goal = self._stance, self._goal
+        far = float(np.linalg.norm(self._way()))
+        walked = min(1.0, self._pace * self._people.speed * STEP / max(far, 1e-9))
+        turn, swing = _TURN * STEP, self._pace * _SWING * STEP
+        return _Stance(
+            here.place + walked * (goal.place - here.place),
+            here.yaw + float(np.clip(goal.yaw - here.yaw, -turn, turn)),
+            here.arms + np.clip(goal.arms - here.arms, -swing, swing),
+        )
+
+
+def _keypoint_speeds(body: TrackedBody, people: People) -> FloatArray:
+    """Return how fast each key point (17,) may be: as the slowest of the limbs whose ends depend on it [m/s]."""
+    used = (body.weights > 0).any(axis=1)  # (M, 17)
+    speeds = np.array([people.speed_of(limb) for limb in body.limbs])
+    found: FloatArray = np.where(used, speeds[:, None], np.inf).min(axis=0)
+    return found
+
+
+def _posture(arms: FloatArray) -> FloatArray:
+    """Return the key points (17, 3) of a body of height 1 at the origin that faces x, with its arms as they are."""
+    found = {name: np.array(place) for name, place in STANDING.items()}
+    for side, sign, (raised, outwards, bent) in (("left", 1.0, arms[0]), ("right", -1.0, arms[1])):
+        joints = [f"{side}_{name}" for name in ("shoulder", "elbow", "wrist", "hand")]
+        for k, angle in enumerate((raised, raised + bent, raised + bent)):
+            length = np.linalg.norm(STANDING[joints[k + 1]] - STANDING[joints[k]])
+            across, down = np.sin(angle), -np.cos(angle)
+            way = np.array([across * np.cos(outwards), sign * across * np.sin(outwards), down])
+            found[joints[k + 1]] = found[joints[k]] + length * way
+    return np.array(list(found.values()))
