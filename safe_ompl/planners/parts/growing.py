@@ -15,6 +15,8 @@ from safe_ompl.planners.parts.tree import Tree
 from safe_ompl.planners.parts.trees import Trees
 from safe_ompl.plugins.states import StateBridge
 
+_RARE = 4  # refusals for obstacles to one by danger: from there on proofs go first
+
 
 class Extension(Enum):
     """Outcome of EXTEND."""
@@ -75,12 +77,23 @@ class SafeStep:
         reach = self._slide.share * min(step, length - step)
         slid = self._slide.slid(straight, delta / length, reach, lambda: tree.gradient(old))
         for q_new in (straight,) if slid is None else (slid, straight):
-            cost, gradient = self._examined(q_new)  # first, as a proof costs ten times as much
+            # A proof costs as much as a danger. It waits, unless dangers refuse little: refusals lower the margin.
+            proof_first = trees.blocked > _RARE * trees.dangerous
+            if proof_first and not self._is_unblocked(trees, tree, q_old, q_new):
+                continue
+            cost, gradient = self._examined(q_new)
             if not self._threshold.tolerates(cost, tree, old, trees):
+                trees.dangerous += 1
                 break
-            if self._is_free(*tree.as_driven(q_old, q_new)):
+            if proof_first or self._is_unblocked(trees, tree, q_old, q_new):
                 return Extension.ADVANCED, trees.add(tree, q_new, old, cost, gradient)
         return Extension.TRAPPED, old
+
+    def _is_unblocked(self, trees: Trees, tree: Tree, q_old: FloatArray, q_new: FloatArray) -> bool:
+        """Return whether a step of a tree is free; note where it is not."""
+        free = self._is_free(*tree.as_driven(q_old, q_new))
+        trees.blocked += not free
+        return free
 
     def _examined(self, q: FloatArray) -> tuple[float, FloatArray | None]:
         """Return the danger of a candidate, and the gradient that a step from it will want; NaN if not needed."""

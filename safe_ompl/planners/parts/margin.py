@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 from safe_ompl.arrays import FloatArray
 from safe_ompl.planners.parts.danger import WeightedDanger
 from safe_ompl.planners.parts.task import Task
@@ -12,6 +14,7 @@ _PATIENCE = 12  # refusals before the margin falls …
 _FALL = 0.6  # … to this share of itself
 _LEAST = 5e-4  # [m]; below this there is none
 _LOOKED_AT = 5  # starts, and goals
+_HALVINGS = 5  # of the logarithm of what start and goal keep: to within 15 %
 
 
 class AdaptiveMargin:
@@ -49,12 +52,8 @@ class AdaptiveMargin:
     def begin(self, trees: Trees) -> None:
         """Take the margin that starts and goals allow; nothing is done where that is known."""
         if self.level is None and self.largest and self._danger.weight:
-            kept = (
-                max(self._task.clearance(q) for q in tree.roots[:_LOOKED_AT])
-                for tree in (trees.start, trees.goal)
-                if len(tree)
-            )
-            self._take(min(self.largest, _SHARE * min(kept)))
+            ends = [tree.roots[:_LOOKED_AT] for tree in (trees.start, trees.goal)]
+            self._take(self._allowed_by(ends))
 
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the motion between two configurations (n,) is free, and keeps the margin.
@@ -69,6 +68,25 @@ class AdaptiveMargin:
             if self._refusals % _PATIENCE == 0:
                 self._take(_FALL * margin)
         return False
+
+    def _allowed_by(self, ends: list[FloatArray]) -> float:
+        """Return the largest margin [m] that one of each of the `ends: (R, n)` allows, by bisection; 0 for none.
+
+        Exact distances of all pairs would cost more than an easy problem as a whole.
+        """
+
+        def is_allowed(margin: float) -> bool:
+            return all(any(self._task.keeps(q, margin / _SHARE) for q in Q) for Q in ends)
+
+        if is_allowed(self.largest):
+            return self.largest
+        low, high = _LEAST, self.largest
+        if not is_allowed(low):
+            return 0.0
+        for _ in range(_HALVINGS):
+            middle = sqrt(low * high)
+            low, high = (middle, high) if is_allowed(middle) else (low, middle)
+        return low
 
     def _take(self, level: float) -> None:
         self.level = level if level >= _LEAST else 0.0

@@ -69,10 +69,10 @@ class Task:
             free = self._si.checkMotion(self._from.set(start), self._to.set(end))
         return free and (self.limit is None or self.limit.allows_motion(start, end))
 
-    def clearance(self, q: FloatArray) -> float:
-        """Return the distance [m] from the robot to the nearest obstacle at `q: (n,)`; 0 where none can be measured."""
+    def keeps(self, q: FloatArray, margin: float) -> bool:
+        """Return whether the robot keeps a margin [m] from obstacles at `q: (n,)`; not, where nothing can tell."""
         motion = self._certified
-        return 0.0 if motion is None else motion.checker.clearance(q).distance
+        return motion is not None and motion.is_free(q, q, margin)
 
     @property
     def _certified(self) -> CertifiedMotion | None:

@@ -28,11 +28,14 @@ class Trees:
     ----------
     start, goal : Tree
         The trees.
+    blocked, dangerous : int
+        How many candidates for nodes were refused because the step to them is not free, and as too dangerous.
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, counts: Counts) -> None:
         self.start = Tree(bridge, cost, from_start=True)
         self.goal = Tree(bridge, cost, from_start=False)
+        self.blocked = self.dangerous = 0
         self._counts = counts
 
     def add_start(self, q: FloatArray) -> None:
