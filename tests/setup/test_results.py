@@ -129,9 +129,7 @@ def test_without_a_report_the_path_is_validated(setup: SafeSetup) -> None:
     assert (told["certified"], told["danger"]) == (True, None)
     assert told["validation"]["proven"] is True
     assert len(str(result).splitlines()) == 5
-    assert (
-        setup.counts.distance_queries == 2
-    )  # what start and goal keep bounds the margin; a report asks far more
+    assert setup.counts.distance_queries == 0
 
 
 def test_links_without_collision_geometry_are_named(setup: SafeSetup, monkeypatch: Any) -> None:
