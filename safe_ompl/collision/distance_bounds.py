@@ -78,10 +78,10 @@ class DistanceBounds:
         counts: Counts,
     ) -> None:
         own = robot.convex_bodies
-        self._first_obstacle = len(own.bodies)
-        bodies = own.joined(ConvexBodies.of(list(geometry.geometryObjects)[self._first_obstacle :]))
+        links = len(own.bodies)
+        bodies = own.joined(ConvexBodies.of(list(geometry.geometryObjects)[links:]))
         moved = np.zeros((len(bodies.bodies), robot.joint_radii.shape[1]), dtype=bool)
-        moved[: self._first_obstacle] = robot.joint_radii > 0
+        moved[:links] = robot.joint_radii > 0
         self._bodies = bodies.bodies
         self._data = (
             robot.kinematics.joints,
@@ -93,13 +93,6 @@ class DistanceBounds:
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
         self._edge, self._left = np.empty((2, radii.shape[1])), np.empty((_INTERVALS, 2))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
-
-    def place_obstacles(self, geometry: pin.GeometryModel) -> None:
-        """Take over where the obstacles of a geometry model with the same bodies are now."""
-        for k in range(self._first_obstacle, len(self._bodies)):
-            placement = geometry.geometryObjects[k].placement
-            self._bodies["rotation"][k] = placement.rotation
-            self._bodies["translation"][k] = placement.translation
 
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
         """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.

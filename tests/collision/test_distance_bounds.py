@@ -149,15 +149,13 @@ def test_obstacles_can_be_placed_anew(ur5):
     def scene(place):
         return Scene((Obstacle("post", Box((0.1, 0.1, 0.8)), Pose(place, (0.6, 0.0, 0.0, 0.8))),))
 
-    here, there = (
-        CollisionChecker(ur5, scene((0.5, 0.1, 0.4))),
-        CollisionChecker(ur5, scene((-0.3, 0.4, 0.5))),
-    )
+    here = CollisionChecker(ur5, scene((0.5, 0.1, 0.4)), movable=("post",))
+    there = CollisionChecker(ur5, scene((-0.3, 0.4, 0.5)), movable=("post",))
     asked = list(edges(ur5, 60))
     before = [proof(here.pairs, *edge).proven for edge in asked]
     wanted = [proof(there.pairs, *edge).proven for edge in asked]
     assert before != wanted
-    here.pairs.bounds.place_obstacles(there.geometry)
+    here.move(there.scene)
     assert [proof(here.pairs, *edge).proven for edge in asked] == wanted
 
 

@@ -104,7 +104,7 @@ def dangers(
         place_joints(joints, values[b], rotation, origin, axis)
         place_keypoints(keys, rotation, origin, places)
         own, charge = points[b if len(points) > 1 else 0], charges[b if len(charges) > 1 else 0]
-        potentials(places, links, own, by_length, levels)
+        potentials(places, links, own, by_length, levels.reshape(1, len(levels)))
         for k in range(len(levels)):
             levels[k] *= charge[k]
         out[b] = aggregate(levels, kind, sharpness)

@@ -17,7 +17,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.compiled import compiled, part
-from safe_ompl.maths.kernels.field import add_pull, link_potentials, potentials
+from safe_ompl.maths.kernels.field import add_pull, potentials
 from safe_ompl.maths.kernels.joints import place_joints, place_keypoints, pull
 from safe_ompl.maths.kernels.link import ZERO
 
@@ -38,7 +38,7 @@ def _bound(
     bounds: FloatArray,
 ) -> None:
     """Write for each of a run of balls a level that none of its points exceeds; `fields` is room for the work."""
-    link_potentials(places, links, centres[:, begin:end], by_length, fields)
+    potentials(places, links, centres[:, begin:end], by_length, fields)
     bounds[begin:end] = 0.0
     for k in range(len(links)):
         ax, ay, az = places[links[k, 0], 0], places[links[k, 0], 1], places[links[k, 0], 2]
@@ -92,7 +92,7 @@ def peak_dangers(
     most = 0
     for g in range(len(spans)):
         most = max(most, spans[g, 1] - spans[g, 0])
-    fields, levels = np.empty((len(links), len(radii))), np.empty(most)
+    fields, levels = np.empty((len(links), len(radii))), np.empty((1, most))
     rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     places, forces = np.empty((len(keys), 3)), np.empty((len(keys), 3))
     for b in range(B):
@@ -111,9 +111,9 @@ def peak_dangers(
                 if bounds[group] <= peak:
                     continue
                 begin, end = spans[group, 0], spans[group, 1]
-                potentials(places, links, points[:, begin:end], by_length, levels[: end - begin])
+                potentials(places, links, points[:, begin:end], by_length, levels)
                 for k in range(begin, end):
-                    level = charges[k] * levels[k - begin]
+                    level = charges[k] * levels[0, k - begin]
                     if level > peak:
                         best, peak = k, level
                 bounds[group] = -inf
