@@ -2,9 +2,9 @@
 
 RRT-Connect exactly as printed (PaperRRTConnect) is what all else is compared with. SafeRRTConnect with one of its
 ideas at a time, with all but one, and with all: short steps where a whole one is trapped, the selection by ρ + α·CDF,
-the slide down the gradient, the adaptive threshold on danger, and simplification afterwards. All take turns, with the
-same seeds. Short steps go with each single idea. Medians over the runs; J is the cost ∫(1 + λ·CDF²) ds that
-simplification lowers.
+the slide down the gradient, the adaptive threshold on danger, the clearance that motions keep while it costs no
+solution, and simplification afterwards. All take turns, with the same seeds. Short steps go with each single idea.
+Medians over the runs; J is the cost ∫(1 + λ·CDF²) ds that simplification lowers.
 """
 
 from __future__ import annotations
@@ -25,16 +25,19 @@ SELECTION: dict[str, Any] = {"nearest_fraction": 0.3}
 NO_SELECTION: dict[str, Any] = {"nearest_fraction": 1.0}
 SLIDE, NO_SLIDE = {"slide": 0.8}, {"slide": 0.0}
 THRESHOLD, NO_THRESHOLD = {"threshold_rise": 0.05}, {"threshold_rise": 0.0}
+NO_CLEARANCE = {"clearance": 0.0}
 
 VARIANTS: dict[str, tuple[str, dict[str, Any], bool]] = {
     "nothing (RRT-Connect as printed)": (BASELINE, {}, False),
-    "short steps": (PLANNER, {"alpha": 0.0}, False),
-    "selection": (PLANNER, {**SELECTION, **NO_SLIDE, **NO_THRESHOLD}, False),
-    "slide": (PLANNER, {**NO_SELECTION, **SLIDE, **NO_THRESHOLD}, False),
-    "threshold": (PLANNER, {**NO_SELECTION, **NO_SLIDE, **THRESHOLD}, False),
+    "short steps": (PLANNER, {"alpha": 0.0, **NO_CLEARANCE}, False),
+    "selection": (PLANNER, {**SELECTION, **NO_SLIDE, **NO_THRESHOLD, **NO_CLEARANCE}, False),
+    "slide": (PLANNER, {**NO_SELECTION, **SLIDE, **NO_THRESHOLD, **NO_CLEARANCE}, False),
+    "threshold": (PLANNER, {**NO_SELECTION, **NO_SLIDE, **THRESHOLD, **NO_CLEARANCE}, False),
+    "clearance": (PLANNER, {**NO_SELECTION, **NO_SLIDE, **NO_THRESHOLD}, False),
     "all but selection": (PLANNER, {**NO_SELECTION, **SLIDE, **THRESHOLD}, False),
     "all but slide": (PLANNER, {**SELECTION, **NO_SLIDE, **THRESHOLD}, False),
     "all but threshold": (PLANNER, {**SELECTION, **SLIDE, **NO_THRESHOLD}, False),
+    "all but clearance": (PLANNER, NO_CLEARANCE, False),
     "all but short steps": (PLANNER, {"short_steps": False}, False),
     "all": (PLANNER, {}, False),
     "simplification alone": (BASELINE, {}, True),

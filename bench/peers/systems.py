@@ -46,6 +46,8 @@ SYSTEMS = (
     System(_OMPL, "ompl_", options={"resolution": 0.02}),
     System("roboplan, 0.05", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.05}),
     System("roboplan, 0.01", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.01}),
+    System("roboplan, 0.005", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.005}),
+    System("roboplan, 0.002", "roboplan_", "roboplan", _ROBOPLAN, {"resolution": 0.002}),
     System("pydynorrt, 0.05", "pydynorrt_", "pydynorrt", ("pydynorrt", "numpy<2"), {"resolution": 0.05}),
     System("MPlib", "mplib_", "mplib", ("mplib", "setuptools<80")),
     System("sscbirrt", "sscbirrt_", "sscbirrt", ("sscbirrt", "pin")),
