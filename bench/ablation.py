@@ -18,7 +18,9 @@ from _timing import print_table
 from ompl import util as ou
 
 from safe_ompl.scenario.scenario import Scenario, find_scenario, list_scenarios
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 
 PLANNER, BASELINE = "SafeRRTConnect", "PaperRRTConnect"
 SELECTION: dict[str, Any] = {"nearest_fraction": 0.3}

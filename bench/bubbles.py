@@ -19,7 +19,8 @@ from _timing import print_table
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.scene import Scene
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 
 PAPER, OURS = "PaperSafeBubble", "BubblePlanner"
 FORMS: dict[str, tuple[str, dict[str, Any]]] = {

@@ -36,11 +36,11 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.curve import Curve
-from safe_ompl.paths.report import PROFILE_POINTS
+from safe_ompl.paths.measures import PROFILE_POINTS
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario, list_scenarios
 from safe_ompl.scene.scene import Scene
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 FINE, FINEST = 0.001, 0.0002  # [rad] between samples
 NEAR = 0.005  # [m] how near hard edges pass to a contact

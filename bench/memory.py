@@ -19,7 +19,7 @@ from safe_ompl import CollisionFreeValidity, SafeSetup
 from safe_ompl.benchmark.runs import resident_megabytes
 from safe_ompl.planners.registry import planner_names
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 BAR = 5.0  # [MB]
 WARM_UP, STEP, SETUP_LIFE = 500, 500, 100

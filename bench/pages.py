@@ -34,7 +34,7 @@ from safe_ompl.pictures.plots import plot_bubbles, plot_field, plot_profiles, pl
 from safe_ompl.pictures.render import choose_camera, render_comparison, render_path, save_png
 from safe_ompl.scenario.scenario import find_scenario
 from safe_ompl.scene.shapes.anatomy import STANDING
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.viewer.recordings import read_recording
 
 ROOT = Path(__file__).parents[1]

@@ -35,7 +35,8 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.person import Person
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.trajectories.faster import duration_of
 from safe_ompl.trajectories.timing import CELLS
 

@@ -15,7 +15,7 @@ from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.states import StateBridge, joint_space
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 MEASURE = "PaperRRTConnect"  # the planner that a scene's hardness is measured by
 STEP = 0.05  # [rad] between two samples of an edge; the paper does not say

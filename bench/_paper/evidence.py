@@ -11,7 +11,7 @@ import numpy as np
 from _paper.studies import Effort, Pair, Study
 from safe_ompl.arrays import FloatArray
 from safe_ompl.benchmark.campaign import BAND, Summary, summarize
-from safe_ompl.setup.safe_setup import PlanResult
+from safe_ompl.setup.result import PlanResult
 
 COLUMNS: Mapping[str, Callable[[PlanResult], float]] = {
     "time": lambda result: result.planning_time,

@@ -13,7 +13,8 @@ from safe_ompl.pictures.render import render_path, save_png
 from safe_ompl.pictures.results import draw_comparison
 from safe_ompl.pictures.style import planner_styles
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 _IN_CSPACE = ("ClassicRRTConnect", "SafeRRTConnect")
 _FIELD_POSES = ((0.6, 0.9), (1.4, -2.0))

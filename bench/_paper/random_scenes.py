@@ -23,7 +23,7 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Shape, Sphere
-from safe_ompl.setup.safe_setup import PlanResult
+from safe_ompl.setup.result import PlanResult
 
 SCENES, SEED = 30, 2013
 TIME = 5.0  # [s] for each run

@@ -16,8 +16,9 @@ from _paper.studies import Pair, Study
 from safe_ompl.arrays import FloatArray
 from safe_ompl.benchmark.campaign import Summary
 from safe_ompl.benchmark.runs import Run
-from safe_ompl.paths.report import DangerReport, PathReport
-from safe_ompl.setup.safe_setup import PlanResult
+from safe_ompl.paths.measures import DangerReport
+from safe_ompl.paths.report import PathReport
+from safe_ompl.setup.result import PlanResult
 
 _NORMAL = 1.96  # standard errors on each side of a mean that make its 95 % interval
 _LEFT = (  # share of the gap between safe and classical that smoothing leaves, at most: what becomes of the gap

@@ -11,7 +11,8 @@ from ompl import geometric as og
 from _paper.studies import Pair
 from safe_ompl.benchmark.campaign import Campaign, failure
 from safe_ompl.benchmark.runs import Run
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 
 
 class Smoothing(Enum):

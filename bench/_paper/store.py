@@ -12,9 +12,10 @@ import numpy as np
 from safe_ompl.benchmark.runs import Run
 from safe_ompl.counts import Counts
 from safe_ompl.errors import InputError
-from safe_ompl.paths.report import ClearanceReport, DangerReport, PathReport
+from safe_ompl.paths.measures import ClearanceReport, DangerReport
+from safe_ompl.paths.report import PathReport
 from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.setup.safe_setup import PlanResult
+from safe_ompl.setup.result import PlanResult
 
 
 class Store:

@@ -19,10 +19,12 @@ from safe_ompl.benchmark.workers import do_tasks
 from safe_ompl.cli.console import error_console, progress_bar
 from safe_ompl.errors import SafeOmplError
 from safe_ompl.paths.curve import Curve
-from safe_ompl.paths.report import PROFILE_POINTS
+from safe_ompl.paths.measures import PROFILE_POINTS
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.scenario.scenario import Scenario, list_scenarios
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 
 TIME = 5.0  # [s] for each run
 RANGE = "range"

@@ -17,7 +17,9 @@ from safe_ompl.benchmark.workers import checked_processes, do_tasks
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 
 _log = logging.getLogger(__name__)
 

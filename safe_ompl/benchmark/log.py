@@ -20,7 +20,7 @@ from ompl import tools as ot
 
 from safe_ompl.benchmark.measures import Value, run_measures
 from safe_ompl.errors import InputError
-from safe_ompl.setup.safe_setup import PlanResult
+from safe_ompl.setup.result import PlanResult
 
 # In the order of ob.PlannerStatus, in its words; its own logs call the last three "Unknown status".
 STATUSES = (

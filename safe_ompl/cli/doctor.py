@@ -15,7 +15,7 @@ from rich.table import Table
 
 from safe_ompl.cli.arguments import load_scenario
 from safe_ompl.cli.console import output_console
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.version import __version__
 
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.cli.arguments import add_run_options, count, limit, load_scenario, seconds
+from safe_ompl.cli.arguments import add_run_options, load_scenario
 from safe_ompl.cli.console import error_console, output_console, progress_bar
 from safe_ompl.cli.files import json_line, make_folder
 from safe_ompl.cli.live_cast import CLIP, Cast, cast, clearance_of_movers, limits_of_still
+from safe_ompl.cli.values import count, limit, seconds
 from safe_ompl.cli.view import check_page
 from safe_ompl.live.replanner import Replanner
 from safe_ompl.live.simulation import Simulation
@@ -23,7 +24,8 @@ from safe_ompl.live.ticks import write_ticks
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.pose import Pose
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 from safe_ompl.trajectories.trajectory import Trajectory

@@ -9,18 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from safe_ompl.benchmark.campaign import failure
-from safe_ompl.cli.arguments import (
-    add_planner_options,
-    add_robot_options,
-    given_parameters,
-    given_robot,
-    names,
-    positions,
-)
+from safe_ompl.cli.arguments import add_planner_options, add_robot_options, given_parameters, given_robot
 from safe_ompl.cli.console import error_console, progress_bar
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
 from safe_ompl.cli.plan import record
 from safe_ompl.cli.tables import families_table
+from safe_ompl.cli.values import names, positions
 from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.description.examples import EXAMPLES
@@ -29,7 +23,8 @@ from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.mbm import WHERE_FROM, MbmFile
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.mbm import setup_problem
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 
 USUAL_TIME = 5.0  # [s]
 

@@ -17,7 +17,6 @@ from safe_ompl.cli.arguments import (
     given_parameters,
     given_robot,
     load_scenario,
-    seconds,
     with_limits,
 )
 from safe_ompl.cli.console import error_console, output_console
@@ -25,6 +24,7 @@ from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, open
 from safe_ompl.cli.pictures import check_picture
 from safe_ompl.cli.tables import plan_table
 from safe_ompl.cli.timed import add_timed_options, rate_limits, show_timed, timed
+from safe_ompl.cli.values import seconds
 from safe_ompl.cli.verify import certificate_of
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
@@ -35,7 +35,9 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.duration import COSTS
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.trajectories.limits import RateLimits
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
-from safe_ompl.cli.arguments import count
 from safe_ompl.cli.console import error_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, opened
+from safe_ompl.cli.values import count
 from safe_ompl.robot.description.collision_shapes import CollisionSource
 from safe_ompl.robot.description.srdf_writer import disabled_links, srdf_text
 from safe_ompl.robot.description.urdf import UrdfFile

@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from safe_ompl.benchmark.campaign import Campaign, Summary
-from safe_ompl.paths.report import ClearanceReport, DangerReport
-from safe_ompl.setup.safe_setup import PlanResult
+from safe_ompl.paths.measures import ClearanceReport, DangerReport
+from safe_ompl.setup.result import PlanResult
 
 _BEST = "*"
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from safe_ompl.cli.arguments import seconds
 from safe_ompl.cli.console import output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
 from safe_ompl.cli.pictures import check_picture
+from safe_ompl.cli.values import seconds
 from safe_ompl.exchange.form import marked
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.pictures.plots import plot_motion

@@ -11,10 +11,11 @@ from typing import Any
 
 from safe_ompl import document
 from safe_ompl.benchmark.campaign import check_named_planner
-from safe_ompl.cli.arguments import add_run_options, count, load_scenario, names
+from safe_ompl.cli.arguments import add_run_options, load_scenario
 from safe_ompl.cli.console import error_console
 from safe_ompl.cli.files import check_writable
 from safe_ompl.cli.pictures import how_to_get_pictures
+from safe_ompl.cli.values import count, names
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.files import load
 from safe_ompl.exchange.form import read_json
@@ -23,8 +24,8 @@ from safe_ompl.paths.certificate.format import FORMAT as CERTIFICATE
 from safe_ompl.paths.certificate.format import check_form
 from safe_ompl.pictures.render.animation import ENDINGS
 from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.result import PlanResult
-from safe_ompl.setup.safe_setup import setup_scenario
 from safe_ompl.viewer import Exhibit, View, read_recording, save_film, save_page
 from safe_ompl.viewer.recordings import ENDING
 

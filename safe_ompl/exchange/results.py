@@ -11,7 +11,8 @@ from safe_ompl import document
 from safe_ompl.arrays import finite_array
 from safe_ompl.counts import Counts
 from safe_ompl.exchange.problems import Problem
-from safe_ompl.paths.report import ClearanceReport, DangerReport, PathReport
+from safe_ompl.paths.measures import ClearanceReport, DangerReport
+from safe_ompl.paths.report import PathReport
 from safe_ompl.robot.robot import Robot
 from safe_ompl.setup.optimise import Improvement
 from safe_ompl.setup.result import PlanResult

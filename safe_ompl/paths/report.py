@@ -3,81 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
 from typing import Any, Protocol
 
-import numpy as np
-
 from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.collision.checker import Clearance, CollisionChecker
+from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict
-from safe_ompl.danger.certified import CertifiedDanger, DangerBounds
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.paths.curve import Curve
+from safe_ompl.paths.measures import (
+    ClearanceReport,
+    DangerReport,
+    clearance_along,
+    danger_along,
+    sampled_places,
+)
 from safe_ompl.paths.validation import CheckOutcome, Validation, validate
-from safe_ompl.paths.validation import first_refused as first_refused
-
-NEAR = 0.05  # [m]; "near" an obstacle in `length_below_50mm`
-PROFILE_POINTS = 101
-_STEP = 0.05  # [rad] largest distance between two samples of a path
-_REFINEMENTS = 12  # bisections around the sample of least clearance
-
-
-@dataclass(frozen=True)
-class DangerReport:
-    """Danger along a path (paper §5: profiles over the path's natural parameter).
-
-    Attributes
-    ----------
-    profile : ndarray, shape (101,)
-        CDF at equal steps of the natural parameter, from start to goal.
-    mean, max : float
-        Over the path; `max` is the largest danger found.
-    max_bound : float or None
-        Proven: no configuration of the path is more dangerous. Infinity where the path cannot be kept from a danger
-        point; None where nothing can be proven, because danger points move or the path leaves the limits.
-    integral : float
-        ∫ CDF(q(s)) ds [field · rad].
-    avoidable : float
-        ∫ max(0, CDF(q(s)) − max(CDF(start), CDF(goal))) ds: the part that the end points do not force.
-    """
-
-    profile: FloatArray
-    mean: float
-    max: float
-    max_bound: float | None
-    integral: float
-    avoidable: float
-
-
-@dataclass(frozen=True)
-class ClearanceReport:
-    """Distance between robot and obstacles along a path.
-
-    Attributes
-    ----------
-    min, mean : float
-        [m]
-    length_below_50mm : float
-        Length of path [rad] on which the robot is nearer than 50 mm.
-    link, obstacle : str or None
-        Between which two the clearance is least.
-    at : float
-        Where along the path, as a fraction of its length.
-    obstacles : dict of str to float
-        The least distance [m] to each obstacle and person, at the samples of the path.
-    """
-
-    min: float
-    mean: float
-    length_below_50mm: float
-    link: str | None
-    obstacle: str | None
-    at: float
-    obstacles: dict[str, float] = field(default_factory=dict)
 
 
 class PathReport:
@@ -282,9 +226,7 @@ class _Examination:
 
     @cached_property
     def _places(self) -> FloatArray:
-        """Arc lengths (S,) of the samples [rad]."""
-        length = self.curve.length
-        return np.linspace(0.0, length, max(PROFILE_POINTS, 1 + int(np.ceil(length / _STEP))))
+        return sampled_places(self.curve.length)
 
     @cached_property
     def _samples(self) -> FloatArray:
@@ -296,75 +238,13 @@ class _Examination:
         if field is None:
             return None
         begin = perf_counter()
-        found = _danger(field, self._path, self._places, self._samples)
+        found = danger_along(self._path, field, self._places, self._samples)
         self.time += perf_counter() - begin
         return found
 
     @cached_property
     def clearance(self) -> ClearanceReport:
         begin = perf_counter()
-        found = _clearance(self._checker, self.curve, self._places, self._samples)
+        found = clearance_along(self.curve, self._checker, self._places, self._samples)
         self.time += perf_counter() - begin
         return found
-
-
-def _danger(field: DangerField, path: FloatArray, s: FloatArray, samples: FloatArray) -> DangerReport:
-    values = field.values(samples)
-    peak = _proven_peak(field, path)
-    integral = float(np.trapezoid(values, s))
-    excess = np.maximum(0.0, values - max(values[0], values[-1]))
-    return DangerReport(
-        profile=np.interp(np.linspace(0.0, s[-1], PROFILE_POINTS), s, values) if s[-1] else values,
-        mean=integral / float(s[-1]) if s[-1] else float(values[0]),
-        max=max(float(values.max()), peak.lower if peak else 0.0),
-        max_bound=None if peak is None else peak.upper,
-        integral=integral,
-        avoidable=float(np.trapezoid(excess, s)),
-    )
-
-
-def _proven_peak(field: DangerField, path: FloatArray) -> DangerBounds | None:
-    if field.points is None or not all(field.robot.within_limits(q).all() for q in path):
-        return None
-    return CertifiedDanger(field).of_path(path)
-
-
-def _clearance(
-    checker: CollisionChecker, curve: Curve, s: FloatArray, samples: FloatArray
-) -> ClearanceReport:
-    names = checker.distance_names
-    every = np.array([checker.distances(q) for q in samples])
-    if not names:
-        return ClearanceReport(np.inf, np.inf, 0.0, None, None, 0.0)
-    distances = every.min(axis=1)
-    nearest = every.argmin(axis=1)
-    clearances = [Clearance(float(d), *names[k]) for d, k in zip(distances, nearest, strict=True)]
-    least, at = _refined_minimum(checker, curve, s, clearances)
-    mean = float(np.trapezoid(distances, s) / s[-1]) if s[-1] else least.distance
-    near = float(np.trapezoid((distances < NEAR).astype(float), s))
-    obstacles: dict[str, float] = {}
-    for (_, obstacle), distance in zip(names, every.min(axis=0).tolist(), strict=True):
-        obstacles[obstacle] = min(distance, obstacles.get(obstacle, np.inf))
-    if least.obstacle is not None:
-        obstacles[least.obstacle] = least.distance
-    return ClearanceReport(
-        *(least.distance, mean, near, least.link, least.obstacle),
-        at / curve.length if curve.length else 0.0,
-        obstacles,
-    )
-
-
-def _refined_minimum(
-    checker: CollisionChecker, curve: Curve, s: FloatArray, clearances: list[Clearance]
-) -> tuple[Clearance, float]:
-    """Look between the samples beside the smallest one for a smaller clearance still."""
-    k = int(np.argmin([c.distance for c in clearances]))
-    best, at, step = clearances[k], float(s[k]), float(s[1] - s[0])
-    for _ in range(_REFINEMENTS if best.obstacle and step else 0):
-        step /= 2
-        for side in (-step, step):
-            place = float(np.clip(at + side, 0.0, curve.length))
-            candidate = checker.clearance(curve.at(np.array([place]))[0])
-            if candidate.distance < best.distance:
-                best, at = candidate, place
-    return best, at

@@ -10,12 +10,13 @@ import numpy as np
 from safe_ompl.arrays import FloatArray
 from safe_ompl.benchmark.campaign import Summary
 from safe_ompl.paths.curve import Curve
-from safe_ompl.paths.report import PROFILE_POINTS
+from safe_ompl.paths.measures import PROFILE_POINTS
 from safe_ompl.pictures.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
 from safe_ompl.pictures.render import render_comparison, render_path, save_png
 from safe_ompl.pictures.style import planner_styles
 from safe_ompl.scene.shapes.person import Person
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 
 _QUICK_DPI = 100  # of the picture of one plan, which is wanted at once
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from safe_ompl import document
+from safe_ompl import document, yaml_documents
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.robot import Robot
@@ -108,7 +108,7 @@ class Scenario:
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it",
                 str(file),
             )
-        with document.reading(file) as data:
+        with yaml_documents.reading(file) as data:
             return cls._from_mapping(data, file)
 
     @classmethod
@@ -167,7 +167,7 @@ class Scenario:
             **({"people": self.people.to_mapping()} if self.people is not None else {}),
             "time": self.time,
         }
-        Path(path).write_text(document.dump_document(data), encoding="utf-8")
+        Path(path).write_text(yaml_documents.dump_document(data), encoding="utf-8")
 
     # ----------------------------------------------------------------------------------------- for a robot
 

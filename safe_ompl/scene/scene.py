@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl import document
+from safe_ompl import document, yaml_documents
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.inputs import shown
@@ -72,13 +72,13 @@ class Scene:
             If it cannot be read or is not a valid scene; the message names file, line, key and value.
         """
         file = Path(path)
-        with document.reading(file) as data:
+        with yaml_documents.reading(file) as data:
             return cls.from_mapping(data, file.parent)
 
     @classmethod
     def from_yaml(cls, text: str, folder: str | Path = ".") -> Scene:
         """Read a scene from YAML text; mesh and point files are relative to `folder`."""
-        return cls.from_mapping(document.parse_document(text), Path(folder))
+        return cls.from_mapping(yaml_documents.parse_document(text), Path(folder))
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path = Path()) -> Scene:
@@ -98,7 +98,7 @@ class Scene:
 
         Mesh and point files are named relative to `folder`, or in full if there is none.
         """
-        return document.dump_document(self.to_mapping(None if folder is None else Path(folder)))
+        return yaml_documents.dump_document(self.to_mapping(None if folder is None else Path(folder)))
 
     def to_mapping(self, folder: Path | None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""

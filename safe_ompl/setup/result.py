@@ -190,10 +190,8 @@ class PlanResult:
         SafeOmplError
             If viser is not installed.
         """
-        from safe_ompl.viewer import (
-            Exhibit,
-            View,
-        )  # a door: it is opened from here, and nothing below knows it
+        # The one import that runs up: `result.view()` is what people type, and only they load the viewer.
+        from safe_ompl.viewer import Exhibit, View
 
         View(Exhibit.of_results([self]), port=port).run(browser=browser)
 

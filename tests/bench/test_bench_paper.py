@@ -33,10 +33,12 @@ from safe_ompl.benchmark.campaign import Campaign, failure
 from safe_ompl.benchmark.runs import Run
 from safe_ompl.counts import Counts
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.paths.report import ClearanceReport, DangerReport, PathReport
+from safe_ompl.paths.measures import ClearanceReport, DangerReport
+from safe_ompl.paths.report import PathReport
 from safe_ompl.planners.registry import planner_names
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import PlanResult, plan
+from safe_ompl.setup.from_scenario import plan
+from safe_ompl.setup.result import PlanResult
 
 PAIR = Pair("RRT-Connect", "SafeRRTConnect", "ClassicRRTConnect")
 

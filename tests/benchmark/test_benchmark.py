@@ -22,7 +22,8 @@ from safe_ompl.benchmark.runs import planner_settings
 from safe_ompl.errors import InputError
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 
 def request(**values: Any) -> Any:

@@ -30,7 +30,9 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Sphere
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 
 PLANNERS = ("RRTConnect", "SafeRRTConnect")
 

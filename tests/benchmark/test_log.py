@@ -12,7 +12,8 @@ from safe_ompl.benchmark.campaign import failure
 from safe_ompl.benchmark.log import Experiment, PlannerRuns, save_database, write_log
 from safe_ompl.errors import InputError
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import PlanResult, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.result import PlanResult
 
 
 def rows(database: Path, table: str) -> list[dict[str, Any]]:

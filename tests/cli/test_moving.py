@@ -10,7 +10,7 @@ from safe_ompl.exchange.files import load
 from safe_ompl.scenario.limits import PathLimits
 from safe_ompl.scenario.moving import MovingObstacles
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import plan, setup_scenario
+from safe_ompl.setup.from_scenario import plan, setup_scenario
 
 
 @pytest.fixture

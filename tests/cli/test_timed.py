@@ -13,7 +13,7 @@ from safe_ompl.errors import InputError
 from safe_ompl.scenario.motion_limits import MotionLimits
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import plan
+from safe_ompl.setup.from_scenario import plan
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Sphere
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 ROBOTS = ["panda", "kinova", "twin_arm", "slider"]
 ERROR = 2e-5  # [m] of coal's distances

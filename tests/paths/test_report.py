@@ -1,161 +1,18 @@
-"""Reports on paths, against values computed by hand."""
+"""Reports on paths: validity, plain numbers, and when danger and clearance are computed."""
 
 import json
 import pickle
-from itertools import pairwise
 
 import numpy as np
 import pytest
+from crank import Field, balls, distance, report
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
-from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.paths.report import PROFILE_POINTS, PathReport
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.paths.measures import PROFILE_POINTS
+from safe_ompl.paths.report import PathReport
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Sphere
-
-CRANK = """<robot name="crank"><link name="base"/>
-  <link name="ball"><collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision></link>
-  <joint name="turn" type="revolute"><parent link="base"/><child link="ball"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
-
-
-@pytest.fixture(scope="module")
-def crank(tmp_path_factory):
-    """One joint about z that turns a ball of 0.05 m at a distance of 0.5 m."""
-    urdf = tmp_path_factory.mktemp("crank") / "crank.urdf"
-    urdf.write_text(CRANK)
-    return Robot.from_urdf(urdf)
-
-
-def balls(*distances):
-    """Balls of 0.05 m on the x axis, at these distances from the origin."""
-    return Scene(tuple(Obstacle(f"ball{k}", Sphere(0.05), Pose((d, 0, 0))) for k, d in enumerate(distances)))
-
-
-class Field:
-    """Stands for a danger field: a function of the joint value of the crank, of which nothing can be proven."""
-
-    points = weights = None
-    revision = 0
-
-    def __init__(self, function):
-        self.function = function
-
-    def values(self, Q):
-        return self.function(Q[:, 0])
-
-
-def report(robot, path, scene=None, function=None):
-    checker = CollisionChecker(robot, scene or Scene())
-    return PathReport.of(np.array(path, dtype=float), checker, function and Field(function))
-
-
-# ------------------------------------------------------------------------------------------------------------ danger
-
-
-def test_danger_between_dangerous_ends(crank):
-    found = report(crank, [[-1], [1]], function=np.square)
-    assert found.length == pytest.approx(2)
-    assert found.danger.max == pytest.approx(1)
-    assert found.danger.integral == pytest.approx(2 / 3, abs=1e-3)
-    assert found.danger.mean == pytest.approx(1 / 3, abs=1e-3)
-    assert found.danger.avoidable == 0, "nothing on the way is worse than the ends"
-
-
-def test_danger_on_the_way_is_avoidable(crank):
-    found = report(crank, [[-1], [0.5], [1]], function=lambda q: 1.5 - q**2)
-    assert found.danger.integral == pytest.approx(3 - 2 / 3, abs=1e-3)
-    assert found.danger.avoidable == pytest.approx(2 - 2 / 3, abs=1e-3)
-    assert found.danger.max == pytest.approx(1.5)
-
-
-def test_only_what_exceeds_the_worse_end_is_avoidable(crank):
-    found = report(crank, [[0], [2]], function=lambda q: 1 - np.abs(q - 1))  # ends: 0 and 0
-    assert found.danger.avoidable == pytest.approx(1, abs=1e-3)
-    found = report(crank, [[0.5], [2]], function=lambda q: 1 - np.abs(q - 1))  # ends: 0.5 and 0
-    assert found.danger.avoidable == pytest.approx(0.25, abs=1e-3)
-
-
-def test_the_profile_runs_over_the_natural_parameter(crank):
-    found = report(crank, [[0], [2], [1]], function=lambda q: q)  # 3 rad: up to 2, back to 1
-    assert found.danger.profile.shape == (PROFILE_POINTS,)
-    s = np.linspace(0, 3, PROFILE_POINTS)
-    np.testing.assert_allclose(found.danger.profile, np.where(s < 2, s, 4 - s), atol=0.02)
-    assert found.danger.mean == pytest.approx((2 + 1.5) / 3, abs=1e-3)
-
-
-def test_the_danger_field_itself(ur5, rng):
-    points = rng.uniform(-1, 1, (5, 3))
-    field = DangerField(ur5, points)
-    path = np.array([np.full(6, -0.3), np.full(6, 0.4)])
-    found = PathReport.of(path, CollisionChecker(ur5, Scene()), field)
-    assert found.danger.profile[0] == pytest.approx(field.value(path[0]))
-    assert found.danger.profile[-1] == pytest.approx(field.value(path[1]))
-    assert found.danger.max >= found.danger.profile.max()
-
-
-def test_the_peak_is_proven(ur5, rng):
-    field = DangerField(ur5, rng.uniform(-1, 1, (5, 3)))
-    path = np.array([np.full(6, -0.3), np.full(6, 0.4), np.full(6, 0.9)])
-    danger = PathReport.of(path, CollisionChecker(ur5, Scene()), field).danger
-    steps = np.linspace(0, 1, 500)[:, None]
-    dense = field.values(np.concatenate([a + steps * (b - a) for a, b in pairwise(path)]))
-    assert danger.max <= dense.max() * (1 + 1e-3)
-    assert dense.max() <= danger.max_bound <= 1.06 * dense.max()
-
-
-def test_where_no_peak_is_proven(crank, ur5):
-    assert report(crank, [[0], [1]], function=np.square).danger.max_bound is None, "moving danger points"
-    field = DangerField(ur5, [[2.0, 0.0, 0.0]])
-    outside = PathReport.of([np.zeros(6), np.full(6, 3.5)], CollisionChecker(ur5, Scene()), field)
-    assert outside.danger.max_bound is None
-
-
-def test_without_a_field_there_is_no_danger(crank):
-    assert report(crank, [[0], [1]]).danger is None
-
-
-# --------------------------------------------------------------------------------------------------------- clearance
-
-
-def distance(q, ball):
-    """Between the crank's ball at joint value `q` and a ball on the x axis."""
-    return np.sqrt(0.25 + ball**2 - ball * np.cos(q)) - 0.1
-
-
-def test_clearance_has_a_witness(crank):
-    found = report(crank, [[-1.0], [0.31]], balls(0.9, 2.0))
-    assert found.clearance.min == pytest.approx(0.3, abs=1e-5)
-    assert (found.clearance.link, found.clearance.obstacle) == ("ball", "ball0")
-    assert found.clearance.at == pytest.approx(1 / 1.31, abs=1e-2)
-    assert found.clearance.length_below_50mm == 0
-    q = np.linspace(-1, 0.31, 2000)
-    assert found.clearance.mean == pytest.approx(distance(q, 0.9).mean(), abs=1e-3)
-
-
-def test_the_least_clearance_is_found_between_the_samples(crank):
-    q = np.linspace(-2.9, 2.83, 200_001)
-    nearest = report(crank, [[-2.9], [2.83]], balls(0.601)).clearance
-    assert nearest.min == pytest.approx(distance(q, 0.601).min(), abs=1e-6)
-    assert nearest.at == pytest.approx(2.9 / 5.73, abs=1e-3)
-
-
-def test_length_of_path_near_an_obstacle(crank):
-    reach = np.arccos((0.25 + 0.61**2 - 0.15**2) / 0.61)  # distance 50 mm
-    found = report(crank, [[-1], [1]], balls(0.61))
-    assert found.clearance.length_below_50mm == pytest.approx(2 * reach, abs=0.03)
-
-
-def test_nothing_to_keep_clear_of(crank):
-    clearance = report(crank, [[0], [1]]).clearance
-    assert (clearance.min, clearance.mean) == (np.inf, np.inf)
-    assert (clearance.link, clearance.obstacle, clearance.at) == (None, None, 0.0)
-
 
 # ----------------------------------------------------------------------------------------------------------- validity
 

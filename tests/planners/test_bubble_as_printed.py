@@ -11,7 +11,7 @@ from safe_ompl.errors import InputError
 from safe_ompl.maths.bubbles import diamond_meetings
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 
 @cache

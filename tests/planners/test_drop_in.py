@@ -16,7 +16,8 @@ from ompl import geometric as og
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 PLANNERS = [SafeRRTConnect, SafePRM]
 

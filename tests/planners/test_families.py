@@ -7,7 +7,8 @@ import pytest
 
 from safe_ompl.planners.registry import is_ours, needs_place, planner_names
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 OURS = [name for name in planner_names() if is_ours(name)]
 

@@ -16,7 +16,8 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Sphere
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = np.array([0.35, -0.45, 0.35])

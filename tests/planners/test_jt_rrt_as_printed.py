@@ -7,7 +7,7 @@ from safe_ompl.errors import InputError
 from safe_ompl.maths.field import vector_field
 from safe_ompl.plugins.states import ScratchState, StateBridge
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 RANGE, STEP, D_THRESHOLD = 0.5, 0.1, 0.01
 PARAMETERS = {"range": RANGE, "step": STEP, "goal_bias": 0.3}

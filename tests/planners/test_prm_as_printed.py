@@ -7,7 +7,7 @@ from safe_ompl.errors import InputError
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.states import ScratchState, StateBridge
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 N, K = 120, 8
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.cli.arguments import parameter
+from safe_ompl.cli.values import parameter
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.planners.registry import accepts, is_ours, make_planner, needs_place, planner_names
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 BASELINES = ["TRRT", "BiTRRT", "GradienTRRT", "HRRT"]

@@ -27,7 +27,8 @@ from plane import (
 from safe_ompl.errors import InputError
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 Problem = partial(PlaneProblem, SafeRRTConnect)
 

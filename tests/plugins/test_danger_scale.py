@@ -8,7 +8,7 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 SAFE = ["SafeRRTConnect", "SafePRM", "BubblePlanner"]
 

@@ -13,7 +13,7 @@ from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.objective import DangerObjective, PeakDangerObjective, StateCost
 from safe_ompl.plugins.states import ScratchState, StateBridge, joint_space
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 
 class Squares(ob.OptimizationObjective):

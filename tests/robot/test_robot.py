@@ -242,24 +242,10 @@ def test_pickle_round_trip(robot_named, rng, name):
     np.testing.assert_array_equal(copy.displacement_radii, robot.displacement_radii)
 
 
-def test_other_limits_leave_the_rest_alone(panda):
-    narrow = panda.with_limits({"panda_joint2": (-0.5, 0.25)})
-    assert (narrow.lower[1], narrow.upper[1]) == (-0.5, 0.25)
-    np.testing.assert_array_equal(np.delete(narrow.upper, 1), np.delete(panda.upper, 1))
-    assert panda.upper[1] > 1
-    again = narrow.with_limits({"panda_joint1": (0.0, 1.0)})
-    assert (again.upper[0], again.upper[1]) == (1.0, 0.25)
-
-
 def test_meshes_can_be_kept(data_folder):
     robot = Robot.from_urdf(data_folder / "twin_arm.urdf", hulls=False)
     hand = next(b for b in robot.collision_model.geometryObjects if b.name == "left_hand_0")
     assert isinstance(hand.geometry, coal.BVHModelBase)
-
-
-def test_visual_model_holds_the_same_joints(panda):
-    assert len(panda.visual_model.geometryObjects) > 8
-    assert max(part.parentJoint for part in panda.visual_model.geometryObjects) == 7
 
 
 # ---------------------------------------------------------------------------------------------------- self pairs

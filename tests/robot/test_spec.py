@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl import document
+from safe_ompl import yaml_documents
 from safe_ompl.errors import InputError
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
@@ -29,7 +29,7 @@ robots:
 
 
 def read(text, folder):
-    return RobotSpec.from_mapping(document.parse_document(text), folder)
+    return RobotSpec.from_mapping(yaml_documents.parse_document(text), folder)
 
 
 def test_a_robot_on_a_base_with_its_hands_full(data_folder):
@@ -58,7 +58,7 @@ def test_a_cell_of_two():
 @pytest.mark.parametrize("text", [PLACED, CELL])
 def test_written_and_read_again(data_folder, text):
     spec = read(text, data_folder)
-    written = document.dump_document(spec.to_mapping(data_folder))
+    written = yaml_documents.dump_document(spec.to_mapping(data_folder))
     assert read(written, data_folder) == spec
 
 

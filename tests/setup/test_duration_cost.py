@@ -11,7 +11,7 @@ from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.scenario.motion_limits import MotionLimits
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.trajectories.faster import duration_of
 
 

@@ -19,7 +19,8 @@ from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.scenario.limits import PathLimits
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 SAFE = ["SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner"]
 LIMIT = 8.0  # planar3: paths without a limit reach 6.7 to 15, start and goal 4.3

@@ -13,8 +13,9 @@ from safe_ompl.errors import InputError
 from safe_ompl.pictures.plots import plot_plan
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
+from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.optimise import Optimisation, optimise
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 
 @pytest.fixture(scope="module")

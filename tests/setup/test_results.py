@@ -18,7 +18,9 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Sphere
-from safe_ompl.setup.safe_setup import PlanResult, SafeSetup, plan
+from safe_ompl.setup.from_scenario import plan
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.setup.safe_setup import SafeSetup
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]

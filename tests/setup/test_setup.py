@@ -1,6 +1,5 @@
 """SafeSetup and plan: from a problem to a validated path, and clear words about problems that make no sense."""
 
-import dataclasses
 import json
 import logging
 
@@ -13,14 +12,11 @@ from safe_ompl.planners.registry import make_planner, planner_names
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scenario.goal import Goal
-from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Sphere
-from safe_ompl.setup.safe_setup import SafeSetup, plan, setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
@@ -298,62 +294,6 @@ def test_options_of_the_danger(ur5, scene):
         SafeSetup(ur5, scene, danger={"aggregate": "median"})
     with pytest.raises(InputError, match="agregate"):
         SafeSetup(ur5, scene, danger={"agregate": "mean"})
-
-
-# ----------------------------------------------------------------------------------------------------------- scenarios
-
-
-@pytest.fixture
-def scenario(scene):
-    return Scenario(
-        "ball",
-        RobotSpec("ur5"),
-        scene,
-        tuple(START.tolist()),
-        Goal((tuple(GOAL.tolist()),)),
-        planners={"SafeRRTConnect": {"range": 0.2, "alpha": 0.0}},
-    )
-
-
-def test_a_scenario_in_one_call(scenario, tmp_path):
-    result = plan(scenario, seed=4)
-    assert result
-    assert np.linalg.norm(np.diff(result.path, axis=0), axis=1).max() <= 0.2 + 1e-9, "its own parameters"
-    file = tmp_path / "ball.yaml"
-    scenario.save(file)
-    np.testing.assert_array_equal(plan(file, seed=4).path, result.path)
-    wide = plan(file, seed=4, parameters={"range": 1.0})
-    assert np.linalg.norm(np.diff(wide.path, axis=0), axis=1).max() > 0.2
-
-
-def test_a_scenario_simplified_and_optimised_in_one_call(scenario):
-    plain, simplified, optimised = (
-        plan(scenario, seed=4, **options) for options in ({}, {"simplify": True}, {"optimise": 0.3})
-    )
-    assert simplified.simplification_time > plain.simplification_time == 0
-    assert simplified.report.length < plain.report.length
-    assert optimised.improvements
-    assert not simplified.improvements
-    with pytest.raises(InputError, match="simplify must be a positive number"):
-        plan(scenario, simplify=-1.0)
-
-
-def test_a_scenario_whose_start_collides_names_file_and_pair(scenario, tmp_path):
-    file = tmp_path / "bad.yaml"
-    dataclasses.replace(scenario, start=tuple(IN_BALL.tolist())).save(file)
-    with pytest.raises(InputError, match=r"bad.yaml: start is in collision: '.*_link' touches 'ball'"):
-        plan(file)
-
-
-@pytest.mark.parametrize("planner", ["SafeRRTConnect", "RRTConnect", "SafeJTRRT"])
-def test_a_scenario_may_name_a_place_alone(planner: str) -> None:
-    scenario = Scenario.load(find_scenario("ur5_handover"))
-    place = dataclasses.replace(scenario.goal, configurations=())
-    setup = setup_scenario(dataclasses.replace(scenario, goal=place))
-    result = setup.plan(planner, time=10.0, seed=1)
-    assert result
-    tip = setup.robot.tip_pose(result.path[-1]).translation
-    assert np.linalg.norm(tip - place.position) <= place.tolerance
 
 
 def test_problems_without_start_or_goal_are_refused(ur5, scene):

@@ -15,7 +15,8 @@ from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.basic import Box, Sphere
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 PLANNERS = ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect"]
 BALL = Obstacle("ball", Sphere(0.1), Pose((0.3, 0.5, 0.4)), weight=0.5)

@@ -25,7 +25,8 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Cylinder
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 LIMIT = np.radians(30.0)

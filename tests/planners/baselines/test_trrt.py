@@ -9,7 +9,7 @@ from safe_ompl.planners.baselines.transition import TransitionTest
 from safe_ompl.planners.baselines.trrt import BiTRRT, GradienTRRT
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 
 class Hill(PlaneCost):

@@ -12,7 +12,8 @@ from ompl import base as ob
 from safe_ompl.planners.graphs.planner_graph import PlannerGraph, two_trees
 from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import SafeSetup, setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.safe_setup import SafeSetup
 
 OURS = [name for name in planner_names() if is_ours(name)]
 MARK = "{http://graphml.graphdrawing.org/xmlns}"

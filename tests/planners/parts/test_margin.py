@@ -5,7 +5,7 @@ import pytest
 
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 
 @pytest.fixture(scope="module")

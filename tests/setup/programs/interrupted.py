@@ -5,7 +5,7 @@ import sys
 from ompl import util as ou
 
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 
 def main(name: str) -> None:

@@ -88,3 +88,8 @@ def test_arrays_are_read_only(robot):
 def test_shared_models_are_those_of_the_proofs(robot):
     assert robot.shared.collision_model == robot.collision_model
     assert robot.shared.model == robot.model
+
+
+def test_visual_model_holds_the_same_joints(panda):
+    assert len(panda.visual_model.geometryObjects) > 8
+    assert max(part.parentJoint for part in panda.visual_model.geometryObjects) == 7
