@@ -231,12 +231,14 @@ class PathTimer:
             caps.append(
                 SpeedCap("danger", np.where(found.speeds < most[found.parents], found.speeds, np.inf))
             )
+        moving = None if self._danger is None else self._danger.field
+        kept = self.people, *self._speeds, moving, self._max_danger
         if limits.jerk is not None:
             smooth = jerk_limited_law(cells, limits, np.min([cap.speeds for cap in caps], axis=0))
             of = np.searchsorted(cells.edges, (smooth.edges[1:] + smooth.edges[:-1]) / 2, side="right") - 1
             caps = [SpeedCap(cap.name, cap.speeds[of]) for cap in caps]
             brakes = None if brakes is None else brakes[of]
-            return Trajectory(curve, smooth, limits, tuple(caps), brakes, self.people, *self._speeds)
+            return Trajectory(curve, smooth, limits, tuple(caps), brakes, *kept)
         squares = fastest_law(cells, limits, np.min([cap.speeds for cap in caps], axis=0), speed)
         if squares[0] < speed * speed * (1 - _SAME):
             q = curve.at(np.zeros(1)).q[0]
@@ -245,7 +247,7 @@ class PathTimer:
             )
             raise StandstillError(Standstill(0.0, q, reason))
         law = TimeLaw.through(cells.edges, squares)
-        return Trajectory(curve, law, limits, tuple(caps), brakes, self.people, *self._speeds)
+        return Trajectory(curve, law, limits, tuple(caps), brakes, *kept)
 
 
 def _danger_cap(

@@ -78,6 +78,8 @@ class Trajectory:
         Beside whom it stops in time.
     tool_speed, link_speed : float or None
         What the tip, and all points of all links, are no faster than [m/s].
+    danger_field, max_danger : KinetostaticField and float, or None
+        What the danger of the robot in motion keeps to.
     """
 
     curve: BlendedCurve
@@ -88,6 +90,8 @@ class Trajectory:
     people: People | None = None
     tool_speed: float | None = None
     link_speed: float | None = None
+    danger_field: KinetostaticField | None = None
+    max_danger: float | None = None
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -7,12 +7,13 @@ negative distance would let bodies overlap.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from safe_ompl import document
-from safe_ompl.errors import CertificateError, InputError, UnknownNameError
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.paths.certificate.danger_claims import check_danger
 from safe_ompl.paths.certificate.format import CLAIMS
 from safe_ompl.paths.certificate.trajectory_claims import (
     check_trajectory_claim,
@@ -21,16 +22,9 @@ from safe_ompl.paths.certificate.trajectory_claims import (
 )
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.cloud import PointCloud
 
-if TYPE_CHECKING:
-    from safe_ompl.danger.field import DangerField
-
-_CHOICES = {"aggregate": ("max", "mean", "softmax"), "weighting": ("unit", "length")}
-_POSITIVE = ("spacing", "k1", "sharpness")
 _SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
 _UNBOUNDED = 1e300  # [m]
-_MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
 
 
 # --------------------------------------------------------------------------------------- whether they have a meaning
@@ -44,17 +38,9 @@ def check_claims(content: Mapping[str, Any], robot: Robot, scene: Scene) -> None
     check_trajectory_claim(content.get("trajectory"), robot, scene)
     if content["danger"] is not None:
         with document.within("danger"):
-            _check_danger(document.mapping("claim", content["danger"]), scene)
+            check_danger(document.mapping("claim", content["danger"]), scene)
     if content["also_sampled"] is not None:
         document.text("also_sampled", content["also_sampled"])
-
-
-def check_kind(claim: Mapping[str, Any], field: DangerField, spacing: float) -> None:
-    """Raise CertificateError unless a claim of danger is of a field's kind: another k₁ makes any bound small."""
-    asked = {"spacing": spacing, **{key: getattr(field, key) for key in ("k1", "sharpness", *_CHOICES)}}
-    for key, value in asked.items():
-        if claim[key] != value:
-            raise CertificateError(f"danger: {key} is {claim[key]!r} in its claim, {value!r} is asked for")
 
 
 def check_clearance(claim: Any, robot: Robot, scene: Scene) -> None:
@@ -120,30 +106,6 @@ def _check_orientation(claim: Mapping[str, Any]) -> None:
             vector = document.numbers(key, document.require(claim, key), 3)
             if not _SHORTEST <= float(np.linalg.norm(vector)) <= _LONGEST:
                 raise InputError(f"must be a direction, got {vector!r}", key)
-
-
-def _check_danger(claim: Mapping[str, Any], scene: Scene) -> None:
-    document.check_keys(claim, ("bound", *_POSITIVE, *_CHOICES))
-    document.number("bound", document.require(claim, "bound"), at_least=0.0)
-    for key in _POSITIVE:
-        document.number(key, document.require(claim, key), above=0.0)
-    for key, known in _CHOICES.items():
-        _check_known(key, document.require(claim, key), known)
-    points = _surface(scene) / float(claim["spacing"]) / float(claim["spacing"])
-    if not points < _MOST_POINTS:
-        raise InputError(f"{claim['spacing']!r} m asks for about {points:.0e} danger points", "spacing")
-
-
-def _surface(scene: Scene) -> float:
-    """Return about the surface [m²] on which danger points lie; that of a cloud has no more points than the cloud."""
-    area = 0.0
-    for obstacle in scene:
-        if obstacle.weight > 0 and not isinstance(obstacle.shape, PointCloud):
-            for _, shape, _ in obstacle.geometries():
-                shape.computeLocalAABB()
-                a, b, c = np.ravel(shape.aabb_local.max_ - shape.aabb_local.min_)
-                area += 2.0 * float(a * b + b * c + c * a)
-    return area
 
 
 def _check_known(kind: str, name: Any, known: Iterable[str]) -> None:

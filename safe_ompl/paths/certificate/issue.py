@@ -23,8 +23,8 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.paths.certificate.claims import check_clearance, check_moving_obstacles, check_tool
 from safe_ompl.paths.certificate.format import FORMAT, OBSTACLE, VERSION, digest, edges_of
+from safe_ompl.paths.certificate.issue_trajectory import moving_danger_claim, trajectory_claim
 from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
-from safe_ompl.paths.certificate.trajectory_claims import trajectory_claim
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.trajectories.trajectory import Trajectory
@@ -78,8 +78,9 @@ def certificate(
         Claim limits of the tool, too: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle`
         [rad], a `position` with bounds of `x`, `y` and `z` [m]; either or both.
     trajectory : Trajectory, optional
-        Claim the path in time, too: duration, limits of joint velocities and accelerations, that the curve is free, and
-        its stops beside people, except where these may end in contact.
+        Claim the path in time, too: duration, limits of joint velocities and accelerations, that the curve is free, its
+        stops beside people, and how slow it is in the contacts that these may end in. Of its danger in motion the limit
+        that it was made for, or else, with a `field`, its proven peak.
     also_sampled : str, optional
         What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad": whoever verifies
         is told that it is not covered.
@@ -102,6 +103,7 @@ def certificate(
     clear, moving = _plain_clearance(clearance), _plain_moving_obstacles(moving_obstacles)
     pairs = Pairs(robot, scene)
     required = pairs.required(clear, moving)
+    apart = scene.spacing if spacing is None else spacing
     content = {
         "format": FORMAT,
         "version": VERSION,
@@ -112,9 +114,7 @@ def certificate(
         "path": points.tolist(),
         "pairs": [list(names) for names in pairs.names],
         "clearance": clear,
-        "danger": None
-        if field is None
-        else _danger_claim(field, scene.spacing if spacing is None else spacing, points, max_danger),
+        "danger": None if field is None else _danger_claim(field, apart, points, max_danger),
         "moving_obstacles": moving,
         "also_sampled": also_sampled,
         "edges": [
@@ -125,7 +125,11 @@ def certificate(
     if tool is not None:
         content["tool"] = _tool_claim(tool, robot, points)
     if trajectory is not None:
-        content["trajectory"] = trajectory_claim(trajectory, scene)
+        content["trajectory"] = trajectory_claim(trajectory, robot, scene)
+        moving_field = trajectory.danger_field or (None if field is None else field.moving)
+        if moving_field is not None:
+            danger = moving_danger_claim(trajectory, moving_field, apart, scene)
+            content["trajectory"] |= {} if danger is None else {"danger": danger}
     return {**content, "digest": digest(content)}
 
 

@@ -154,6 +154,15 @@ class PlainMotion:
         pushes = np.diff(self.squares) / (2 * np.diff(self.edges))
         return pushes, pushes
 
+    def rates_between(self, cell: int, first: float, last: float) -> tuple[float, float]:
+        """Return ṡ at two arc lengths of a cell, between which it rises or falls only."""
+        if self.phases is not None:
+            low, high = (self.phases.rate(s) for s in (first, last))
+            return low, high
+        begin, end = self.edges[cell], self.edges[cell + 1]
+        squares = np.interp([first, last], [begin, end], self.squares[cell : cell + 2])
+        return float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))
+
     def _take_phases(self, phases: PlainPhases) -> None:
         if any(piece.curvature for piece in self.pieces):
             raise CertificateError(

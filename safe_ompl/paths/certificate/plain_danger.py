@@ -31,14 +31,19 @@ class PlainDanger:
         Has the danger points.
     claim : mapping
         `spacing` of the danger points, `aggregate`, `weighting`, `k1` and `sharpness` of the field.
+
+    Attributes
+    ----------
+    points, weights : ndarray, shape (M, 3) and (M,)
+        The danger points, one at least.
     """
 
     def __init__(self, robot: Robot, scene: Scene, claim: Mapping[str, Any]) -> None:
         self._robot, self._claim = robot, claim
         self._data = robot.shared.model.createData()
-        self._points, self._weights, _ = scene.danger_points(claim["spacing"])
-        if not len(self._points):
-            self._points, self._weights = np.full((1, 3), 1e9), np.ones(1)
+        self.points, self.weights, _ = scene.danger_points(claim["spacing"])
+        if not len(self.points):
+            self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
 
     def exceeded(self, start: FloatArray, delta: FloatArray, limit: float) -> tuple[float, float] | None:
         """Return where on an edge, and by how much, a danger is not proven to keep to a limit; else None."""
@@ -61,7 +66,7 @@ class PlainDanger:
 
     def _bounded(self, q: FloatArray, steps: FloatArray) -> tuple[float, float, float]:
         """Return the danger at `q`, its bound while the joints move by `steps`, and how far key points move then."""
-        robot, points = self._robot, self._points
+        robot, points = self._robot, self.points
         keypoints = robot.keypoints(q)
         moved = self._moved(q, keypoints, steps)
         start, end = (keypoints[robot.segments[:, side], None] for side in (0, 1))  # (L, 1, 3)
@@ -79,7 +84,7 @@ class PlainDanger:
         if self._claim["weighting"] == "length":
             slides = float(robot.coupling.reach(steps)[robot.joint_prismatic].sum())
             field, grown = field * length, grown * (length + slides)
-        return self._aggregated(field.sum(axis=0)), self._aggregated(grown.sum(axis=0)), float(moved.max())
+        return self.aggregated(field.sum(axis=0)), self.aggregated(grown.sum(axis=0)), float(moved.max())
 
     def _moved(self, q: FloatArray, keypoints: FloatArray, steps: FloatArray) -> FloatArray:
         """Return how far each key point (K,) can move [m] while the joints move by `steps` from `q`."""
@@ -95,8 +100,9 @@ class PlainDanger:
         moved: FloatArray = radii @ robot.coupling.reach(steps)
         return moved
 
-    def _aggregated(self, fields: FloatArray) -> float:
-        levels = self._claim["k1"] * self._weights * fields
+    def aggregated(self, fields: FloatArray) -> float:
+        """Return the danger where the robot's field at all danger points is `fields: (M,)`, without k₁ and weights."""
+        levels = self._claim["k1"] * self.weights * fields
         if self._claim["aggregate"] == "max":
             return float(levels.max())
         if self._claim["aggregate"] == "mean":

@@ -71,12 +71,13 @@ class PlainPhases:
                 raise CertificateError(
                     f"trajectory: a phase begins at {start:.6f} rad, which is no grid point"
                 )
-        found = [self._rate(float(s)) ** 2 for s in edges]
+        found = [self.rate(float(s)) ** 2 for s in edges]
         for j in (0, -1):
             found[j] = 0.0
         return np.array(found)
 
-    def _rate(self, s: float) -> float:
+    def rate(self, s: float) -> float:
+        """Return ṡ at an arc length [rad]."""
         near = np.abs(self.starts - s).argmin()
         if abs(self.starts[near] - s) <= 1e-3 * _SAME:
             rate = self._begins[near].rate

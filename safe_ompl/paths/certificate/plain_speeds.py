@@ -20,6 +20,7 @@ from safe_ompl.robot.robot import Robot
 
 _ROUNDING = 1e-9  # relative
 _SMALLEST = 1e-7  # [rad] intervals that are not divided any more
+_PARTS = 4  # of a cell, for the bounds over whole cells
 
 
 class _Body(NamedTuple):
@@ -76,6 +77,17 @@ class PlainSpeeds:
                 waiting += [(first, middle), (middle, last)]
         return None
 
+    def bounds(self, motion: PlainMotion) -> FloatArray:
+        """Return bounds (C,) of the speed of all points by arc length in the cells of a motion [m/rad]."""
+        found = np.zeros(len(motion.of))
+        for j, number in enumerate(motion.of):
+            edges = np.linspace(motion.edges[j], motion.edges[j + 1], _PARTS + 1) - motion.starts[number]
+            half = (edges[1] - edges[0]) / 2
+            for middle in (edges[1:] + edges[:-1]) / 2:
+                bound = self._bounds(motion.pieces[number], float(middle), float(half), self._all)[1]
+                found[j] = max(found[j], bound)
+        return found
+
     def _bounds(
         self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]
     ) -> tuple[float, float]:
@@ -95,27 +107,51 @@ class PlainSpeeds:
     def _speed(self, body: _Body, rates: FloatArray) -> float:
         place = self._data.oMi[body.carrier]
         points = body.points @ place.rotation.T + place.translation
-        velocity, turning = np.zeros_like(points), np.zeros(3)
+        turning, drift = np.zeros(3), np.zeros(3)  # a point at x moves with turning × x + drift
         for i in body.movers:
             joint = self._data.oMi[i + 1]
             motion = rates[i] * (joint.rotation @ self._axes[i])
             if self._robot.joint_prismatic[i]:
-                velocity += motion
+                drift += motion
             else:
-                velocity += np.cross(motion, points - joint.translation)
                 turning += motion
+                drift -= np.cross(motion, joint.translation)
+        velocity = np.cross(turning, points) + drift
         return float(np.linalg.norm(velocity, axis=1).max() + body.pad * np.linalg.norm(turning))
 
     def _bend(self, body: _Body, steps: FloatArray, piece: PlainPiece, slid: FloatArray) -> float:
         """Return a bound of ‖x″‖ of the points of a body, by arc length."""
-        sliding = self._robot.joint_prismatic
-        beneath = float(sum(steps[i] for i in body.movers if not sliding[i]))
         length = float(np.linalg.norm(body.points, axis=1).max()) + body.pad
-        found = 0.0
-        for i in body.movers:
-            radius, own = (1.0, 0.0) if sliding[i] else (length, float(steps[i]))
-            beneath -= own
-            found += radius * steps[i] * (2 * beneath + own + piece.curvature)
-            length += float(np.linalg.norm(self._model.jointPlacements[i + 1].translation))
-            length += float(slid[i]) if sliding[i] else 0.0
-        return found
+        return bend_bound(self._robot, body.movers, length, steps, piece.curvature, slid)
+
+
+def bend_bound(
+    robot: Robot, movers: list[int], length: float, steps: FloatArray, curvature: float, slid: FloatArray
+) -> float:
+    """Return a bound of ‖x″‖ of points, by arc length.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    movers : list of int
+        The joints that move the points, deepest first.
+    length : float
+        How far the points are from the origin of the first of them at most [m].
+    steps : ndarray, shape (m,)
+        Bounds of |q′| of the joints of the model.
+    curvature : float
+        Of the curve: |q″| ≤ curvature·|q′| with these bounds.
+    slid : ndarray, shape (m,)
+        How far sliding joints are out at most [m].
+    """
+    sliding = robot.joint_prismatic
+    beneath = float(sum(steps[i] for i in movers if not sliding[i]))
+    found = 0.0
+    for i in movers:
+        radius, own = (1.0, 0.0) if sliding[i] else (length, float(steps[i]))
+        beneath -= own
+        found += radius * steps[i] * (2 * beneath + own + curvature)
+        length += float(np.linalg.norm(robot.shared.model.jointPlacements[i + 1].translation))
+        length += float(slid[i]) if sliding[i] else 0.0
+    return found

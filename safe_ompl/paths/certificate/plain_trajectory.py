@@ -4,7 +4,8 @@
 cell, at the largest speed there; and when it is in cell k, then no later than the stop from the start of cell j that
 ends at the end of cell k. The later of both over all j that get there is the latest instant τ_k at which a stop can
 still move in cell k. The robot must be farther from every limb there than the clearance, and what the limb
-covers at its speed in the reaction time and in τ_k.
+covers at its speed in the reaction time and in τ_k. Where a contact is claimed to be slow only those stops count that
+enter the cell with a speed at which some point of the robot may be faster than the limb bears.
 
 **Distances.** An interval in which every pair is farther apart at the centre than the two can approach each other, plus
 what they must keep, holds; pairs that are not are looked at again in both halves.
@@ -13,16 +14,17 @@ what they must keep, holds; pairs that are not are looked at again in both halve
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.arrays import FloatArray, IntArray, finite_array
 from safe_ompl.errors import CertificateError
 from safe_ompl.paths.certificate.format import OBSTACLE
 from safe_ompl.paths.certificate.plain_curve import PlainMotion
 from safe_ompl.paths.certificate.plain_danger import PlainDanger
 from safe_ompl.paths.certificate.plain_distances import Separations, plain_name
+from safe_ompl.paths.certificate.plain_moving_danger import PlainMovingDanger
 from safe_ompl.paths.certificate.plain_speeds import PlainSpeeds
 from safe_ompl.paths.certificate.plain_tool import PlainTool
 from safe_ompl.robot.robot import Robot
@@ -31,6 +33,7 @@ from safe_ompl.scene.scene import Scene
 _GJK = 1e-5  # [m] coal's distances are at most this far off
 _SMALLEST = 1e-7  # [m] intervals in which bodies approach less are not divided any more
 _ROUNDING = 1e-9
+_TINY = 1e-12  # [m/rad]
 
 
 def check_trajectory(
@@ -56,15 +59,18 @@ def check_trajectory(
         if failure is not None:
             raise CertificateError(f"trajectory: {failure}")
     _check_jerk_and_speeds(claim, motion, robot)
+    _check_moving_danger(claim.get("danger"), motion, robot, scene)
     stops = claim["stops"]
-    required = Required(scene, None, np.zeros(len(sizes)))
+    required = Required(scene)
     if stops is not None:
         brakes = finite_array(stops["brakes"], (len(sizes),), "trajectory: brakes")
-        latest, fastest = latest_instants(motion, brakes)
+        visits = visits_of_stops(motion, brakes)
+        fastest = visits.fastest()
         failure = motion.exceeded(np.column_stack([fastest, fastest]), -brakes, velocity, acceleration)
         if failure is not None:
             raise CertificateError(f"trajectory: in a stop {failure}")
-        required = Required(scene, stops, latest)
+        swiftness = PlainSpeeds(robot).bounds(motion) if stops.get("contact") else np.zeros(len(sizes))
+        required = Required(scene, stops, visits, swiftness)
     _check_free(motion, separations, required)
     _check_danger_and_tool(content, motion, robot, scene)
 
@@ -83,8 +89,52 @@ def _check_jerk_and_speeds(claim: Mapping[str, Any], motion: PlainMotion, robot:
                 )
 
 
-def latest_instants(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the latest instants [s] of stops in each cell (C,), and the largest ṡ² there.
+def _check_moving_danger(
+    claim: Mapping[str, Any] | None, motion: PlainMotion, robot: Robot, scene: Scene
+) -> None:
+    if claim is None:
+        return
+    at = PlainMovingDanger(robot, scene, claim).exceeded(motion)
+    if at is not None:
+        raise CertificateError(
+            f"trajectory: the danger in motion is not below {claim['bound']:.4f} near {at:.6f} rad"
+        )
+
+
+class Visits(NamedTuple):
+    """Which cells the stops that begin in one of the C cells get into.
+
+    Attributes
+    ----------
+    number : int
+        C.
+    cells : ndarray of int, shape (V,)
+        Where they get.
+    squares, times : ndarray, shape (V,)
+        The largest ṡ² with which they enter, and the latest instant at which they still move there [s].
+    """
+
+    number: int
+    cells: IntArray
+    squares: FloatArray
+    times: FloatArray
+
+    def fastest(self) -> FloatArray:
+        """Return the largest ṡ² in each cell (C,)."""
+        found = np.zeros(self.number)
+        np.maximum.at(found, self.cells, self.squares)
+        return found
+
+    def latest(self, harmless: FloatArray | None = None) -> FloatArray:
+        """Return the latest instants in each cell (C,), of stops above `harmless: (C,)` ṡ² there; −inf if none is."""
+        found = np.full(self.number, -np.inf)
+        above = slice(None) if harmless is None else self.squares > harmless[self.cells]
+        np.maximum.at(found, self.cells[above], self.times[above])
+        return found
+
+
+def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> Visits:
+    """Return where stops get, when, and how fast.
 
     Raises
     ------
@@ -98,8 +148,7 @@ def latest_instants(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray
         raise CertificateError(
             "trajectory: it slows down harder than its stops: one that begins later is too late"
         )
-    latest = np.zeros(len(sizes))
-    fastest = np.maximum(squares[:-1], squares[1:])
+    cells, entered, times = [], [], []
     for j in range(len(sizes)):
         end = int(motion.ends[j])
         weakest = np.minimum.accumulate(brakes[j:end])
@@ -118,14 +167,11 @@ def latest_instants(motion: PlainMotion, brakes: FloatArray) -> tuple[FloatArray
         last = min(max(last, 1), end - j)
         whole = _stop_duration(top, weakest[1:], sizes[j + 1 : end], brakes[j])
         ending = _durations(taken[: last + 1], sizes[j : j + last])
-        reached = slice(j, j + last)
-        latest[reached] = np.maximum(latest[reached], np.minimum(whole, ending))
-        entry = max(
-            squares[j] - taken[1], squares[j + 1]
-        )  # ṡ² at the end of cell j, wherever the stop begins
-        after = entry - (taken[1:last] - taken[1])
-        fastest[j + 1 : j + last] = np.maximum(fastest[j + 1 : j + last], after)
-    return latest, fastest
+        after = max(squares[j] - taken[1], squares[j + 1])  # ṡ² at the end of j, wherever the stop begins
+        cells.append(np.arange(j, j + last))
+        entered.append(np.append(top, after - (taken[1:last] - taken[1])))
+        times.append(np.minimum(whole, ending))
+    return Visits(len(sizes), *(np.concatenate(column) for column in (cells, entered, times)))
 
 
 def _stop_duration(square: float, brakes: FloatArray, sizes: FloatArray, first: float) -> float:
@@ -157,28 +203,45 @@ class Required:
     ----------
     scene : Scene
         Where people are.
-    stops : mapping or None
-        `who`, `speed`, `speeds`, `reaction_time` and `clearance` of a certificate.
-    latest : ndarray, shape (C,)
-        Latest instants of stops [s].
+    stops : mapping, optional
+        `who`, `speed`, `speeds`, `reaction_time` and `clearance` of a certificate, and `contact` where it claims that.
+    visits : Visits, optional
+        Of the stops.
+    swiftness : ndarray, shape (C,), optional
+        The largest speed of any point of the robot in each cell by arc length [m/rad].
     """
 
-    def __init__(self, scene: Scene, stops: Mapping[str, Any] | None, latest: FloatArray) -> None:
-        self._stops, self._latest = stops, latest
-        self._speeds: dict[str, float] = {}
-        for name in [] if stops is None else stops["who"]:
+    def __init__(
+        self,
+        scene: Scene,
+        stops: Mapping[str, Any] | None = None,
+        visits: Visits | None = None,
+        swiftness: FloatArray | None = None,
+    ) -> None:
+        self._stops = stops
+        self._limbs: dict[str, tuple[float, FloatArray]] = {}
+        if stops is None or visits is None or swiftness is None:
+            return
+        contact, whenever = stops.get("contact") or {}, visits.latest()
+        for name in stops["who"]:
             for part, _, _ in scene[name].geometries():
-                limb = part[len(name) + 1 :]
-                assert stops is not None
-                self._speeds[OBSTACLE + part] = float(stops["speeds"].get(limb, stops["speed"]))
+                latest = whenever
+                if part in contact:
+                    slow = float(contact[part]) / np.maximum(swiftness, _TINY)
+                    latest = visits.latest(slow**2 * (1 + _ROUNDING))
+                speed = float(stops["speeds"].get(part[len(name) + 1 :], stops["speed"]))
+                self._limbs[OBSTACLE + part] = speed, latest
 
     def of(self, part: str, first: int, last: int) -> float:
         """Return what must be kept from a body in the cells from the first to the last."""
-        if part not in self._speeds:
+        if part not in self._limbs:
             return 0.0
         assert self._stops is not None
-        time = float(self._stops["reaction_time"]) + float(self._latest[first : last + 1].max())
-        return float(self._stops["clearance"]) + self._speeds[part] * time
+        speed, latest = self._limbs[part]
+        time = float(latest[first : last + 1].max())
+        if time == -np.inf:
+            return 0.0
+        return float(self._stops["clearance"]) + speed * (float(self._stops["reaction_time"]) + time)
 
 
 def _check_free(motion: PlainMotion, separations: Separations, required: Required) -> None:

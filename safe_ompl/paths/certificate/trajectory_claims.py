@@ -1,73 +1,20 @@
-"""What a certificate claims of a trajectory: the claim itself, whether it has a meaning, and what it says in words."""
+"""Claims of a trajectory in a certificate: whether they have a meaning, and what they say in words."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.paths.certificate.danger_claims import check_danger
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
-from safe_ompl.trajectories.jerk_law import JerkLaw
-from safe_ompl.trajectories.trajectory import Trajectory
-
-_log = logging.getLogger(__name__)
 
 _KEYS = ("pieces", "corners", "edges", "squares", "duration", "velocity", "acceleration", "stops")
-_MORE = ("phases", "jerk", "tool_speed", "link_speed")  # claimed where they are limited
+_MORE = ("phases", "jerk", "tool_speed", "link_speed", "danger")  # claimed where they are limited
 _STOPS = ("who", "speed", "speeds", "reaction_time", "clearance", "brakes")
-
-
-def trajectory_claim(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
-    """Return the claim of a trajectory in plain numbers.
-
-    Stops that may end in a contact are not claimed, which a warning says: what a body bears is nothing to prove.
-    """
-    curve, law, people = trajectory.curve, trajectory.law, trajectory.people
-    stops = None
-    if people is not None and trajectory.brakes is not None:
-        if people.contact:
-            _log.warning("the certificate claims no stops: the trajectory allows contact")
-        else:
-            stops = {
-                "who": list(people.names(scene)),
-                "speed": people.speed,
-                "speeds": dict(people.speeds),
-                "reaction_time": people.reaction_time,
-                "clearance": people.clearance,
-                "brakes": trajectory.brakes.tolist(),
-            }
-    return {
-        "pieces": [
-            {
-                **{key: getattr(piece, key).tolist() for key in ("start", "forward", "inward")},
-                "length": piece.length,
-                "curvature": piece.curvature,
-            }
-            for piece in curve.pieces
-        ],
-        "corners": list(curve.stops),
-        "edges": law.edges.tolist(),
-        "squares": law.squares.tolist(),
-        "duration": law.duration,
-        "velocity": trajectory.limits.velocity.tolist(),
-        "acceleration": trajectory.limits.acceleration.tolist(),
-        "stops": stops,
-        **_more(trajectory),
-    }
-
-
-def _more(trajectory: Trajectory) -> dict[str, Any]:
-    law, jerk = trajectory.law, trajectory.limits.jerk
-    found: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
-    if isinstance(law, JerkLaw) and jerk is not None:
-        durations = np.diff(law.starts)
-        found |= {"phases": np.column_stack([durations, law.phases[:, 3]]).tolist(), "jerk": jerk.tolist()}
-    return {key: value for key, value in found.items() if value is not None}
+_CONTACT = "contact"  # of stops, where it is allowed
 
 
 def check_trajectory_claim(claim: Any, robot: Robot, scene: Scene) -> None:
@@ -85,6 +32,9 @@ def check_trajectory_claim(claim: Any, robot: Robot, scene: Scene) -> None:
             for k, limit in enumerate(limits):
                 document.number(f"{key}[{k}]", limit, above=0.0)
         _check_more(claim, robot)
+        if claim.get("danger") is not None:
+            with document.within("danger"):
+                check_danger(document.mapping("claim", claim["danger"]), scene, moving=True)
         if claim["stops"] is not None:
             with document.within("stops"):
                 _check_stops(document.mapping("claim", claim["stops"]), scene)
@@ -103,7 +53,7 @@ def _check_more(claim: Mapping[str, Any], robot: Robot) -> None:
 
 
 def _check_stops(claim: Any, scene: Scene) -> None:
-    document.check_keys(claim, _STOPS)
+    document.check_keys(claim, (*_STOPS, _CONTACT))
     for key in ("speed", "reaction_time", "clearance"):
         document.number(key, document.require(claim, key), at_least=0.0)
     who = document.sequence("who", document.require(claim, "who"))
@@ -114,6 +64,11 @@ def _check_stops(claim: Any, scene: Scene) -> None:
             raise UnknownNameError("obstacle", name, scene.names)
     for limb, speed in document.mapping("speeds", document.require(claim, "speeds")).items():
         document.number(f"speeds.{limb}", speed, at_least=0.0)
+    parts = [part for name in who for part, _, _ in scene[name].geometries()]
+    for part, speed in document.mapping(_CONTACT, claim.get(_CONTACT, {})).items():
+        if part not in parts:
+            raise UnknownNameError("limb", part, parts)
+        document.number(f"{_CONTACT}.{part}", speed, at_least=0.0)
 
 
 def claimed_of_trajectory(claim: Any) -> list[str]:
@@ -133,6 +88,16 @@ def claimed_of_trajectory(claim: Any) -> list[str]:
             f"{speeds} comes nearer than {1e3 * stops['clearance']:g} mm, if it brakes within "
             f"{stops['reaction_time']:g} s"
         )
+        if stops.get(_CONTACT):
+            slow = ", ".join(f"{part} {speed:.3g} m/s" for part, speed in stops[_CONTACT].items())
+            said[-1] += f", or no point of it is faster then than {slow}"
+    danger = claim.get("danger")
+    if danger is not None:
+        said.append(
+            f"danger in motion at most {danger['bound']:.3f} ({danger['aggregate']}, {danger['weighting']}, "
+            f"k1 {danger['k1']:g}, k2 {danger['k2']:g}, gamma {danger['gamma']:g}, "
+            f"points {danger['spacing']:g} m apart)"
+        )
     return said
 
 
@@ -144,4 +109,4 @@ def not_claimed_of_trajectory(claim: Any) -> list[str]:
     missing += [
         key.replace("_", " ") for key in ("jerk", "tool_speed", "link_speed") if claim.get(key) is None
     ]
-    return [*missing, "danger in motion", "contact"]
+    return missing if claim.get("danger") is not None else [*missing, "danger in motion"]

@@ -15,7 +15,8 @@ import numpy as np
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.claims import check_claims, check_kind, claimed, not_claimed, not_covered
+from safe_ompl.paths.certificate.claims import check_claims, claimed, not_claimed, not_covered
+from safe_ompl.paths.certificate.danger_claims import check_kind
 from safe_ompl.paths.certificate.format import check_form, digest
 from safe_ompl.paths.certificate.plain_danger import PlainDanger
 from safe_ompl.paths.certificate.plain_distances import Separations, plain_name
@@ -47,7 +48,7 @@ class Verified:
         What holds, in words.
     not_claimed : tuple of str
         What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles", "tool"
-        and, where it claims a trajectory, its "stops".
+        and, where it claims a trajectory, its "stops", "jerk", "tool speed", "link speed" and "danger in motion".
     not_covered : tuple of str
         Of what nothing is proven: links without collision geometry, checks that were only sampled.
     """
@@ -79,8 +80,9 @@ def verify(
     scene : Scene, optional
         The scene that it must be about; default: the one that it carries.
     field : DangerField, optional
-        If it claims a bound of the danger, this must be of the same kind: aggregate, weighting, k1 and sharpness. Only
-        these are read. Without a field the claim is checked in the kind that it names itself.
+        If it claims a bound of the danger, this must be of the same kind: aggregate, weighting, k1 and sharpness; of
+        the danger in motion k2 and gamma, too. Only these are read. Without a field the claim is checked in the kind
+        that it names itself.
     spacing : float, optional
         With a field: the distance between danger points that a claim must have [m]; default: the scene's own.
 
@@ -100,8 +102,12 @@ def verify(
                 robot = built_robot(document.mapping("carried", content["robot"]))
         scene = carried if scene is None else scene
         found = _verified(content, robot, scene)
-        if field is not None and content["danger"] is not None:
-            check_kind(content["danger"], field, scene.spacing if spacing is None else spacing)
+        if field is not None:
+            apart = scene.spacing if spacing is None else spacing
+            if content["danger"] is not None:
+                check_kind(content["danger"], field, apart)
+            if (content.get("trajectory") or {}).get("danger") is not None:
+                check_kind(content["trajectory"]["danger"], field, apart, moving=True)
         return found
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         if isinstance(error, InputError):

@@ -16,6 +16,8 @@ PROVERS = (
     "setup",
     "paths.simplify",
     "paths.certificate.issue",
+    "paths.certificate.issue_trajectory",
+    "trajectories",
 )
 
 
@@ -28,7 +30,12 @@ def imported(module):
 
 
 @pytest.mark.parametrize(
-    "module", ["verify", "claims", "format", "plain_danger", "plain_distances", "plain_tool", "portable"]
+    "module",
+    [
+        *("verify", "claims", "danger_claims", "trajectory_claims", "format", "portable"),
+        *("plain_curve", "plain_danger", "plain_distances", "plain_moving_danger", "plain_phases"),
+        *("plain_speeds", "plain_tool", "plain_trajectory"),
+    ],
 )
 def test_the_verifier_imports_no_prover(module):
     names = imported(f"{CERTIFICATE}.{module}")
