@@ -29,7 +29,7 @@ COSTS: tuple[Cost, ...] = ("danger", "duration")
 _STARTS = 2  # paths that are looked for before the best is made faster, and again when that ends
 _SIMPLIFICATION = 0.3  # [s] of each
 _WEIGHTS = (0.0, 1.0)  # of danger, for shorter paths than the simplifier's own
-_PROMISING = 1.3  # a new path that takes longer than this times the best one is left as it is
+_PROMISING = 1.5  # a new path that takes longer than this times the best one is left as it is
 
 
 class TimedSetup(SimplifyingSetup):

@@ -11,6 +11,7 @@ from safe_ompl.maths.kernels.stopping import stopping_speeds
 from safe_ompl.trajectories.timing import PathTimer
 
 _STEP = 0.15  # [rad] between samples
+_STRAIGHT, _SHARPEST = 1e-6, 1e-4  # [rad] turns of less are none; no arc has a smaller radius
 _NUDGE = 0.02  # [rad] of the joints, to see where people are farther away
 _BENDING = 0.5  # share of the accelerations that arcs may take, as beside people
 _NEVER = 1e6  # [s] where nobody comes
@@ -45,14 +46,15 @@ class DurationEstimate:
         lengths = np.maximum(np.linalg.norm(steps, axis=1), 1e-9)
         slopes = np.abs(steps) / lengths[:, None]
         limits = self._timer.limits
-        with np.errstate(divide="ignore"):
-            speeds = (limits.velocity / slopes).min(axis=1)
-            brakes = (limits.acceleration / slopes).min(axis=1)
         panels = np.maximum(1, np.ceil(lengths / _STEP).astype(np.intp))
         of = np.repeat(np.arange(len(panels)), panels)
         sizes = (lengths / panels)[of]
-        caps = np.minimum(speeds[of], self._bends(steps / lengths[:, None], lengths, sizes))
-        weakest = brakes[of]
+        bends = self._bends(steps / lengths[:, None], lengths, sizes)
+        with np.errstate(divide="ignore"):
+            speeds = (limits.velocity / slopes).min(axis=1)[of]
+            caps = np.minimum(speeds, np.sqrt((_BENDING * limits.acceleration / bends).min(axis=1)))
+            rest = limits.acceleration - bends * (caps * caps)[:, None]
+            weakest = (rest / slopes[of]).min(axis=1)
         if self._timer.distances is not None:
             left = self._left(path, panels)[:, None]
             last = np.full(len(of), len(of) - 1)
@@ -87,22 +89,20 @@ class DurationEstimate:
         return np.concatenate([self._known[key] for key in keys])
 
     def _bends(self, units: FloatArray, lengths: FloatArray, sizes: FloatArray) -> FloatArray:
-        """Return the largest ṡ of each panel that arcs allow."""
-        caps = np.full(len(sizes), np.inf)
+        """Return |q″| (M, n) of the panels: that of the arc where one is, by the formulas of `blends.blended`."""
+        bends = np.zeros((len(sizes), units.shape[1]))
         middles = np.cumsum(sizes) - sizes / 2
         corners = np.cumsum(lengths)[:-1]
-        first, second = units[:-1], units[1:]
-        apart = np.linalg.norm(second - first, axis=1)
-        turns = 2 * np.arctan2(apart, np.linalg.norm(second + first, axis=1))
-        for k in np.flatnonzero(turns > 1e-6):
-            room = min(lengths[k], lengths[k + 1]) / 2
-            reach = min(room, self._timer.tolerance / np.tan(turns[k] / 4))
-            radius = reach / np.tan(turns[k] / 2) if turns[k] < np.pi - 1e-6 else 0.0
-            inward = np.maximum(np.abs(second[k] - first[k]) / apart[k], 1e-12)
-            most = np.sqrt(_BENDING * radius * (self._timer.limits.acceleration / inward).min())
+        turned = units[1:] - units[:-1]
+        apart = np.linalg.norm(turned, axis=1)
+        turns = 2 * np.arctan2(apart, np.linalg.norm(units[1:] + units[:-1], axis=1))
+        for k in np.flatnonzero(turns > _STRAIGHT):
+            reach = min(lengths[k], lengths[k + 1]) / 2
+            reach = min(reach, self._timer.tolerance / np.tan(turns[k] / 4))
+            radius = max(reach / np.tan(turns[k] / 2), _SHARPEST)
             near = np.abs(middles - corners[k]) <= max(reach, sizes.max() / 2)
-            caps[near] = np.minimum(caps[near], max(most, 1e-3))
-        return caps
+            bends[near] = np.maximum(bends[near], np.abs(turned[k]) / (apart[k] * radius))
+        return bends
 
 
 def _fastest_times(sizes: FloatArray, brakes: FloatArray, caps: FloatArray) -> FloatArray:

@@ -16,8 +16,9 @@ from safe_ompl.trajectories.estimate import DurationEstimate
 from safe_ompl.trajectories.timing import CELLS, PathTimer
 
 COARSE = 60  # cells, where there is no estimate
-_SPACINGS = (0.8, 0.4, 0.2)  # [rad] between way points, at first, when nothing more is gained, and then
+_SPACINGS = (1.0, 0.5)  # [rad] between way points, at first, when nothing more is gained, and then
 _STALE = 60  # changes in a row that gain nothing: the end of a spacing
+_SLACK = 0.05  # share of the duration that fewer way points may cost, before changes
 _GAIN = 1e-3  # share of the duration that counts as a gain
 _ROUND = 50  # changes between two times that the trajectory itself is timed
 
@@ -65,7 +66,7 @@ def faster(
     if not np.isfinite(search.least):
         return path, search.least
     for spacing in _SPACINGS:
-        search.divide(spacing)
+        search.begin(spacing, stop)
         while not search.stuck and not stop():
             search.try_changes(stop)
             if search.settle() and on_better is not None:
@@ -87,7 +88,6 @@ class _LocalSearch:
     _path: FloatArray  # the path that is changed,
     _times: FloatArray | None  # how long its edges take, where that is estimated,
     _cost: float  # and all of it
-    _divided: FloatArray  # the best path, with way points where changes need them
 
     def __init__(
         self, path: FloatArray, timer: PathTimer, motion: CertifiedMotion, rng: np.random.Generator
@@ -96,17 +96,30 @@ class _LocalSearch:
         self._estimate = DurationEstimate(timer)
         self._estimates = DurationEstimate.knows(timer)
         self._changes = PathChanges(timer.robot, self._estimate, rng)
-        self.best, self.least = path, duration_of(timer, path)
-        self._stale = 0
+        self.best, self.least, self._stale = path, duration_of(timer, path), 0
         self._take(path)
+        self._cost_of_best = self._cost
 
-    def divide(self, spacing: float) -> None:
-        """Set way points no farther apart than `spacing` [rad], and one between start and goal at least."""
-        path = _divided(self.best, spacing)
+    def begin(self, spacing: float, stop: Callable[[], bool]) -> None:
+        """Begin anew from the best path, with way points where they are needed, and `spacing` [rad] apart at most."""
+        self._take(self.best)
+        self._thin(stop)
+        path = _divided(self._path, spacing)
         if len(path) == 2:
             path = np.vstack([path[0], path.mean(axis=0), path[1]])
         self._take(path)
         self._stale = 0
+
+    def _thin(self, stop: Callable[[], bool]) -> None:
+        """Take way points out, one after the other, while that costs little time: changes of few go farther."""
+        most = (1 + _SLACK) * self._cost
+        for k in range(len(self._path) - 2, 0, -1):
+            if stop():
+                return
+            path = np.delete(self._path, k, axis=0)
+            times, cost = self._judge(path)
+            if cost < most and self._proven(path[k - 1 : k + 1]):
+                self._path, self._times, self._cost = path, times, cost
 
     @property
     def stuck(self) -> bool:
@@ -131,18 +144,21 @@ class _LocalSearch:
                 self._changes.failed(change)
 
     def settle(self) -> bool:
-        """Time the trajectory, and return whether the path is better; what is not is taken back."""
-        duration = self.least if self._path is self._divided else duration_of(self._timer, self._path)
+        """Time the trajectory if it may be better, and return whether it is.
+
+        Where the estimate is better, and the trajectory is not, the estimate does not see what matters: enough of it.
+        """
+        if self._cost >= self._cost_of_best:
+            return False
+        duration = duration_of(self._timer, self._path)
         if duration < self.least:
-            self.best, self.least, self._divided = self._path, duration, self._path
+            self.best, self.least, self._cost_of_best = self._path, duration, self._cost
             return True
-        if self._path is not self._divided:  # the estimate does not see what it was: no more of that
-            self._take(self._divided)
-            self._stale = _STALE
+        self._stale = _STALE
         return False
 
     def _take(self, path: FloatArray) -> None:
-        self._path = self._divided = path
+        self._path = path
         self._times, self._cost = self._judge(path)
 
     def _judge(self, path: FloatArray) -> tuple[FloatArray | None, float]:
