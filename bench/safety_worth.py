@@ -31,7 +31,7 @@ from typing import TypeAlias
 import numpy as np
 from _problems import positions
 from _timing import print_table
-from _worth_problems import NAMED, problems
+from _worth_problems import NAMED, WorthProblem, problems
 from ompl import util as ou
 
 from safe_ompl.cli.arguments import names
@@ -59,22 +59,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = _options(arguments)
     ou.setLogLevel(ou.LogLevel.LOG_ERROR)
     logging.disable(logging.WARNING)
-    compiled.perf_counter = process_time  # all limits of time are asked of `compiled.clock`
+    clock_of_the_process()
     runs: Runs = {}
     for file in options.also:
         runs |= loaded(file)
-    chosen = [problem.name for problem in list(problems(options.scenes))[options.problems]]
-    wanted = set(product(chosen, range(options.seeds), options.methods)) - set(runs)
     own: Runs = {}
-    for key, duration in _runs(wanted, chosen, options):
-        runs[key] = own[key] = duration
-        print(*key[:2], key[2], shown(duration), sep=", ", flush=True)
+    for key, seconds in _missing(list(problems(options.scenes))[options.problems], runs, options):
+        own[key] = seconds
+        print(*key, shown(seconds), sep=", ", flush=True)
         if options.json is not None:
             options.json.write_text(json.dumps(as_rows(own)), encoding="utf-8")
+    runs |= own
     if runs:
         report(runs)
         if options.figure is not None:
             draw(runs, options.figure)
+
+
+def clock_of_the_process() -> None:
+    """Let all limits of time, ours and OMPL's, which ask `compiled.clock`, count the time of this process."""
+    compiled.perf_counter = process_time
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -96,17 +100,16 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     return options
 
 
-def _runs(
-    wanted: set[tuple[str, int, str]], chosen: Sequence[str], options: argparse.Namespace
+def _missing(
+    chosen: Sequence[WorthProblem], done: Runs, options: argparse.Namespace
 ) -> Iterator[tuple[tuple[str, int, str], float]]:
-    """Do what is wanted, all problems with one seed before the next, and yield the durations."""
-    by_name = {problem.name: problem for problem in problems(options.scenes)}
-    for seed, name in product(range(options.seeds), chosen):
-        methods = [method for method in options.methods if (name, seed, method) in wanted]
+    """Run what is not done, all problems with one seed before the next, and yield the durations."""
+    for seed, problem in product(range(options.seeds), chosen):
+        methods = [method for method in options.methods if (problem.name, seed, method) not in done]
         if methods:
-            safe, plain = by_name[name].setups()
+            setups = problem.setups()
             for method in methods:
-                yield (name, seed, method), duration(safe, plain, method, seed, options.seconds)
+                yield (problem.name, seed, method), duration(*setups, method, seed, options.seconds)
 
 
 def duration(safe: SafeSetup, plain: SafeSetup, method: str, seed: int, seconds: float) -> float:
@@ -214,8 +217,53 @@ def shown(seconds: float) -> str:
 
 
 def draw(runs: Runs, file: Path) -> None:
-    """Draw the durations of all problems, method by method, as a picture."""
-    raise NotImplementedError
+    """Draw the durations of all problems, medians over seeds, method by method, as a picture."""
+    import matplotlib.pyplot as plt
+
+    names = list(dict.fromkeys(problem for problem, _, _ in runs))
+    medians = {
+        method: np.array([_median(runs, name, method) for name in names])
+        for method in METHODS
+        if any(key[2] == method for key in runs)
+    }
+    every = np.array(list(medians.values()))
+    finite = every[np.isfinite(every)]
+    top = 1.08 * finite.max()
+    order = np.argsort(next(medians[method] for method in LOOKS if method in medians), kind="stable")
+    places = np.arange(len(names))
+    figure, axes = plt.subplots(figsize=(8, 4.2))
+    axes.axhspan(top, 1.22 * top, color="#f6e7e4", lw=0)
+    axes.text(-1.2, 1.11 * top, "may not\nmove", fontsize=9, color="#8c2f20", ha="right", va="center")
+    axes.vlines(places, 0, 1.22 * top, color="0.92", lw=1, zorder=0)
+    for k, (method, (mark, colour, label)) in enumerate(LOOKS.items()):
+        if method not in medians:
+            continue
+        values = medians[method][order]
+        stuck = np.isinf(values)
+        beside = places + 0.12 * (k - 1.5)  # so that marks at the same height are seen
+        style = {"ls": "none", "marker": mark, "ms": 5.5, "zorder": 5 - k}
+        axes.plot(beside[~stuck], values[~stuck], color=colour, label=label, **style)
+        axes.plot(
+            places[stuck], np.full(stuck.sum(), top * (1.035 + 0.05 * k)), mfc="white", mec=colour, **style
+        )
+    axes.set_yticks(np.arange(0, top, 1 if top < 12 else 2))
+    axes.set_xticks(places, [_short(names[k]) for k in order], rotation=90, fontsize=7)
+    axes.set(ylabel="duration beside a person [s]", ylim=(0, 1.22 * top), xlim=(-1, len(names)))
+    axes.set_xlabel("problem (numbers: random scenes), by the duration of our fastest path")
+    axes.legend(ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, handletextpad=0.1)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(file, bbox_inches="tight", dpi=160)
+    plt.close(figure)
+
+
+def _median(runs: Runs, problem: str, method: str) -> float:
+    """Return the median over the seeds, of which the slower middle one where their number is even."""
+    values = [value for key, value in runs.items() if (key[0], key[2]) == (problem, method)]
+    return float(np.quantile(values, 0.5, method="higher")) if values else np.nan
+
+
+def _short(name: str) -> str:
+    return name.removeprefix("random ")
 
 
 if __name__ == "__main__":

@@ -83,7 +83,7 @@ class PathChanges:
             return Change(np.delete(path, k, axis=0), k - 1, k + 1, None)
         if number > 4 and kind < _REMOVALS + _CUTS:
             a, b = sorted(self._rng.choice(number, 2, replace=False).tolist())
-            if b - a < number - 1:
+            if 1 < b - a < number - 1:
                 return Change(np.delete(path, np.s_[a + 1 : b], axis=0), a, a + 2, None)
         return self._moved(path, self._offset(path, times))
 
