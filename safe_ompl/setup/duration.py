@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from time import perf_counter
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import UnknownNameError
+from safe_ompl.maths.kernels.compiled import clock
 from safe_ompl.paths.simplify.run import Stop, unrolled
 from safe_ompl.paths.simplify.simplifier import Simplifier, timed
 from safe_ompl.planners.base import SafePlanner
@@ -22,12 +22,14 @@ from safe_ompl.setup.optimise import Improvement, Search
 from safe_ompl.setup.simplification import SimplifyingSetup
 from safe_ompl.trajectories.faster import duration_of, faster
 from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import CELLS, PathTimer
+from safe_ompl.trajectories.timing import PathTimer
 
 Cost: TypeAlias = Literal["danger", "duration"]
 COSTS: tuple[Cost, ...] = ("danger", "duration")
 _STARTS = 2  # paths that are looked for before the best is made faster, and again when that ends
 _SIMPLIFICATION = 0.3  # [s] of each
+_WEIGHTS = (0.0, 1.0)  # of danger, for shorter paths than the simplifier's own
+_PROMISING = 1.5  # a new path that takes longer than this times the best one is left as it is
 
 
 class TimedSetup(SimplifyingSetup):
@@ -128,18 +130,24 @@ class FastestPath:
         When each path was found [s].
     paths : list of ndarray, shape (N, n)
         Each faster than those before; only the first may be one that people allow no motion on.
+    durations : list of float
+        How long each takes [s]; +inf where nothing allows motion.
     """
 
     def __init__(self, timer: PathTimer, simplifier: Simplifier, seed: int) -> None:
         self.times: list[float] = []
         self.paths: list[FloatArray] = []
+        self.durations: list[float] = []
         self._timer, self._simplifier = timer, simplifier
-        shortest = Simplifier(
-            simplifier.checker, simplifier.danger.field, simplifier.motion, weight=0.0, clearance=0.0
+        shorter = (
+            Simplifier(
+                simplifier.checker, simplifier.danger.field, simplifier.motion, weight=weight, clearance=0.0
+            )
+            for weight in _WEIGHTS
         )
-        self._simplifiers = simplifier, shortest
+        self._simplifiers = simplifier, *shorter
         self._rng = np.random.default_rng(seed)
-        self._begin, self._least = perf_counter(), np.inf
+        self._begin = clock()
 
     @property
     def first_path(self) -> float | None:
@@ -153,11 +161,13 @@ class FastestPath:
             while not over():
                 found = []
                 for k in range(start, start + _STARTS):
-                    path = None if over() else search(k, seconds - (perf_counter() - self._begin))
+                    path = None if over() else search(k, seconds - (clock() - self._begin))
                     found += [] if path is None else [self._simplified(path, over)]
                 start += _STARTS
                 if found:
-                    self._make_faster(min(found, key=lambda pair: pair[0])[1], over)
+                    duration, path = min(found, key=lambda pair: pair[0])
+                    promising = duration < _PROMISING * self.durations[-1]
+                    self._make_faster(path if promising else self.paths[-1], over)
 
     def shorten(self, path: FloatArray, over: Stop) -> FloatArray:
         """Return a path that is driven in less time, or the given one."""
@@ -166,20 +176,13 @@ class FastestPath:
         return self.paths[-1]
 
     def settled(self, simplifier: Simplifier) -> tuple[FloatArray | None, tuple[Improvement, ...]]:
-        """Return the fastest path, if there is one, and those that were fastest before it, in order.
-
-        While it looks cells are coarse. Here they are fine: a path that is no faster than one before it is left out.
-        """
-        best, rows = None, list[Improvement]()
-        for time, path in zip(self.times, self.paths, strict=True):
-            duration = duration_of(self._timer, path, CELLS)
-            if best is None or duration < rows[-1].cost:
-                best = path
-                rows.append(Improvement(time, duration, *simplifier.danger_along(path)))
-        return best, tuple(rows)
+        """Return the fastest path, if there is one, and those that were fastest before it, in order."""
+        found = zip(self.times, self.paths, self.durations, strict=True)
+        rows = [Improvement(time, cost, *simplifier.danger_along(path)) for time, path, cost in found]
+        return (self.paths[-1] if self.paths else None), tuple(rows)
 
     def _simplified(self, path: FloatArray, over: Stop) -> tuple[float, FloatArray]:
-        """Time a path and what simplification for safety, and for length alone, make of it; return the fastest."""
+        """Time a path, and what simplification for safety and for length make of it; return the fastest."""
         path = unrolled(self._timer.robot, path)
         candidates = [(self._timed(path), path)]
         for simplifier in self._simplifiers:
@@ -197,7 +200,7 @@ class FastestPath:
         return duration
 
     def _better(self, path: FloatArray, duration: float) -> None:
-        if duration < self._least or not self.paths:
-            self._least = duration
-            self.times.append(perf_counter() - self._begin)
+        if not self.paths or duration < self.durations[-1]:
+            self.times.append(clock() - self._begin)
             self.paths.append(path)
+            self.durations.append(duration)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.maths.kernels.compiled import clock
 from safe_ompl.paths.simplify.run import Stop
 from safe_ompl.paths.simplify.simplifier import Simplifier, timed
 
@@ -100,7 +100,7 @@ def optimise(
     stop : callable, optional
         Ends it early.
     """
-    begin, over = perf_counter(), timed(seconds, stop)
+    begin, over = clock(), timed(seconds, stop)
     found = Optimisation([], [])
     with suppress(KeyboardInterrupt):  # the best path so far stands
         _improve(found, search, simplifier, begin, seconds, over)
@@ -117,7 +117,7 @@ def _improve(
         if cost < best:
             stale = 0 if cost < (1.0 - _WORTHWHILE) * best else stale
             best = cost
-            found.times.append(perf_counter() - begin)
+            found.times.append(clock() - begin)
             found.paths.append(path)
 
     while not over():
@@ -125,12 +125,12 @@ def _improve(
             refinement, stale = refinement + 1, 0
             simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
             continue
-        path = search(start, seconds - (perf_counter() - begin))
+        path = search(start, seconds - (clock() - begin))
         start, stale = start + 1, stale + 1
         if path is None:
             continue
         if found.first_path is None:
-            found.first_path = perf_counter() - begin
+            found.first_path = clock() - begin
             found.times.append(found.first_path)
             found.paths.append(path)
         simplifier.begin(path, over, better, proven=True).improve()

@@ -1,4 +1,4 @@
-"""Paths that are driven faster: random local changes, each proven, and kept where the trajectory takes less time."""
+"""Paths that are driven faster: random local changes, each proven, and kept where the motion takes less time."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError
 from safe_ompl.trajectories.caps import StandstillError
-from safe_ompl.trajectories.timing import PathTimer
+from safe_ompl.trajectories.changes import PathChanges
+from safe_ompl.trajectories.estimate import DurationEstimate
+from safe_ompl.trajectories.timing import CELLS, PathTimer
 
-COARSE = 60  # cells, while looking
-_LARGEST, _SMALLEST = 0.5, 0.02  # [rad] of a change
-_LONGER, _SHORTER = 1.4, 0.85  # what a success and a failure make of its size
-_REMOVALS = 0.2  # share of the changes that take way points out
-_SPACING = 0.5  # [rad] between way points
-_STALE = 40  # changes in a row that gain nothing: the end
+COARSE = 60  # cells, where there is no estimate
+_SPACINGS = (1.0, 0.5)  # [rad] between way points, at first, when nothing more is gained, and then
+_STALE = 60  # changes in a row that gain nothing: the end of a spacing
+_SLACK = 0.05  # share of the duration that fewer way points may cost, before changes
+_GAIN = 1e-3  # share of the duration that counts as a gain
+_ROUND = 50  # changes between two times that the trajectory itself is timed
 
 
-def duration_of(timer: PathTimer, path: FloatArray, cells: int = COARSE) -> float:
+def duration_of(timer: PathTimer, path: FloatArray, cells: int = CELLS) -> float:
     """Return how long a path takes [s]; +inf where nothing allows motion."""
     try:
         return timer.time(path, cells=cells).duration
@@ -39,9 +41,11 @@ def faster(
 ) -> tuple[FloatArray, float]:
     """Return a path that is driven in less time, and how long it takes [s].
 
-    What is minimised is the duration of the trajectory itself, under all limits and caps of the timer, with coarse
-    cells. Way points are moved at random, neighbours with them, or taken out; the changed edges are proven. Steps grow
-    when they succeed and shrink when they fail. That finds a local optimum at best, and not always that.
+    What is minimised is the duration of the trajectory itself, under all limits and caps of the timer. Changes of the
+    path (`safe_ompl.trajectories.changes`) are judged by an estimate of it where there is one
+    (`safe_ompl.trajectories.estimate`), proven if they are better, and after some of them the trajectory is timed: what
+    is not better then is taken back. When nothing more is gained way points come nearer to each other. That finds a
+    local optimum at best, and not always that.
 
     Parameters
     ----------
@@ -58,60 +62,121 @@ def faster(
     on_better : callable, optional
         Told every better path, and its duration.
     """
-    best, least = path, duration_of(timer, path)
-    if not np.isfinite(least):
-        return best, least
-    dense = _divided(path)
-    if len(dense) == 2:
-        dense = np.vstack([dense[0], dense.mean(axis=0), dense[1]])
-    size, stale = _LARGEST / 2, 0
-    while stale < _STALE and not stop():
-        changed, first, last = _changed(dense, rng, size, timer)
-        stale += 1
-        if changed is None or not _proven(changed[first:last], motion):
-            size = max(_SMALLEST, size * _SHORTER)
-            continue
-        duration = duration_of(timer, changed)
-        if duration < least:
-            stale = 0 if duration < least * (1 - 1e-3) else stale
-            dense, best, least = changed, changed, duration
-            size = min(_LARGEST, size * _LONGER)
-            if on_better is not None:
-                on_better(best, least)
-        else:
-            size = max(_SMALLEST, size * _SHORTER)
-    return best, least
+    search = _LocalSearch(path, timer, motion, rng)
+    if not np.isfinite(search.least):
+        return path, search.least
+    for spacing in _SPACINGS:
+        search.begin(spacing, stop)
+        while not search.stuck and not stop():
+            search.try_changes(stop)
+            if search.settle() and on_better is not None:
+                on_better(search.best, search.least)
+    return search.best, search.least
 
 
-def _changed(
-    path: FloatArray, rng: np.random.Generator, size: float, timer: PathTimer
-) -> tuple[FloatArray | None, int, int]:
-    """Return a changed path and the range of its way points whose edges are new; None where it leaves the limits."""
-    number, robot = len(path), timer.robot
-    centre = int(rng.integers(1, number - 1))
-    if number > 3 and rng.random() < _REMOVALS:
-        return np.delete(path, centre, axis=0), centre - 1, centre + 1
-    width = float(rng.choice([0.5, 1.0, 2.0]))
-    weights = np.exp(-0.5 * ((np.arange(number) - centre) / width) ** 2)
-    weights[weights < 0.05] = 0.0
-    weights[[0, -1]] = 0.0
-    direction = rng.normal(size=robot.n)
-    changed = path + size * weights[:, None] * direction / np.linalg.norm(direction)
-    moved = np.flatnonzero(weights)
-    if not all(robot.within_limits(q).all() for q in changed[moved]):
-        return None, 0, 0
-    return changed, int(moved[0]) - 1, int(moved[-1]) + 2
+class _LocalSearch:
+    """The state of `faster`.
+
+    Attributes
+    ----------
+    best : ndarray, shape (N, n)
+        The path that takes the least time, and
+    least : float
+        how long it takes [s].
+    """
+
+    _path: FloatArray  # the path that is changed,
+    _times: FloatArray | None  # how long its edges take, where that is estimated,
+    _cost: float  # and all of it
+
+    def __init__(
+        self, path: FloatArray, timer: PathTimer, motion: CertifiedMotion, rng: np.random.Generator
+    ) -> None:
+        self._timer, self._motion = timer, motion
+        self._estimate = DurationEstimate(timer)
+        self._estimates = DurationEstimate.knows(timer)
+        self._changes = PathChanges(timer.robot, self._estimate, rng)
+        self.best, self.least, self._stale = path, duration_of(timer, path), 0
+        self._take(path)
+        self._cost_of_best = self._cost
+
+    def begin(self, spacing: float, stop: Callable[[], bool]) -> None:
+        """Begin anew from the best path, with way points where they are needed, and `spacing` [rad] apart at most."""
+        self._take(self.best)
+        self._thin(stop)
+        path = _divided(self._path, spacing)
+        if len(path) == 2:
+            path = np.vstack([path[0], path.mean(axis=0), path[1]])
+        self._take(path)
+        self._stale = 0
+
+    def _thin(self, stop: Callable[[], bool]) -> None:
+        """Take way points out, one after the other, while that costs little time: changes of few go farther."""
+        most = (1 + _SLACK) * self._cost
+        for k in range(len(self._path) - 2, 0, -1):
+            if stop():
+                return
+            path = np.delete(self._path, k, axis=0)
+            times, cost = self._judge(path)
+            if cost < most and self._proven(path[k - 1 : k + 1]):
+                self._path, self._times, self._cost = path, times, cost
+
+    @property
+    def stuck(self) -> bool:
+        """Whether nothing more is to be gained with way points so far apart."""
+        return self._stale >= _STALE
+
+    def try_changes(self, stop: Callable[[], bool]) -> None:
+        """Try some changes, and keep what is better by the estimate and proven."""
+        for _ in range(_ROUND):
+            if self.stuck or stop():
+                return
+            self._stale += 1
+            change = self._changes.draw(self._path, self._times)
+            if change is None:
+                continue
+            times, cost = self._judge(change.path)
+            if cost < self._cost and self._proven(change.path[change.first : change.last]):
+                self._stale = 0 if cost < (1 - _GAIN) * self._cost else self._stale
+                self._path, self._times, self._cost = change.path, times, cost
+                self._changes.succeeded(change)
+            else:
+                self._changes.failed(change)
+
+    def settle(self) -> bool:
+        """Time the trajectory if it may be better, and return whether it is.
+
+        Where the estimate is better, and the trajectory is not, the estimate does not see what matters: enough of it.
+        """
+        if self._cost >= self._cost_of_best:
+            return False
+        duration = duration_of(self._timer, self._path)
+        if duration < self.least:
+            self.best, self.least, self._cost_of_best = self._path, duration, self._cost
+            return True
+        self._stale = _STALE
+        return False
+
+    def _take(self, path: FloatArray) -> None:
+        self._path = path
+        self._times, self._cost = self._judge(path)
+
+    def _judge(self, path: FloatArray) -> tuple[FloatArray | None, float]:
+        """Return how long each edge takes, if that is known, and all of them, as far as can be said quickly [s]."""
+        if self._estimates:
+            times = self._estimate.times(path)
+            return times, float(times.sum())
+        return None, duration_of(self._timer, path, COARSE)
+
+    def _proven(self, path: FloatArray) -> bool:
+        return all(self._motion.is_free(a, b) for a, b in pairwise(path))
 
 
-def _proven(path: FloatArray, motion: CertifiedMotion) -> bool:
-    return all(motion.is_free(a, b) for a, b in pairwise(path))
-
-
-def _divided(path: FloatArray) -> FloatArray:
+def _divided(path: FloatArray, spacing: float) -> FloatArray:
     """Return the same path with way points no more than the spacing apart."""
     parts = [
         a
-        + np.linspace(0, 1, max(1, int(np.ceil(np.linalg.norm(b - a) / _SPACING))), endpoint=False)[:, None]
+        + np.linspace(0, 1, max(1, int(np.ceil(np.linalg.norm(b - a) / spacing))), endpoint=False)[:, None]
         * (b - a)
         for a, b in pairwise(path)
     ]

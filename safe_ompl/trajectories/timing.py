@@ -158,6 +158,11 @@ class PathTimer:
         """Distances between robot and people; None without people."""
         return self._distances
 
+    @property
+    def has_other_caps(self) -> bool:
+        """Whether it caps more than joints and separation do: the speed of tool or links, or the danger."""
+        return self._danger is not None or any(self._speeds)
+
     def move(self, scene: Scene) -> None:
         """Take the places of people from another scene: the same people in other poses.
 

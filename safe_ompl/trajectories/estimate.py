@@ -1,0 +1,122 @@
+"""A quick estimate of how long a path takes, to tell which of two paths is worth being timed; it proves nothing."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.maths.kernels.stopping import stopping_speeds
+from safe_ompl.trajectories.timing import PathTimer
+
+_STEP = 0.15  # [rad] between samples
+_STRAIGHT, _SHARPEST = 1e-6, 1e-4  # [rad] turns of less are none; no arc has a smaller radius
+_NUDGE = 0.02  # [rad] of the joints, to see where people are farther away
+_BENDING = 0.5  # share of the accelerations that arcs may take, as beside people
+_NEVER = 1e6  # [s] where nobody comes
+
+
+class DurationEstimate:
+    """The law of `PathTimer` at samples of a path, instead of in cells that are proven.
+
+    When people may be at the robot is looked at once for every edge, and kept: of a path that differs from an earlier
+    one in some edges only those are looked at. A Panda's path beside a person takes some milliseconds then, a tenth of
+    what it takes to time it. Corners count as the arcs that the tolerance allows.
+
+    Parameters
+    ----------
+    timer : PathTimer
+        Limits and people. People must not move while the estimate is in use.
+    """
+
+    def __init__(self, timer: PathTimer) -> None:
+        self._timer = timer
+        self._known: dict[tuple[bytes, bytes], FloatArray] = {}
+
+    @staticmethod
+    def knows(timer: PathTimer) -> bool:
+        """Return whether the estimate heeds all that the timer does: joint limits, and people who are not touched."""
+        contact = timer.people is not None and bool(timer.people.contact)
+        return not (timer.has_other_caps or contact or timer.limits.jerk is not None)
+
+    def times(self, path: FloatArray) -> FloatArray:
+        """Return how long each edge (N − 1,) of a path (N, n) takes [s]; +inf where nothing allows motion."""
+        steps = np.diff(path, axis=0)
+        lengths = np.maximum(np.linalg.norm(steps, axis=1), 1e-9)
+        slopes = np.abs(steps) / lengths[:, None]
+        limits = self._timer.limits
+        panels = np.maximum(1, np.ceil(lengths / _STEP).astype(np.intp))
+        of = np.repeat(np.arange(len(panels)), panels)
+        sizes = (lengths / panels)[of]
+        bends = self._bends(steps / lengths[:, None], lengths, sizes)
+        with np.errstate(divide="ignore"):
+            speeds = (limits.velocity / slopes).min(axis=1)[of]
+            caps = np.minimum(speeds, np.sqrt((_BENDING * limits.acceleration / bends).min(axis=1)))
+            rest = limits.acceleration - bends * (caps * caps)[:, None]
+            weakest = (rest / slopes[of]).min(axis=1)
+        if self._timer.distances is not None:
+            left = self._left(path, panels)[:, None]
+            last = np.full(len(of), len(of) - 1)
+            caps, _, _ = stopping_speeds(sizes, weakest, left, np.zeros_like(left), caps, last)
+        if caps.min() <= 0:
+            return np.full(len(panels), np.inf)
+        times = _fastest_times(sizes, weakest, caps)
+        found: FloatArray = np.add.reduceat(times, np.concatenate([[0], np.cumsum(panels)[:-1]]))
+        return found
+
+    def away(self, q: FloatArray) -> FloatArray | None:
+        """Return the direction (n,) in which people need longer to reach the robot at `q: (n,)`, or None."""
+        if self._timer.distances is None:
+            return None
+        times = self._timer.distances.times_at(np.vstack([q, q + _NUDGE * np.eye(len(q))]))
+        gradient = times[1:] - times[0]
+        size = np.linalg.norm(gradient)
+        return gradient / size if np.isfinite(size) and size > 0 else None
+
+    def _left(self, path: FloatArray, panels: np.ndarray) -> FloatArray:
+        """Return when people may be at the robot, in the middle of each panel [s]."""
+        keys = [(a.tobytes(), b.tobytes()) for a, b in pairwise(path)]
+        new = [k for k, key in enumerate(keys) if key not in self._known]
+        if new:
+            middles = [(np.arange(panels[k]) + 0.5) / panels[k] for k in new]
+            rows = [
+                path[k] + at[:, None] * (path[k + 1] - path[k]) for k, at in zip(new, middles, strict=True)
+            ]
+            times = np.minimum(self._timer.distances.times_at(np.vstack(rows)), _NEVER)  # type: ignore[union-attr]
+            for k, part in zip(new, np.split(times, np.cumsum(panels[new])[:-1]), strict=True):
+                self._known[keys[k]] = part
+        return np.concatenate([self._known[key] for key in keys])
+
+    def _bends(self, units: FloatArray, lengths: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Return |q″| (M, n) of the panels: that of the arc where one is, by the formulas of `blends.blended`."""
+        bends = np.zeros((len(sizes), units.shape[1]))
+        middles = np.cumsum(sizes) - sizes / 2
+        corners = np.cumsum(lengths)[:-1]
+        turned = units[1:] - units[:-1]
+        apart = np.linalg.norm(turned, axis=1)
+        turns = 2 * np.arctan2(apart, np.linalg.norm(units[1:] + units[:-1], axis=1))
+        for k in np.flatnonzero(turns > _STRAIGHT):
+            reach = min(lengths[k], lengths[k + 1]) / 2
+            reach = min(reach, self._timer.tolerance / np.tan(turns[k] / 4))
+            radius = max(reach / np.tan(turns[k] / 2), _SHARPEST)
+            near = np.abs(middles - corners[k]) <= max(reach, sizes.max() / 2)
+            bends[near] = np.maximum(bends[near], np.abs(turned[k]) / (apart[k] * radius))
+        return bends
+
+
+def _fastest_times(sizes: FloatArray, brakes: FloatArray, caps: FloatArray) -> FloatArray:
+    """Return how long each panel (N,) takes at the largest speeds within caps and accelerations, from rest to rest."""
+    within = caps * caps
+    squares = [0.0, *np.minimum(within[:-1], within[1:]).tolist(), 0.0]
+    gains = (2 * brakes * sizes).tolist()
+    for k, gain in enumerate(gains):
+        squares[k + 1] = min(squares[k + 1], squares[k] + gain)
+    for k in range(len(gains) - 1, -1, -1):
+        squares[k] = min(squares[k], squares[k + 1] + gains[k])
+    if len(gains) == 1:
+        peak = min(float(caps[0]), float(np.sqrt(gains[0] / 2)))
+        return np.array([sizes[0] / peak + peak / brakes[0]])
+    speeds = np.sqrt(squares)
+    found: FloatArray = 2 * sizes / (speeds[:-1] + speeds[1:])
+    return found
