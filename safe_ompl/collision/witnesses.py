@@ -9,6 +9,8 @@ import numpy as np
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, positive
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pair_distances import PairDistances
+from safe_ompl.maths.kernels import path_cost as kernel
+from safe_ompl.robot.joints.kinematic_tree import plain
 from safe_ompl.robot.robot import Robot
 
 
@@ -39,15 +41,37 @@ class Witnesses:
     normals: FloatArray
     offsets: FloatArray
 
-    def distances(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return distances (C,) [m] and their gradients (C, n) at `Q: (B, n)`, near where the witnesses were found.
+    def hinge_costs(self, Q: FloatArray, hinges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² of the distances d at `Q: (B, n)`, near where the witnesses were found.
 
         The link's witness moves with the link, the obstacle stays behind the plane at its own: exact to the first
         order where the witnesses were found, and for moves in which they remain the nearest points.
+
+        Parameters
+        ----------
+        Q : ndarray, shape (B, n)
+        hinges : ndarray, shape (H, 2)
+            D > 0 [m] and w.
+
+        Returns
+        -------
+        costs : ndarray, shape (B,)
+        gradients : ndarray, shape (B, n)
+        bends : ndarray, shape (C, n)
+            Vectors v: the costs bend like Σ vvᵀ (Gauss-Newton).
         """
-        places, jacobians = self.robot.body_points(Q, self.rows, self.joints, self.points)
-        distances = np.einsum("ci,ci->c", places, self.normals) - self.offsets
-        return distances, np.einsum("cni,ci->cn", jacobians, self.normals)
+        coupling = self.robot.coupling
+        costs, gradients, bends = kernel.hinge_costs(
+            self.robot.kinematics.joints,
+            plain(coupling.values(Q)),
+            self.rows,
+            self.joints,
+            self.points,
+            self.normals,
+            self.offsets,
+            hinges,
+        )
+        return costs, coupling.columns(gradients), coupling.columns(bends)
 
 
 class Proximity:
