@@ -109,19 +109,29 @@ class Proximity:
     def witnesses(self, Q: FloatArray) -> Witnesses:
         """Return the witnesses of all pairs that are nearer than `within` at the configurations `Q: (B, n)`."""
         found = [
-            (row, *self.distances.witness(pair))
+            (row, pair, *self.distances.witness(pair))
             for row, pair, distance in self.distances.near(Q, self.within)
             if distance > 0  # in contact there is no way from one to the other
         ]
-        rows, joints, local, on_link, on_obstacle = zip(*found, strict=True) if found else ((),) * 5
-        ends = np.reshape(on_obstacle, (-1, 3))
-        normals = np.reshape(on_link, (-1, 3)) - ends
+        each = zip(*found, strict=True) if found else ((),) * 4
+        rows, pairs, on_link, on_obstacle = (np.array(column) for column in each)
+        rows, joints = rows.astype(np.intp), self.distances.joints[pairs.astype(np.intp)]
+        on_link, ends = on_link.reshape(-1, 3), on_obstacle.reshape(-1, 3)
+        normals = on_link - ends
         normals /= np.sqrt(np.einsum("ci,ci->c", normals, normals))[:, None]
-        return Witnesses(
-            self.checker.robot,
-            np.array(rows, dtype=np.intp),
-            np.array(joints, dtype=np.intp),
-            np.reshape(local, (-1, 3)),
-            normals,
+        robot = self.checker.robot
+        local, offsets = (
+            _in_joint_frames(robot, Q[rows], joints, on_link),
             np.einsum("ci,ci->c", normals, ends),
         )
+        return Witnesses(robot, rows, joints, local, normals, offsets)
+
+
+def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: FloatArray) -> FloatArray:
+    """Return places (C, 3) in the world in the frames of joints (C,), by Pinocchio's numbers, at `Q: (C, n)`."""
+    rotations, origins, _ = robot.kinematics.frames(robot.coupling.values(Q))
+    local = places.copy()
+    carried = np.flatnonzero(joints)  # the others are in the frame of the world
+    at = carried, joints[carried] - 1
+    local[carried] = np.einsum("cxy,cx->cy", rotations[at], places[carried] - origins[at])
+    return local
