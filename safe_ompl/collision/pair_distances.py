@@ -24,6 +24,11 @@ class PairDistances:
         Robot and scene.
     reach : float
         [m]
+
+    Attributes
+    ----------
+    joints : ndarray of int, shape (K,)
+        Pinocchio's number of the joint that carries the link of each pair.
     """
 
     def __init__(self, checker: CollisionChecker, reach: float) -> None:
@@ -34,7 +39,9 @@ class PairDistances:
         self._indices: IntArray = np.flatnonzero(self._set.meets_obstacle)
         self._coal_indices: list[int] = self._indices.tolist()
         links = self._set.bodies[self._indices, 0].tolist()
-        self._joints = [self._geometry.geometryObjects[link].parentJoint for link in links]
+        self.joints: IntArray = np.array(
+            [self._geometry.geometryObjects[link].parentJoint for link in links], dtype=np.intp
+        )
         self._take_places()
 
     def _take_places(self) -> None:
@@ -87,16 +94,7 @@ class PairDistances:
         pin.updateGeometryPlacements(self._robot.shared.model, self._kinematics, geometry, data, full)
         return [pin.computeDistance(geometry, data, indices[k]).min_distance for k in pairs]
 
-    def witness(self, pair: int) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-        """Return the nearest points of a pair where its distance was found last.
-
-        Returns
-        -------
-        joint : int
-            Pinocchio's number of the joint that carries the link.
-        local, on_link, on_obstacle : ndarray, shape (3,)
-            Nearest point of the link in the frame of that joint and in the world, and that of the obstacle [m].
-        """
-        result, joint = self._results[pair], self._joints[pair]
-        on_link = result.getNearestPoint1()
-        return joint, self._kinematics.oMi[joint].actInv(on_link), on_link, result.getNearestPoint2()
+    def witness(self, pair: int) -> tuple[FloatArray, FloatArray]:
+        """Return the nearest points of a pair where its distance was found last: of link and obstacle, (3,) [m]."""
+        result = self._results[pair]
+        return result.getNearestPoint1(), result.getNearestPoint2()

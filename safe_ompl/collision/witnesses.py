@@ -9,6 +9,8 @@ import numpy as np
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, positive
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pair_distances import PairDistances
+from safe_ompl.maths.kernels import path_cost as kernel
+from safe_ompl.robot.joints.kinematic_tree import plain
 from safe_ompl.robot.robot import Robot
 
 
@@ -39,15 +41,37 @@ class Witnesses:
     normals: FloatArray
     offsets: FloatArray
 
-    def distances(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return distances (C,) [m] and their gradients (C, n) at `Q: (B, n)`, near where the witnesses were found.
+    def hinge_costs(self, Q: FloatArray, hinges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² of the distances d at `Q: (B, n)`, near where the witnesses were found.
 
         The link's witness moves with the link, the obstacle stays behind the plane at its own: exact to the first
         order where the witnesses were found, and for moves in which they remain the nearest points.
+
+        Parameters
+        ----------
+        Q : ndarray, shape (B, n)
+        hinges : ndarray, shape (H, 2)
+            D > 0 [m] and w.
+
+        Returns
+        -------
+        costs : ndarray, shape (B,)
+        gradients : ndarray, shape (B, n)
+        bends : ndarray, shape (C, n)
+            Vectors v: the costs bend like Σ vvᵀ (Gauss-Newton).
         """
-        places, jacobians = self.robot.body_points(Q, self.rows, self.joints, self.points)
-        distances = np.einsum("ci,ci->c", places, self.normals) - self.offsets
-        return distances, np.einsum("cni,ci->cn", jacobians, self.normals)
+        coupling = self.robot.coupling
+        costs, gradients, bends = kernel.hinge_costs(
+            self.robot.kinematics.joints,
+            plain(coupling.values(Q)),
+            self.rows,
+            self.joints,
+            self.points,
+            self.normals,
+            self.offsets,
+            hinges,
+        )
+        return costs, coupling.columns(gradients), coupling.columns(bends)
 
 
 class Proximity:
@@ -85,19 +109,29 @@ class Proximity:
     def witnesses(self, Q: FloatArray) -> Witnesses:
         """Return the witnesses of all pairs that are nearer than `within` at the configurations `Q: (B, n)`."""
         found = [
-            (row, *self.distances.witness(pair))
+            (row, pair, *self.distances.witness(pair))
             for row, pair, distance in self.distances.near(Q, self.within)
             if distance > 0  # in contact there is no way from one to the other
         ]
-        rows, joints, local, on_link, on_obstacle = zip(*found, strict=True) if found else ((),) * 5
-        ends = np.reshape(on_obstacle, (-1, 3))
-        normals = np.reshape(on_link, (-1, 3)) - ends
+        each = zip(*found, strict=True) if found else ((),) * 4
+        rows, pairs, on_link, on_obstacle = (np.array(column) for column in each)
+        rows, joints = rows.astype(np.intp), self.distances.joints[pairs.astype(np.intp)]
+        on_link, ends = on_link.reshape(-1, 3), on_obstacle.reshape(-1, 3)
+        normals = on_link - ends
         normals /= np.sqrt(np.einsum("ci,ci->c", normals, normals))[:, None]
-        return Witnesses(
-            self.checker.robot,
-            np.array(rows, dtype=np.intp),
-            np.array(joints, dtype=np.intp),
-            np.reshape(local, (-1, 3)),
-            normals,
+        robot = self.checker.robot
+        local, offsets = (
+            _in_joint_frames(robot, Q[rows], joints, on_link),
             np.einsum("ci,ci->c", normals, ends),
         )
+        return Witnesses(robot, rows, joints, local, normals, offsets)
+
+
+def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: FloatArray) -> FloatArray:
+    """Return places (C, 3) in the world in the frames of joints (C,), by Pinocchio's numbers, at `Q: (C, n)`."""
+    rotations, origins, _ = robot.kinematics.frames(robot.coupling.values(Q))
+    local = places.copy()
+    carried = np.flatnonzero(joints)  # the others are in the frame of the world
+    at = carried, joints[carried] - 1
+    local[carried] = np.einsum("cxy,cx->cy", rotations[at], places[carried] - origins[at])
+    return local

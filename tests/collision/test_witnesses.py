@@ -25,12 +25,19 @@ def near(panda, clutter):
     return checker, np.array(found)
 
 
+def distances_of(witnesses, Q):
+    """Return distances (C,) and their gradients (C, n) by the witnesses."""
+    places, jacobians = witnesses.robot.body_points(Q, witnesses.rows, witnesses.joints, witnesses.points)
+    distances = np.einsum("ci,ci->c", places, witnesses.normals) - witnesses.offsets
+    return distances, np.einsum("cni,ci->cn", jacobians, witnesses.normals)
+
+
 def test_the_nearest_witness_is_as_far_as_coal_says(near):
     checker, Q = near
     proximity = Proximity(checker, WITHIN)
     assert proximity.near(Q).all()
     witnesses = proximity.witnesses(Q)
-    distances, _ = witnesses.distances(Q)
+    distances, _ = distances_of(witnesses, Q)
     for row, q in enumerate(Q):
         assert distances[witnesses.rows == row].min() == pytest.approx(
             checker.clearance(q).distance, abs=1e-4
@@ -40,18 +47,36 @@ def test_the_nearest_witness_is_as_far_as_coal_says(near):
 def test_gradients_of_distances(near):
     checker, Q = near
     witnesses = Proximity(checker, WITHIN).witnesses(Q)
-    _, gradients = witnesses.distances(Q)
+    _, gradients = distances_of(witnesses, Q)
     for i in range(Q.shape[1]):
         step = 1e-6 * np.eye(Q.shape[1])[i]
-        rise = witnesses.distances(Q + step)[0] - witnesses.distances(Q - step)[0]
+        rise = distances_of(witnesses, Q + step)[0] - distances_of(witnesses, Q - step)[0]
         np.testing.assert_allclose(gradients[:, i], rise / 2e-6, atol=1e-6)
+
+
+def test_hinge_costs_are_those_of_the_distances(near):
+    checker, Q = near
+    witnesses = Proximity(checker, WITHIN).witnesses(Q)
+    distances, slopes = distances_of(witnesses, Q)
+    costs, gradients, bends = witnesses.hinge_costs(Q, np.array([[WITHIN, 2.0], [0.5 * WITHIN, 30.0]]))
+    lacks = np.maximum(0.0, 1 - distances[:, None] / [WITHIN, 0.5 * WITHIN])
+    assert (lacks[:, 1] > 0).any()
+    assert (lacks[:, 1] == 0).any()
+    terms = lacks**2 @ [2.0, 30.0]
+    rates = -2 * lacks / [WITHIN, 0.5 * WITHIN] @ [2.0, 30.0]
+    second = 2 * (lacks > 0) / np.square([WITHIN, 0.5 * WITHIN]) @ [2.0, 30.0]
+    for row in range(len(Q)):
+        of_row = witnesses.rows == row
+        assert costs[row] == pytest.approx(terms[of_row].sum(), rel=1e-9)
+        np.testing.assert_allclose(gradients[row], rates[of_row] @ slopes[of_row], atol=1e-8)
+    np.testing.assert_allclose(bends, np.sqrt(second)[:, None] * slopes, atol=1e-8)
 
 
 def test_witnesses_that_move_foretell_distances(near):
     checker, Q = near
     witnesses = Proximity(checker, WITHIN).witnesses(Q)
     moved = Q + 1e-3
-    foretold, _ = witnesses.distances(moved)
+    foretold, _ = distances_of(witnesses, moved)
     for row, q in enumerate(moved):
         found = foretold[witnesses.rows == row].min()
         assert found == pytest.approx(checker.clearance(q).distance, abs=5e-4)

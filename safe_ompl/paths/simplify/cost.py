@@ -11,7 +11,9 @@ from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.danger.field import DangerField
 from safe_ompl.inputs import number
+from safe_ompl.maths.kernels import path_cost as kernel
 from safe_ompl.paths.curve import Curve
+from safe_ompl.robot.joints.kinematic_tree import plain
 from safe_ompl.robot.robot import Robot
 
 STEP = 0.05  # [rad] between the samples of the cost of a path, as in its report
@@ -20,8 +22,6 @@ _REFERENCE_SAMPLES = 64
 
 _TINY = 1e-12  # [rad]
 _SHORT = 0.1  # shorter segments than this share of the mean count as such a share
-_OFFSET = 0.5 / np.sqrt(3.0)
-_NODES = np.array([0.5 - _OFFSET, 0.5 + _OFFSET])  # Gauss' rule on each segment: exact to the third order
 
 
 class Expansion(NamedTuple):
@@ -186,8 +186,7 @@ class PathCost:
     def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
         """Return J with two Gauss points on each segment of an unrolled path (N, n), and its exact gradient (N, n).
 
-        Of a segment Δ from x of length ℓ = ‖Δ‖ with nodes t_j it is ℓ·mean_j f(x + t_jΔ); the gradients are
-        mean f·Δ/ℓ + ℓ·mean_j t_j∇f with respect to its end, −mean f·Δ/ℓ + ℓ·mean_j (1−t_j)∇f to its start.
+        See `safe_ompl.maths.kernels.path_cost`.
         """
         nodes = self.nodes(path)
         values, slopes = np.ones(len(nodes)), np.zeros(nodes.shape)
@@ -195,7 +194,7 @@ class PathCost:
             more, steeper = density.values_and_gradients(nodes)
             values += more
             slopes += steeper
-        return _integrated(path, values, slopes)
+        return kernel.integrated(plain(path), values, slopes)
 
     def model(self, path: FloatArray) -> QuadraticModel:
         """Return the same with about the Hessian of J.
@@ -205,8 +204,8 @@ class PathCost:
         """
         nodes = self.nodes(path)
         expansions = [density.expansion(nodes) for density in self.densities]
-        value, gradient = _integrated(
-            path,
+        value, gradient = kernel.integrated(
+            plain(path),
             sum((expansion.values for expansion in expansions), np.ones(len(nodes))),
             sum((expansion.gradients for expansion in expansions), np.zeros(nodes.shape)),
         )
@@ -216,37 +215,18 @@ class PathCost:
             mean / np.maximum(lengths, max(_SHORT * lengths.mean(), _TINY)), path.shape[1]
         )
         for expansion in expansions:
-            segment, t = expansion.rows // 2, _NODES[expansion.rows % 2][:, None, None]
-            v = expansion.bends
-            squares = 0.5 * lengths[segment, None, None] * v[:, :, None] * v[:, None, :]
-            np.add.at(blocks, segment, (1 - t) ** 2 * squares)
-            np.add.at(blocks, segment + 1, t**2 * squares)
-            np.add.at(beside, segment, t * (1 - t) * squares)
+            kernel.add_bends(plain(path), expansion.rows, plain(expansion.bends), blocks, beside)
         return QuadraticModel(value, gradient, blocks, beside)
 
     def nodes(self, path: FloatArray) -> FloatArray:
         """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
-        Q: FloatArray = path[:-1, None] + _NODES[:, None] * (path[1:] - path[:-1])[:, None]
-        return Q.reshape(-1, path.shape[1])
+        return kernel.nodes(plain(path))
 
     def _total(self, Q: FloatArray) -> FloatArray:
         total = np.ones(len(Q))
         for density in self.densities:
             total += density.values(Q)
         return total
-
-
-def _integrated(path: FloatArray, values: FloatArray, slopes: FloatArray) -> tuple[float, FloatArray]:
-    """Return J of a path (N, n) and its gradient (N, n), from density (2N − 2,) and its gradients at the nodes."""
-    deltas = path[1:] - path[:-1]
-    lengths = np.sqrt(np.einsum("ij,ij->i", deltas, deltas))
-    means = values.reshape(-1, 2).mean(axis=1)
-    pulls = slopes.reshape(len(deltas), 2, -1) * (0.5 * lengths[:, None, None])
-    pull = (means / np.maximum(lengths, _TINY))[:, None] * deltas
-    gradient = np.zeros_like(path)
-    gradient[1:] += pull + pulls[:, 0] * _NODES[0] + pulls[:, 1] * _NODES[1]
-    gradient[:-1] += pulls[:, 0] * _NODES[1] + pulls[:, 1] * _NODES[0] - pull
-    return float(lengths @ means), gradient
 
 
 def _springs(stiffness: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:

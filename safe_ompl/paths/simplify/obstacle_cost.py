@@ -106,22 +106,8 @@ class ObstacleCost:
     def expansion(self, Q: FloatArray) -> Expansion:
         """Return the density and its derivatives at `Q: (B, n)`, the second ones by Gauss-Newton."""
         witnesses = self._proximity.witnesses(Q) if self._anchored is None else self._anchored
-        values, gradients = np.zeros(len(Q)), np.zeros(Q.shape)
-        distances, slopes = witnesses.distances(Q)
-        density, rate, bend = self._hinges(distances)
-        np.add.at(values, witnesses.rows, density)
-        np.add.at(gradients, witnesses.rows, rate[:, None] * slopes)
-        return Expansion(values, gradients, witnesses.rows, np.sqrt(bend)[:, None] * slopes)
-
-    def _hinges(self, distances: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the density (C,) of pairs at distances (C,) [m], and its first and second derivatives."""
-        total = np.zeros((3, len(distances)))
-        for reach, weight in ((self.distance, self.weight), (self.allowed, _STEEPNESS * self.weight)):
-            if reach > 0:
-                lack = np.maximum(0.0, 1.0 - distances / reach)
-                total += (
-                    weight * lack**2,
-                    -2.0 * weight / reach * lack,
-                    2.0 * weight / reach**2 * (lack > 0),
-                )
-        return total[0], total[1], total[2]
+        hinges = [(self.distance, self.weight)]
+        if self.allowed > 0:
+            hinges.append((self.allowed, _STEEPNESS * self.weight))
+        values, gradients, bends = witnesses.hinge_costs(Q, np.array(hinges))
+        return Expansion(values, gradients, witnesses.rows, bends)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.simplify.active_set import ActiveSetCost
-from safe_ompl.paths.simplify.best_path import BestPath, Price
+from safe_ompl.paths.simplify.best_path import BestPath
 from safe_ompl.paths.simplify.constraints import FeasibleSet
 from safe_ompl.paths.simplify.descent import LARGEST, Descent
 from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
@@ -36,6 +37,13 @@ class Terms:
     precision: float
 
 
+class Price(NamedTuple):
+    """What a path costs: `cost`, its J, and `total`, with the obstacle cost of the part that moves."""
+
+    cost: float
+    total: float
+
+
 class ProvenDescent:
     """Descent of the part of a path between two retreats.
 
@@ -50,7 +58,7 @@ class ProvenDescent:
     terms : Terms
         What every path on the way must hold.
     best : BestPath
-        Is offered every path. One that is dearer may become cheaper than that later.
+        Is offered every path. One that is dearer than the given one may become cheaper than that later.
     stop : callable
         Asked between steps; when it returns True, that is the end.
 
@@ -59,7 +67,6 @@ class ProvenDescent:
     path : ndarray, shape (N, n)
         What has become of the part that moves.
     price : Price
-        Of all three parts.
     leads : bool
         Whether the best path is one of this descent; not so at first.
     """
@@ -74,7 +81,6 @@ class ProvenDescent:
         stop: Callable[[], bool],
     ) -> None:
         self._retreats, self._cost, self._terms, self._best, self._stop = retreats, cost, terms, best, stop
-        self._near_retreats = sum(cost.near(retreat) for retreat in retreats)
         self.path, self.price = path, self._priced(path)
         self.leads = False
 
@@ -145,7 +151,7 @@ class ProvenDescent:
             return 0.0, back
         gain = self.price.total - price.total
         self.path, self.price = path, price
-        self.leads = self._best.take(self._whole(path), price) or self.leads
+        self.leads = self._best.take(self._whole(path), price.cost) or self.leads
         return gain, back
 
     def _price_if_better(self, path: FloatArray) -> Price | None:
@@ -163,7 +169,7 @@ class ProvenDescent:
     def _priced(self, path: FloatArray) -> Price:
         """Return the price of a path between the retreats; the cost is anchored at it then."""
         cost = self._cost.of(self._whole(path))
-        return Price(cost, cost + self._cost.near(path) + self._near_retreats)
+        return Price(cost, cost + self._cost.near(path))
 
     def _look_again(self) -> bool:
         """Take the danger points that matter now; return whether the path is still no dearer than the given one."""
@@ -171,7 +177,7 @@ class ProvenDescent:
         self._cost.look_at(whole)
         cost = self._cost.of(whole)
         self.price = Price(cost, cost + self.price.total - self.price.cost)
-        return not self.leads or self._best.confirm(self.price)
+        return not self.leads or self._best.confirm(cost)
 
     def _resolve_peaks(self) -> bool:
         """Put way points where danger peaks beside the ends, between those that there are; return whether it does.

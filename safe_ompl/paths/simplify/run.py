@@ -11,7 +11,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import StaleSceneError
 from safe_ompl.paths.simplify.active_set import ActiveSetCost
-from safe_ompl.paths.simplify.best_path import BestPath, Better, Price
+from safe_ompl.paths.simplify.best_path import BestPath, Better
 from safe_ompl.paths.simplify.constraints import FeasibleSet, FreeGoal, GoalSet
 from safe_ompl.paths.simplify.cost import DangerDensity
 from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
@@ -111,12 +111,9 @@ class SimplificationRun:
         if self._stop() or not path_length(self.best):
             return  # where the start is the goal, nothing is shorter
         shortened = self._divided(self.best)
-        ends = shortened[:1], shortened[-1:]
-        plain = ProvenDescent(shortened, ends, self._cost, self._terms, self._best, self._stop)
-        self._best.confirm(plain.price)
         if self._descend_between_retreats(shortened) or self._stop():
             return
-        descent = self._descent(shortened, ends)
+        descent = self._descent(shortened, (shortened[:1], shortened[-1:]))
         descent.leads = True
         descent.run()
 
@@ -137,9 +134,8 @@ class SimplificationRun:
             return
         self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
         cost = self._cost.of(shorter)
-        price = Price(cost, np.inf)  # the obstacle cost is known when there are way points enough
-        if self._best.take(shorter, price):
-            self._best.confirm(price)
+        if self._best.take(shorter, cost):
+            self._best.confirm(cost)
 
     def _descend_between_retreats(self, path: FloatArray) -> bool:
         """Leave ends that are near obstacles by retreats, and descend between; return whether that is the best."""
@@ -158,8 +154,8 @@ class SimplificationRun:
         goal = goal[::-1] + (between[-1] - goal[-1])  # continuous joints may have been unwound
         descent = self._descent(self._divided(between), (start, goal))
         # Ends that are left well may cost more than shortcuts, though not more than the given path.
-        self._best.total = np.inf
-        descent.leads = self._best.take(np.concatenate([start[:-1], between, goal[1:]]), descent.price)
+        whole = np.concatenate([start[:-1], between, goal[1:]])
+        descent.leads = self._best.take(whole, descent.price.cost)
         descent.run()
         return descent.leads
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from safe_ompl.paths.simplify.best_path import BestPath, Price
+from safe_ompl.paths.simplify.best_path import BestPath
 
 GIVEN, FIRST, SECOND = np.zeros((2, 3)), np.ones((2, 3)), 2 * np.ones((2, 3))
 
@@ -13,23 +13,23 @@ def best_path(told):
     return best
 
 
-def test_paths_are_taken_while_their_total_falls_and_j_is_not_above_that_of_the_given_one():
+def test_paths_are_taken_while_j_is_not_above_that_of_the_given_one():
     told = []
     best = best_path(told)
-    assert not best.take(FIRST, Price(11.0, 12.0))
+    assert not best.take(FIRST, 11.0)
     assert best.path is GIVEN
-    assert best.take(FIRST, Price(9.0, 12.0))
-    assert not best.take(SECOND, Price(8.0, 12.5))
+    assert best.take(FIRST, 9.0)
+    assert not best.take(SECOND, np.nan)
     assert best.path is FIRST
-    assert best.take(SECOND, Price(9.5, 11.0))
+    assert best.take(SECOND, 9.5)
     assert told == [9.0, 9.5]
 
 
 def test_a_path_that_turns_out_to_be_dearer_than_the_given_one_is_taken_back():
     best = best_path([])
-    best.take(FIRST, Price(9.0, 12.0))
-    assert best.confirm(Price(9.0, 12.0))
-    best.take(SECOND, Price(8.0, 11.0))
+    best.take(FIRST, 9.0)
+    assert best.confirm(9.0)
+    best.take(SECOND, 8.0)
     assert not best.is_confirmed
-    assert not best.confirm(Price(10.5, 13.5))
+    assert not best.confirm(10.5)
     assert best.path is FIRST
