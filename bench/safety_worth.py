@@ -34,7 +34,7 @@ from _timing import print_table
 from _worth_problems import NAMED, WorthProblem, problems
 from ompl import util as ou
 
-from safe_ompl.cli.arguments import names
+from safe_ompl.cli.values import names
 from safe_ompl.maths.kernels import compiled
 from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.trajectories.faster import duration_of
