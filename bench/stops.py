@@ -2,10 +2,13 @@
 
 stops      From random instants of trajectories beside a person the robot brakes, while every limb runs straight at the
            nearest link at its speed, from where she was measured before the reaction time. `reached` must be 0. The
-           full run, --stops 100000, takes about a quarter of an hour.
+           full run, --stops 100000, takes about a quarter of an hour. Where contact is allowed, a limb that may be
+           there has reached the robot only if some point of it is then faster than the limb bears; `fastest` is the
+           largest speed in a contact, as a share of that.
 time       CPU time of caps and law for panda_shelf, of all of `time_path`, and of the coarse form for who replans.
 mutations  One number of a certificate of a timed motion is changed, and the digest with it. What is accepted is asked
-           of samples: `false` must be 0. The full run, --mutations 1000, takes about ten minutes.
+           of samples: `false` must be 0. The motions: beside a person, with a bound of the danger in motion, and where
+           contact is allowed. The full run, --mutations 1000, takes about half an hour.
 """
 
 from __future__ import annotations
@@ -25,14 +28,17 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.collision.queries import fresh_data
+from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError
 from safe_ompl.paths.certificate.format import digest
 from safe_ompl.paths.certificate.issue import certificate
+from safe_ompl.paths.certificate.plain_distances import corners
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
+from safe_ompl.trajectories.caps import contact_speed, robot_mass
 from safe_ompl.trajectories.curve import BlendedCurve, Piece
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.time_law import TimeLaw
@@ -71,13 +77,32 @@ class Limbs:
         self._geometry.removeAllCollisionPairs()
         moving = [k for k, body in enumerate(self._geometry.geometryObjects) if body.parentJoint]
         self.limbs: list[str] = []
+        self.parts: list[str] = []
         for name in names:
             for part, shape, place in scene[name].geometries():
                 added = self._geometry.addGeometryObject(pin.GeometryObject(part, 0, place, shape))
+                self.parts.append(part)
                 self.limbs.append(part[len(name) + 1 :])
                 for body in moving:
                     self._geometry.addCollisionPair(pin.CollisionPair(body, int(added)))
         self._data, self._memory = fresh_data(self._geometry), robot.shared.model.createData()
+        bodies = [(body, *corners(body.geometry)) for body in robot.shared.collision_model.geometryObjects]
+        self._bodies = [
+            (body.parentJoint, points @ body.placement.rotation.T + body.placement.translation, pad)
+            for body, points, pad in bodies
+        ]
+
+    def fastest(self, q: FloatArray, qd: FloatArray) -> float:
+        """Return the speed of the fastest point of the robot [m/s]."""
+        model, robot = self._robot.shared.model, self._robot
+        rates = robot.coupling.motions(qd)
+        pin.forwardKinematics(model, self._memory, robot.pinocchio_configuration(q), rates)
+        found = 0.0
+        for joint, points, pad in self._bodies:
+            motion = self._memory.v[joint]
+            speeds = np.linalg.norm(np.cross(motion.angular, points) + motion.linear, axis=1)
+            found = max(found, float(speeds.max() + pad * np.linalg.norm(motion.angular)))
+        return found
 
     def at(self, q: FloatArray) -> FloatArray:
         """Return the distance of every limb [m]."""
@@ -87,18 +112,50 @@ class Limbs:
         return found.reshape(len(self.limbs), -1).min(axis=1)
 
 
-def left_in_stops(
-    trajectory: Trajectory, limbs: Limbs, speeds: FloatArray, claim: tuple[float, float], begins: FloatArray
-) -> Iterator[float]:
-    """Yield for every stop the least that is left beyond what must be left [m], at instants at which it moves."""
-    reaction, clearance = claim
-    for begin in begins:
-        stop, least = trajectory.stop_from(float(begin)), np.inf
+class Adversary:
+    """Limbs that run straight at the nearest link from where they were measured, at their speeds.
+
+    Parameters
+    ----------
+    limbs : Limbs
+        Where they were.
+    speeds : ndarray, shape (M,)
+        How fast they are [m/s].
+    reaction, clearance : float
+        When the robot begins to brake [s], and what must be left [m].
+    bears : ndarray, shape (M,), optional
+        In contact with what speed each is unharmed [m/s]; default: none.
+    """
+
+    def __init__(
+        self,
+        limbs: Limbs,
+        speeds: FloatArray,
+        reaction: float,
+        clearance: float,
+        bears: FloatArray | None = None,
+    ) -> None:
+        self._limbs, self._speeds = limbs, speeds
+        self._reaction, self._clearance = reaction, clearance
+        self._bears = np.zeros(len(speeds)) if bears is None else bears
+
+    def stopped(self, trajectory: Trajectory, begin: float) -> tuple[float, float]:
+        """Return what is least left in a stop [m], of limbs that are harmed, and the largest speed over what one bears.
+
+        Limbs that bear the speed of a contact need nothing left; a limb that bears none need not be met at all.
+        """
+        stop, least, share = trajectory.stop_from(begin), np.inf, 0.0
         for t in np.linspace(0, stop.duration * (1 - 1e-6), INSTANTS):
             q, qd, _ = stop.at(float(t))
-            if np.abs(qd).max() > 1e-9:
-                least = min(least, float((limbs.at(q) - speeds * (reaction + t)).min()) - clearance)
-        yield least
+            if np.abs(qd).max() <= 1e-9:
+                continue
+            left = self._limbs.at(q) - self._speeds * (self._reaction + t) - self._clearance
+            fast = self._limbs.fastest(q, qd) if (left <= 0).any() else np.inf
+            harmed = (left > 0) | (fast > self._bears * (1 + 1e-9))
+            least = min(least, float(left[harmed].min(initial=np.inf)))
+            met = ~harmed
+            share = max(share, float((fast / self._bears[met]).max(initial=0.0)))
+        return least, share
 
 
 def stops(number: int, rng: np.random.Generator) -> None:
@@ -108,18 +165,41 @@ def stops(number: int, rng: np.random.Generator) -> None:
         Problem("panda_shelf", People(speed=1.2, reaction_time=0.05, clearance=0.05)),
         Problem("panda_shelf", People(speed=1.0, speeds={"right_hand": 2.0, "head": 0.3})),
         Problem("ur5_handover", People(speed=0.8, reaction_time=0.05)),
+        Problem("panda_shelf", People(contact=True)),
+        Problem("panda_shelf", People(reaction_time=0.12, contact=True, robot_mass=30.0)),
+        Problem("ur5_handover", People(contact=True)),
     ]
     rows: list[tuple[object, ...]] = []
     for problem in problems:
         people, trajectory = problem.people, problem.trajectory
         limbs = Limbs(problem.robot, problem.scene, people.names(problem.scene))
         speeds = np.array([people.speed_of(limb) for limb in limbs.limbs])
+        bears = None
+        if people.contact:
+            mass = robot_mass(problem.robot, people)
+            bears = np.array([contact_speed(people.region_of(limb), mass) for limb in limbs.limbs])
+        adversary = Adversary(limbs, speeds, people.reaction_time, people.clearance, bears)
         begins = rng.uniform(0, trajectory.duration, number // len(problems))
-        claim = (people.reaction_time, people.clearance)
-        left = np.array(list(left_in_stops(trajectory, limbs, speeds, claim, begins)))
-        row = (problem.name, f"{people.speed:g}", f"{trajectory.duration:.2f}", len(left))
-        rows.append((*row, int((left <= 0).sum()), f"{1e3 * left.min():.2f}"))
-    print_table(("scenario", "m/s", "duration [s]", "stops", "reached", "least left [mm]"), rows)
+        left, fast = np.array([adversary.stopped(trajectory, float(begin)) for begin in begins]).T
+        kind = "contact" if people.contact else "none"
+        row = (problem.name, f"{people.speed:g}", kind, f"{trajectory.duration:.2f}", len(left))
+        met = f"{int((fast > 0).sum())}" if people.contact else "-"
+        share = f"{fast.max():.3f}" if people.contact else "-"
+        rows.append((*row, int((left <= 0).sum()), f"{1e3 * left.min():.2f}", met, share))
+    print_table(
+        (
+            "scenario",
+            "m/s",
+            "allowed",
+            "duration [s]",
+            "stops",
+            "reached",
+            "least left [mm]",
+            "met",
+            "fastest",
+        ),
+        rows,
+    )
 
 
 def times(rounds: int = 20) -> None:
@@ -156,10 +236,25 @@ def leaves(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 def mutations(number: int, rng: np.random.Generator) -> None:
     """Mutate certificates."""
-    people = People(speed=1.2, reaction_time=0.05, clearance=0.05)
-    problem = Problem("panda_shelf", people)
-    written = certificate(problem.path, problem.robot, problem.scene, trajectory=problem.trajectory)
-    verify(written, problem.robot, problem.scene)
+    careful = People(speed=1.2, reaction_time=0.05, clearance=0.05)
+    rows = []
+    for what, people in (
+        ("stops", careful),
+        ("danger in motion", None),
+        ("contact", People(speed=1.6, contact=True)),
+    ):
+        problem = Problem("panda_shelf", careful if people is None else people)
+        field = DangerField.of_scene(problem.robot, problem.scene) if people is None else None
+        trajectory = problem.trajectory
+        written = certificate(problem.path, problem.robot, problem.scene, trajectory=trajectory, field=field)
+        verify(written, problem.robot, problem.scene)
+        rows.append((what, *_mutated(written, problem, number // 3, rng)))
+    print_table(("claims", "mutations", "refused", "accepted: still true", "accepted: false"), rows)
+
+
+def _mutated(
+    written: dict[str, Any], problem: Problem, number: int, rng: np.random.Generator
+) -> tuple[int, int, int, int]:
     by_key: dict[str, list[tuple[Any, ...]]] = {}
     for way in leaves(written["trajectory"]):
         by_key.setdefault("/".join(key for key in way if isinstance(key, str)), []).append(way)
@@ -183,9 +278,7 @@ def mutations(number: int, rng: np.random.Generator) -> None:
             continue
         holds = _holds(content["trajectory"], problem, rng)
         true, false = true + holds, false + (not holds)
-    print_table(
-        ("mutations", "refused", "accepted: still true", "accepted: false"), [(number, refused, true, false)]
-    )
+    return number, refused, true, false
 
 
 def _holds(claim: dict[str, Any], problem: Problem, rng: np.random.Generator) -> bool:
@@ -202,10 +295,19 @@ def _holds(claim: dict[str, Any], problem: Problem, rng: np.random.Generator) ->
     fast = (np.abs(state.qd) > limits.velocity * (1 + 1e-6)).any()
     if fast or (np.abs(state.qdd) > limits.acceleration * (1 + 1e-6)).any():
         return False
+    danger = claim.get("danger")
+    if danger is not None:
+        kind = {key: danger[key] for key in ("aggregate", "weighting", "k1", "sharpness", "k2", "gamma")}
+        field = DangerField.of_scene(problem.robot, problem.scene, danger["spacing"], **kind)
+        if field.moving.values(state.q, state.qd).max() > danger["bound"] * (1 + 1e-6):
+            return False
     limbs = Limbs(problem.robot, problem.scene, tuple(stop["who"]))
     speeds = np.array([stop["speeds"].get(limb, stop["speed"]) for limb in limbs.limbs])
+    contact = stop.get("contact", {})
+    bears = np.array([contact.get(part, 0.0) for part in limbs.parts])
+    adversary = Adversary(limbs, speeds, stop["reaction_time"], stop["clearance"], bears)
     begins = rng.uniform(0, motion.duration, 60)
-    return min(left_in_stops(motion, limbs, speeds, (stop["reaction_time"], stop["clearance"]), begins)) > 0
+    return min(adversary.stopped(motion, float(begin))[0] for begin in begins) > 0
 
 
 def main() -> None:

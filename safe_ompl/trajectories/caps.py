@@ -180,10 +180,11 @@ def _standstill(
     link = distances.links[int(left.nearest[k, m])]
     nearer = 1e3 * people.speed_of(limb) * people.reaction_time
     s = float(cells.centres[k])
+    way_out = f"let the {limb or 'body'} bear a contact" if people.contact else "allow contact"
     reason = (
         f"{_named(distances.limbs[m])} is {1e3 * max(left.distances[k, m], 0.0):.0f} mm from {link!r}, and may come "
         f"{nearer:.0f} mm nearer before it begins to brake, where {1e3 * people.clearance:.0f} mm must be left; keep "
-        "the path farther away, shorten the reaction time, or allow contact"
+        f"the path farther away, shorten the reaction time, or {way_out}"
     )
     return Standstill(s, curve.at(np.array([s])).q[0], reason, person, limb or None, link)
 

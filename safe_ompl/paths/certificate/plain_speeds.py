@@ -95,27 +95,28 @@ class PlainSpeeds:
         robot = self._robot
         q, coupling = piece.at(middle), robot.coupling
         pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
-        rates = coupling.motions(piece.slope(middle))
+        turns, drifts = self._joint_motions(coupling.motions(piece.slope(middle)))
         steps = coupling.reach(piece.steps(1.0))
         slid = np.abs(coupling.values(q)) + half * steps
         exact = bound = 0.0
         for body in bodies:
-            here = self._speed(body, rates)
+            here = self._speed(body, turns, drifts)
             exact, bound = max(exact, here), max(bound, here + half * self._bend(body, steps, piece, slid))
         return exact, bound
 
-    def _speed(self, body: _Body, rates: FloatArray) -> float:
+    def _joint_motions(self, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what each joint (m, 3) adds to the motion of what it carries: x moves with turn × x + drift."""
+        joints = list(self._data.oMi)[1:]
+        axes = [joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)]
+        motions = rates[:, None] * np.array(axes)
+        sliding = self._robot.joint_prismatic[:, None]
+        about = np.cross(np.array([joint.translation for joint in joints]), motions)
+        return np.where(sliding, 0.0, motions), np.where(sliding, motions, about)
+
+    def _speed(self, body: _Body, turns: FloatArray, drifts: FloatArray) -> float:
         place = self._data.oMi[body.carrier]
+        turning, drift = turns[body.movers].sum(axis=0), drifts[body.movers].sum(axis=0)
         points = body.points @ place.rotation.T + place.translation
-        turning, drift = np.zeros(3), np.zeros(3)  # a point at x moves with turning × x + drift
-        for i in body.movers:
-            joint = self._data.oMi[i + 1]
-            motion = rates[i] * (joint.rotation @ self._axes[i])
-            if self._robot.joint_prismatic[i]:
-                drift += motion
-            else:
-                turning += motion
-                drift -= np.cross(motion, joint.translation)
         velocity = np.cross(turning, points) + drift
         return float(np.linalg.norm(velocity, axis=1).max() + body.pad * np.linalg.norm(turning))
 

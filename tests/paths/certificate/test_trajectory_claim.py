@@ -3,18 +3,24 @@
 import copy
 import json
 import random
+from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from test_mutations import mutated, places, replaced, verified
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError
 from safe_ompl.paths.certificate.format import digest
 from safe_ompl.paths.certificate.issue import certificate
+from safe_ompl.paths.certificate.plain_distances import corners
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.scenario.people import People
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.trajectories.caps import StandstillError
 from safe_ompl.trajectories.curve import BlendedCurve, Piece
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.time_law import TimeLaw
@@ -101,15 +107,151 @@ def test_a_timed_motion_is_claimed_and_verified(written, ur5, scene, made, plain
     assert_true(written, ur5, plain_check(ur5, scene))
 
 
-def test_what_is_not_claimed_is_said(ur5, scene, caplog):
+def test_what_is_not_claimed_is_said(ur5, scene):
     motion = CertifiedMotion(CollisionChecker(ur5, scene))
     plain = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion)
     assert "stops" in verify(certificate(PATH, ur5, scene, trajectory=plain), ur5, scene).not_claimed
     assert "stops" not in verify(certificate(PATH, ur5, scene), ur5, scene).not_claimed
-    allowed = People(who=("ball",), contact=True, regions={"head": (100, 4.4, 150)})
-    touching = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion, people=allowed)
-    assert "stops" in verify(certificate(PATH, ur5, scene, trajectory=touching), ur5, scene).not_claimed
-    assert "claims no stops" in caplog.text
+
+
+@pytest.fixture(scope="module")
+def touching(ur5, scene):
+    """Return the certificate of a trajectory that may touch the ball, which is as near as nobody could stop for."""
+    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    allowed = People(who=("ball",), reaction_time=0.5, contact=True, regions={"head": (100, 4.4, 150)})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        limits = RateLimits.of(ur5, 2.0, 4.0)
+        made = time_path(PATH, ur5, limits, motion=motion, people=allowed)
+        with pytest.raises(StandstillError):
+            time_path(PATH, ur5, limits, motion=motion, people=replace(allowed, contact=False))
+    return json.loads(json.dumps(certificate(PATH, ur5, scene, trajectory=made)))
+
+
+def fastest_point(robot, q, qd):
+    """Return the speed of the fastest vertex of any body."""
+    model, data = robot.shared.model, robot.shared.model.createData()
+    pin.forwardKinematics(model, data, robot.pinocchio_configuration(q), qd)
+    speeds = []
+    for body in robot.shared.collision_model.geometryObjects:
+        points, pad = corners(body.geometry)
+        motion = data.v[body.parentJoint]
+        local = points @ body.placement.rotation.T + body.placement.translation
+        turned = np.cross(motion.angular, local) + motion.linear
+        speeds.append(np.linalg.norm(turned, axis=1).max() + pad * np.linalg.norm(motion.angular))
+    return max(speeds)
+
+
+def test_contacts_are_slow_enough(touching, ur5, scene, plain_check):
+    """Whenever the ball may be there, in motion or in a stop, no point of the robot is faster than is claimed."""
+    found = verify(touching, ur5, scene)
+    stops = touching["trajectory"]["stops"]
+    bears = stops["contact"]["ball"]
+    assert found.claims[-1].endswith(f"or no point of it is faster then than ball {bears:.3g} m/s")
+    motion, plain, met = motion_of(touching["trajectory"], ur5), plain_check(ur5, scene), 0
+    for begin in np.linspace(0, motion.duration, 15):
+        stop = motion.stop_from(begin)
+        for t in np.linspace(0, stop.duration * (1 - 1e-6), 4):
+            q, qd, _ = stop.at(t)
+            near = [d for d, (_, o) in zip(plain.distances(q), plain.pairs, strict=True) if o == "ball"]
+            if min(near) <= stops["clearance"] + stops["speed"] * (stops["reaction_time"] + t):
+                met += 1
+                assert fastest_point(ur5, q, qd) <= bears * (1 + 1e-9)
+    assert met > 10
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"contact": {"ball": 0.0}}, "are needed"),
+        ({"contact": {"table": 0.5}}, "unknown limb"),
+        ({"contact": {"ball": -0.1}}, "contact.ball: must be"),
+        ({"contact": {}}, "are needed"),
+        ({"contact": 1}, "contact"),
+    ],
+)
+def test_contacts_that_are_not_so_slow_are_refused(touching, ur5, scene, change, message):
+    with pytest.raises((CertificateError, InputError), match=message):
+        verify(again(touching, stronger(**change)), ur5, scene)
+
+
+def test_contacts_a_tenth_slower_are_refused_where_the_robot_is_as_fast_as_it_may(touching, ur5, scene):
+    slower = {"contact": {"ball": 0.9 * touching["trajectory"]["stops"]["contact"]["ball"]}}
+    with pytest.raises(CertificateError, match="are needed"):
+        verify(again(touching, stronger(**slower)), ur5, scene)
+
+
+@pytest.fixture(scope="module", params=["max", "softmax"])
+def endangering(request, ur5, scene):
+    """Return a certificate that claims the danger in motion, and the field."""
+    ball = scene["ball"]
+    weighed = scene.without("ball").with_obstacles(Obstacle("ball", ball.shape, ball.pose, weight=1.0))
+    field = DangerField.of_scene(ur5, weighed, aggregate=request.param)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        made = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0))
+    content = certificate(PATH, ur5, weighed, trajectory=made, field=field)
+    return json.loads(json.dumps(content)), field, weighed, made
+
+
+def test_danger_in_motion_is_claimed_and_verified(endangering, ur5):
+    content, field, scene, made = endangering
+    found = verify(content, ur5, scene, field=field)
+    claim = content["trajectory"]["danger"]
+    assert found.claims[-1].startswith(f"danger in motion at most {claim['bound']:.3f}")
+    assert "danger in motion" not in found.not_claimed
+    state = made.at(np.linspace(0, made.duration, 500))
+    peak = field.moving.values(state.q, state.qd).max()
+    assert peak < claim["bound"] < 1.06 * peak
+    assert field.values(state.q).max() < 0.9 * peak  # it is the motion that makes it so large
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"bound": 0.9}, "danger in motion is not below"),
+        ({"k2": 1.2}, "danger in motion is not below"),
+        ({"gamma": 1.3}, "danger in motion is not below"),
+        ({"k1": 1.2}, "danger in motion is not below"),
+    ],
+)
+def test_a_smaller_danger_in_motion_is_refused(endangering, ur5, change, message):
+    content, _, scene, _ = endangering
+    (key, factor), *_ = change.items()
+    with pytest.raises(CertificateError, match=message):
+        verify(again(content, lambda t: t["danger"].update({key: factor * t["danger"][key]})), ur5, scene)
+
+
+def test_danger_in_motion_of_another_kind_is_refused(endangering, ur5):
+    content, field, scene, _ = endangering
+    weaker = again(content, lambda t: t["danger"].update(k2=0.1))
+    verify(weaker, ur5, scene)
+    with pytest.raises(CertificateError, match=r"danger in motion: k2 is 0\.1"):
+        verify(weaker, ur5, scene, field=field)
+    for change in ({"gamma": -1}, {"more": 1}, {"k2": None}):
+        with pytest.raises(InputError, match="danger"):
+            verify(again(content, lambda t, change=change: t["danger"].update(change)), ur5, scene)
+
+
+def test_the_limit_of_the_danger_is_what_is_claimed(endangering, ur5):
+    content, field, scene, made = endangering
+    if field.aggregate != "max":
+        return
+    limit = 0.9 * content["trajectory"]["danger"]["bound"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        slow = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), danger=field.moving, max_danger=limit)
+    assert slow.duration > made.duration
+    capped = certificate(PATH, ur5, scene, trajectory=slow)
+    assert capped["trajectory"]["danger"]["bound"] == limit
+    verify(capped, ur5, scene)
+
+
+def test_danger_points_that_are_not_the_scenes_cannot_be_claimed(endangering, ur5):
+    _, field, scene, made = endangering
+    other = field.with_points(field.points[1:], None)
+    with pytest.raises(InputError, match="are not those of the scene"):
+        certificate(PATH, ur5, scene, trajectory=made, field=other)
 
 
 def test_corners_in_which_it_stops(ur5, scene):
