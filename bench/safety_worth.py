@@ -69,11 +69,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(*key, shown(seconds), sep=", ", flush=True)
         if options.json is not None:
             options.json.write_text(json.dumps(as_rows(own)), encoding="utf-8")
-    runs |= own
-    if runs:
-        report(runs)
+    complete = compared_runs(runs | own)
+    if complete:
+        report(complete)
         if options.figure is not None:
-            draw(runs, options.figure)
+            draw(complete, options.figure)
 
 
 def clock_of_the_process() -> None:
@@ -148,10 +148,20 @@ def loaded(file: Path) -> Runs:
     }
 
 
+def compared_runs(runs: Runs) -> Runs:
+    """Return the runs of those problems and seeds that every method had which ran at all; say how many are left out."""
+    methods = {method for _, _, method in runs}
+    every = {key[:2] for key in runs}
+    whole = {pair for pair in every if all((*pair, method) in runs for method in methods)}
+    print(
+        f"\n{len({problem for problem, _ in whole})} problems, {len(whole)} runs of each method; "
+        f"{len(every - whole)} that are not complete are left out"
+    )
+    return {key: value for key, value in runs.items() if key[:2] in whole}
+
+
 def report(runs: Runs) -> None:
     """Print the table and the ratios."""
-    seeds = {(problem, seed) for problem, seed, _ in runs}
-    print(f"\n{len({problem for problem, _ in seeds})} problems, {len(seeds)} runs of each method")
     lines = []
     for method in METHODS:
         own = {key[:2]: value for key, value in runs.items() if key[2] == method}

@@ -18,7 +18,9 @@ _REMOVALS, _CUTS, _STRAIGHTER, _AWAY = (
     0.2,
     0.25,
 )  # shares of the kinds of change; the rest is random
-_WIDTHS = (0.4, 1.0, 2.0)  # way points beside the moved one that move with it
+_NOISE = 0.5  # of a direction that is no random one
+_WIDTHS = (0.4, 1.0, 2.0)  # how many way points beside the moved one move with it: Gaussian,
+_LITTLE = 0.05  # and none by less than this share
 
 
 class Change(NamedTuple):
@@ -109,7 +111,7 @@ class PathChanges:
             weights = times[:-1] + times[1:]
         centre = 1 + int(self._rng.choice(number - 2, p=weights / weights.sum()))
         near = np.exp(-0.5 * ((np.arange(number) - centre) / self._rng.choice(_WIDTHS)) ** 2)
-        near[near < 0.05] = 0.0
+        near[near < _LITTLE] = 0.0
         near[[0, -1]] = 0.0
         size = self._size * self._rng.uniform(0.3, 1.0)
         offset: FloatArray = size * near[:, None] * self._direction(path, centre)
@@ -127,7 +129,7 @@ class PathChanges:
             wanted = self._estimate.away(path[centre])
         if wanted is None or not np.linalg.norm(wanted) > 0:
             return noise
-        mixed: FloatArray = wanted / np.linalg.norm(wanted) + 0.5 * noise
+        mixed: FloatArray = wanted / np.linalg.norm(wanted) + _NOISE * noise
         return mixed / np.linalg.norm(mixed)
 
     def _moved(self, path: FloatArray, offset: FloatArray) -> Change | None:

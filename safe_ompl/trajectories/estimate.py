@@ -6,11 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.stopping import stopping_speeds
+from safe_ompl.trajectories.separation import PeopleDistances
 from safe_ompl.trajectories.timing import PathTimer
 
 _STEP = 0.15  # [rad] between samples
+_SHORTEST = 1e-9  # [rad] of edges
 _STRAIGHT, _SHARPEST = 1e-6, 1e-4  # [rad] turns of less are none; no arc has a smaller radius
 _NUDGE = 0.02  # [rad] of the joints, to see where people are farther away
 _BENDING = 0.5  # share of the accelerations that arcs may take, as beside people
@@ -43,7 +45,7 @@ class DurationEstimate:
     def times(self, path: FloatArray) -> FloatArray:
         """Return how long each edge (N − 1,) of a path (N, n) takes [s]; +inf where nothing allows motion."""
         steps = np.diff(path, axis=0)
-        lengths = np.maximum(np.linalg.norm(steps, axis=1), 1e-9)
+        lengths = np.maximum(np.linalg.norm(steps, axis=1), _SHORTEST)
         slopes = np.abs(steps) / lengths[:, None]
         limits = self._timer.limits
         panels = np.maximum(1, np.ceil(lengths / _STEP).astype(np.intp))
@@ -56,7 +58,7 @@ class DurationEstimate:
             rest = limits.acceleration - bends * (caps * caps)[:, None]
             weakest = (rest / slopes[of]).min(axis=1)
         if self._timer.distances is not None:
-            left = self._left(path, panels)[:, None]
+            left = self._left(self._timer.distances, path, panels)[:, None]
             last = np.full(len(of), len(of) - 1)
             caps, _, _ = stopping_speeds(sizes, weakest, left, np.zeros_like(left), caps, last)
         if caps.min() <= 0:
@@ -70,11 +72,11 @@ class DurationEstimate:
         if self._timer.distances is None:
             return None
         times = self._timer.distances.times_at(np.vstack([q, q + _NUDGE * np.eye(len(q))]))
-        gradient = times[1:] - times[0]
+        gradient: FloatArray = times[1:] - times[0]
         size = np.linalg.norm(gradient)
         return gradient / size if np.isfinite(size) and size > 0 else None
 
-    def _left(self, path: FloatArray, panels: np.ndarray) -> FloatArray:
+    def _left(self, distances: PeopleDistances, path: FloatArray, panels: IntArray) -> FloatArray:
         """Return when people may be at the robot, in the middle of each panel [s]."""
         keys = [(a.tobytes(), b.tobytes()) for a, b in pairwise(path)]
         new = [k for k, key in enumerate(keys) if key not in self._known]
@@ -83,7 +85,7 @@ class DurationEstimate:
             rows = [
                 path[k] + at[:, None] * (path[k + 1] - path[k]) for k, at in zip(new, middles, strict=True)
             ]
-            times = np.minimum(self._timer.distances.times_at(np.vstack(rows)), _NEVER)  # type: ignore[union-attr]
+            times = np.minimum(distances.times_at(np.vstack(rows)), _NEVER)
             for k, part in zip(new, np.split(times, np.cumsum(panels[new])[:-1]), strict=True):
                 self._known[keys[k]] = part
         return np.concatenate([self._known[key] for key in keys])

@@ -15,7 +15,7 @@ from safe_ompl.trajectories.changes import PathChanges
 from safe_ompl.trajectories.estimate import DurationEstimate
 from safe_ompl.trajectories.timing import CELLS, PathTimer
 
-COARSE = 60  # cells, where there is no estimate
+_COARSE = 60  # cells, where there is no estimate
 _SPACINGS = (1.0, 0.5)  # [rad] between way points, at first, when nothing more is gained, and then
 _STALE = 60  # changes in a row that gain nothing: the end of a spacing
 _SLACK = 0.05  # share of the duration that fewer way points may cost, before changes
@@ -75,7 +75,7 @@ def faster(
 
 
 class _LocalSearch:
-    """The state of `faster`.
+    """The path that `faster` changes, and the best one so far.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class _LocalSearch:
         if self._estimates:
             times = self._estimate.times(path)
             return times, float(times.sum())
-        return None, duration_of(self._timer, path, COARSE)
+        return None, duration_of(self._timer, path, _COARSE)
 
     def _proven(self, path: FloatArray) -> bool:
         return all(self._motion.is_free(a, b) for a, b in pairwise(path))
