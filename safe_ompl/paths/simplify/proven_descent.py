@@ -19,7 +19,7 @@ from safe_ompl.paths.simplify.peaks import peaks_beside_ends
 from safe_ompl.paths.simplify.resampling import path_length, with_way_points
 
 _ROUNDS = (4, 10, 16)  # steps between two proofs: more, as long as the proofs succeed
-_IDLE = 0.1  # of what a round must save: a step that saves less is idle
+_IDLE = 0.05  # of what a round must save: a step that saves less is idle
 _PATIENCE = 2  # idle steps that end a round; one alone may have met a kink of the danger
 _CAUTION = 0.5  # a round that fails is tried again with this share of the step
 _SMALLEST = 0.01  # [rad] steps are not worth taking

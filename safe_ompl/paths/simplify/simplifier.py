@@ -28,7 +28,7 @@ LENGTH_FACTOR = 1.25
 SPACING = 0.4  # [rad] between way points
 TIME = 0.2  # [s]
 
-_CONVERGED = 0.015  # a round that lowers the cost by less than this share is the last
+_CONVERGED = 0.03  # a round that lowers the cost by less than this share is the last
 
 
 class Simplifier:
