@@ -58,7 +58,7 @@ class ActiveSetCost:
 
     def near(self, path: FloatArray) -> float:
         """Return the obstacle cost of a path (N, n); it is anchored then."""
-        if self._obstacles is None or len(path) < 2:
+        if self._obstacles is None:
             return 0.0
         self.anchor(path)
         lone = PathCost(self.total.robot, [self._obstacles])
