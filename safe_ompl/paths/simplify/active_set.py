@@ -9,7 +9,7 @@ from safe_ompl.paths.simplify.cost import DangerDensity, PathCost, QuadraticMode
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.resampling import divided, path_length
 
-_SCAN = 0.25  # [rad] between the configurations at which all danger points are looked at
+_SCAN = 0.5  # [rad] between the configurations at which all danger points are looked at
 _SHARE = 0.85  # of the greatest danger: points that reach it somewhere matter
 
 
@@ -58,7 +58,7 @@ class ActiveSetCost:
 
     def near(self, path: FloatArray) -> float:
         """Return the obstacle cost of a path (N, n); it is anchored then."""
-        if self._obstacles is None or len(path) < 2:
+        if self._obstacles is None:
             return 0.0
         self.anchor(path)
         lone = PathCost(self.total.robot, [self._obstacles])

@@ -14,7 +14,8 @@ from safe_ompl.paths.simplify.cost import QuadraticModel
 LARGEST = 0.4  # [rad] a way point moves no farther in one step
 _MEMORY = 6  # pairs of steps and changes of the gradient that are remembered
 _SUFFICIENT = 1e-4  # share of the fall that the gradient promises which a step must bring (Armijo)
-_SHRINK = 0.4
+_GROWTH = 1.5  # a step may be longer than the last one by this factor,
+_SHORTEST, _LONGEST = 0.1, 0.5  # and one that fails is shortened to between these shares of it
 _TRIALS = 6
 
 
@@ -44,7 +45,7 @@ class Descent:
     The first Hessian of every step is that of the path: a chain of springs between way points, as in CHOMP (Ratliff
     et al. 2009), whose inverse makes smooth moves cheap and moves of single way points dear; and the Gauss-Newton part
     of what the densities add. Both are blocks on and beside the diagonal, and solved in O(N). A step that does not
-    lower the cost is shortened.
+    lower the cost is shortened to where a parabola has its minimum.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ class Descent:
         direction = self._direction()
         slope = float(np.vdot(direction, self._gradient))
         if slope < 0:
-            size = min(1.0, largest / float(np.abs(direction).max()), 2.0 * self._size)
+            size = min(1.0, largest / float(np.abs(direction).max()), _GROWTH * self._size)
             for _ in range(_TRIALS):
                 path = self._constraints.nearest(self.path + size * direction)
                 value, gradient = self._cost.value_and_gradient(path)
@@ -96,7 +97,7 @@ class Descent:
                     self._remember(path - self.path, gradient - self._gradient)
                     self.path, self.value, self._gradient, self._size = path, value, gradient, size
                     return True
-                size *= _SHRINK
+                size *= _shortened(size * slope, value - self.value)
         if not self._pairs:
             return False
         self._pairs.clear()
@@ -124,6 +125,12 @@ class Descent:
         curvature = float(np.vdot(step, change))
         if curvature > 1e-10:
             self._pairs.append((step, change, curvature))
+
+
+def _shortened(promised: float, change: float) -> float:
+    """Return the share of a step that is best by the parabola through the slope before and the cost after it."""
+    bend = change - promised
+    return min(_LONGEST, max(_SHORTEST, -0.5 * promised / bend)) if bend < np.inf else _SHORTEST
 
 
 class BlockChain:

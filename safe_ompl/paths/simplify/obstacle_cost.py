@@ -91,10 +91,6 @@ class ObstacleCost:
         """From here on take the witnesses at `Q: (B, n)` for those at B configurations near these."""
         self._anchored = self._proximity.witnesses(Q)
 
-    def release(self) -> None:
-        """From here on find the witnesses at every call."""
-        self._anchored = None
-
     def values(self, Q: FloatArray) -> FloatArray:
         """Return the density (B,) at `Q: (B, n)`."""
         return self.values_and_gradients(Q)[0]

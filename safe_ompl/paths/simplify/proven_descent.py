@@ -19,7 +19,8 @@ from safe_ompl.paths.simplify.peaks import peaks_beside_ends
 from safe_ompl.paths.simplify.resampling import path_length, with_way_points
 
 _ROUNDS = (4, 10, 16)  # steps between two proofs: more, as long as the proofs succeed
-_IDLE = 3e-4  # share of the cost that a step must save, or it is the last one of its round
+_IDLE = 0.05  # of what a round must save: a step that saves less is idle
+_PATIENCE = 2  # idle steps that end a round; one alone may have met a kink of the danger
 _CAUTION = 0.5  # a round that fails is tried again with this share of the step
 _SMALLEST = 0.01  # [rad] steps are not worth taking
 _FAR = 1.0  # [rad] when way points have moved so far, other danger points may matter
@@ -29,7 +30,10 @@ _RESOLUTIONS = 2  # how often peaks are looked for
 
 @dataclass(frozen=True)
 class Terms:
-    """What a path is asked for: what its edges and ends must hold, its greatest length, and which gain is too small."""
+    """What a path is asked for: what its edges and ends must hold, its greatest length, and the least gain of a round.
+
+    `precision` is the share of the cost that a round must save, or it is the last one.
+    """
 
     proofs: EdgeProofs
     feasible: FeasibleSet
@@ -125,9 +129,13 @@ class ProvenDescent:
 
     def _step(self, descent: Descent, largest: float, most: int) -> None:
         """Take so many steps at most, as long as they are worthwhile."""
+        idle = 0
         for _ in range(most):
             before = descent.value
-            if self._stop() or not descent.step(largest) or before - descent.value < _IDLE * before:
+            if self._stop() or not descent.step(largest):
+                return
+            idle = idle + 1 if before - descent.value < _IDLE * self._terms.precision * before else 0
+            if idle == _PATIENCE:
                 return
 
     def _take(self, path: FloatArray) -> tuple[float, BoolArray]:

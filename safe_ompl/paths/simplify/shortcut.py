@@ -11,8 +11,8 @@ from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.paths.simplify.cost import PathCost
 from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
 
-_SPACING = 0.6  # [rad] between the samples of an edge's cost
-_FEWEST, _MOST = 2, 6  # samples of an edge
+_SPACING = 0.8  # [rad] between the samples of an edge's cost
+_FEWEST, _MOST = 2, 4  # samples of an edge
 _CANDIDATES = 40  # way points of a path that edges may skip to, evenly chosen where it has more
 _JOINT = 1.2  # [rad]
 _BATCH = 80  # edges whose costs are estimated at once

@@ -28,7 +28,7 @@ LENGTH_FACTOR = 1.25
 SPACING = 0.4  # [rad] between way points
 TIME = 0.2  # [s]
 
-_CONVERGED = 2e-3  # a round that lowers the cost by less than this share is the last
+_CONVERGED = 0.03  # a round that lowers the cost by less than this share is the last
 
 
 class Simplifier:
@@ -111,10 +111,10 @@ class Simplifier:
         return other
 
     def refined(self, times: int) -> Simplifier:
-        """Return a simplifier that goes on where this one ends: the spacing halved so many times, smaller gains."""
+        """Return a simplifier that goes on where this one ends: so often half the spacing and a quarter of the gain."""
         finer = copy(self)
         finer.spacing = self.spacing / 2**times
-        finer.precision = self.precision / 2**times
+        finer.precision = self.precision / 4**times
         return finer
 
     def danger_along(self, path: FloatArray) -> tuple[float, float, float]:
