@@ -11,6 +11,7 @@ import pytest
 from hypothesis import settings
 from ompl import util as ou
 
+from safe_ompl.notices import warn_once
 from safe_ompl.robot.bodies.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
@@ -92,6 +93,12 @@ def quiet_ompl():
     ou.setLogLevel(level)  # the command line lowers it
     if handler is not None:  # a fixture of a module may have silenced OMPL before
         ou.useOutputHandler(handler)
+
+
+@pytest.fixture(autouse=True)
+def nothing_said():
+    """Let each test hear what is said once a process."""
+    warn_once.cache_clear()
 
 
 @pytest.fixture

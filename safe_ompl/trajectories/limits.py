@@ -107,7 +107,8 @@ class RateLimits:
         unsaid = [name for name in robot.joint_names if name not in said]
         if unsaid and (acceleration is None or isinstance(acceleration, Mapping)):
             values = dict(zip(robot.joint_names, default.tolist(), strict=True))
-            _say_default(robot.name, tuple(unsaid), tuple(values[name] for name in unsaid))
+            joints = "its joints" if len(unsaid) == robot.n else ", ".join(unsaid)
+            _say_default(robot.name, joints, tuple(values[name] for name in unsaid))
         return cls(robot.joint_names, velocities, accelerations, _jerks(robot, jerk))
 
     def as_dict(self) -> dict[str, dict[str, float]]:
@@ -153,13 +154,13 @@ def _chosen(robot: Robot, given: LimitByJoint | None, default: FloatArray, kind:
 
 
 @cache
-def _say_default(robot: str, joints: tuple[str, ...], accelerations: tuple[float, ...]) -> None:
+def _say_default(robot: str, joints: str, accelerations: tuple[float, ...]) -> None:
     """Warn of the default accelerations, once."""
     _log.warning(
-        "%s: nobody says how fast joints may accelerate: %s take what reaches their velocity limit in %g s (%s); "
+        "%s: nobody says how fast %s may accelerate: taken is what reaches the velocity limit in %g s, %s; "
         "give accelerations",
         robot,
-        ", ".join(joints),
+        joints,
         _RISE,
-        ", ".join(f"{a:g}" for a in accelerations),
+        " to ".join(f"{a:g}" for a in sorted({min(accelerations), max(accelerations)})),
     )

@@ -20,8 +20,8 @@ _FEWEST = 40  # frames
 def save_film(exhibit: Exhibit, file: str | Path, *, rate: float = RATE) -> None:
     """Write the motions of an exhibit, side by side, as one animated picture.
 
-    A motion in time is shown in real time. Captions say the danger and how far people are; of a motion in time its
-    speed and what bounds it.
+    A motion in time is shown in real time, with the people and things that move meanwhile. Captions say the danger and
+    how far people are; of a motion in time its speed and what bounds it.
 
     Parameters
     ----------
@@ -46,7 +46,21 @@ def save_film(exhibit: Exhibit, file: str | Path, *, rate: float = RATE) -> None
     ways = {name: exhibit.along(name, shares) for name in exhibit.paths}
     captions = {name: _captions(exhibit, name, way, shares) for name, way in ways.items()}
     frames_per_second = (count - 1) / exhibit.playing_time
-    render_animation(exhibit.robot, exhibit.scene, ways, file, rate=frames_per_second, captions=captions)
+    movers = exhibit.movers
+    there = (
+        []
+        if movers is None
+        else [movers.obstacles_at(t, exhibit.scene) for t in shares * exhibit.playing_time]
+    )
+    render_animation(
+        exhibit.robot,
+        exhibit.staged,
+        ways,
+        file,
+        rate=frames_per_second,
+        captions=captions,
+        movers=there,
+    )
 
 
 def _captions(exhibit: Exhibit, name: str, way: FloatArray, shares: FloatArray) -> Sequence[str]:

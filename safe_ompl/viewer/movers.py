@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,12 @@ class Movers:
             Obstacle(name, Person(self.heights[name], points), Pose(), weight=1.0)
             for name, points in there.items()
         ]
+
+    def obstacles_at(self, time: float, scene: Scene) -> list[Obstacle]:
+        """Return all that move, as they are at a time [s]: people, and obstacles of the scene at their places."""
+        places = self.places[self.sample(time)]
+        things = [replace(o, pose=places[o.name]) for o in scene if o.name in places]
+        return [*self.people_at(time), *things]
 
 
 class MoverFigures:

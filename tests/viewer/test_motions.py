@@ -13,6 +13,7 @@ from safe_ompl.exchange.form import marked, strict_json
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
 from safe_ompl.pictures.plots import plot_speeds
+from safe_ompl.pictures.render.bodies import SHIRT
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.viewer import Exhibit, read_recording, save_film
 from safe_ompl.viewer.danger_layers import FieldSlice
@@ -204,6 +205,31 @@ def test_a_film_moves(motion, tmp_path, ending, monkeypatch):
     assert np.abs(frames[0] - frames[2])[60:].max() > 40
     with pytest.raises(InputError, match=r"\.webp or \.gif"):
         save_film(Exhibit.of_motions([motion]), tmp_path / "film.mp4")
+
+
+def test_in_the_film_of_a_recording_people_and_things_move(recording, tmp_path, monkeypatch):
+    pytest.importorskip("PIL.Image")
+    drawn = []
+
+    def photograph(studio, things):
+        people = [t for t in things if t.colour == SHIRT]
+        drawn.append(
+            (np.vstack([t.surface.vertices for t in people]).mean(axis=0) if people else None, things)
+        )
+        return np.zeros((8, 8, 3))
+
+    monkeypatch.setattr("safe_ompl.pictures.render.rasteriser.RasterStudio.photograph", photograph)
+    monkeypatch.setattr("safe_ompl.viewer.film._FEWEST", 10)
+    exhibit = read_recording(recording)
+    save_film(exhibit, tmp_path / "drive.webp", rate=10.0)
+    places = [place for place, _ in drawn]
+    np.testing.assert_allclose(places[4] - places[0], [0.4, 0.0, 0.0], atol=1e-6)
+    assert places[9] is None, "she is seen no more, and stands nowhere"
+    assert len({len(things) for _, things in drawn[:9]}) == 1, "nobody is drawn twice"
+    boxes = [
+        box.pose.position[2] for t in (0.0, 0.4) for box in exhibit.movers.obstacles_at(t, exhibit.scene)[1:]
+    ]
+    np.testing.assert_allclose(boxes, [0.0, 0.4], atol=1e-9)
 
 
 class Canvas:

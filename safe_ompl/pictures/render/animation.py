@@ -11,6 +11,7 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import InputError, SafeOmplError
+from safe_ompl.pictures.render.bodies import painted
 from safe_ompl.pictures.render.camera import Camera
 from safe_ompl.pictures.render.mitsuba_renderer import Painted, developed
 from safe_ompl.pictures.render.path import Image
@@ -22,6 +23,7 @@ from safe_ompl.pictures.style import Colour, planner_styles
 
 if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
+    from safe_ompl.scene.obstacle import Obstacle
     from safe_ompl.scene.scene import Scene
 
 ENDINGS = (".webp", ".gif")
@@ -42,6 +44,7 @@ def render_animation(
     *,
     rate: float,
     captions: Mapping[str, Sequence[str]] | None = None,
+    movers: Sequence[Sequence[Obstacle]] = (),
     panel: tuple[int, int] = PANEL,
     camera: Camera | None = None,
 ) -> None:
@@ -52,7 +55,7 @@ def render_animation(
     robot : Robot
         Who moves.
     scene : Scene
-        What stands around it.
+        What stands around it, and what moves as it is at first: from there the camera is chosen.
     motions : mapping of str to (F, n) array
         Planner name → configurations, one for each frame [rad or m]; who is ready first waits.
     file : path-like
@@ -61,6 +64,8 @@ def render_animation(
         Frames per second.
     captions : mapping of str to sequence of str, optional
         Planner name → what to say in each of its frames.
+    movers : sequence of sequences of Obstacle, optional
+        For each frame the people and things that move, where they are then; they stand for those of the scene.
     panel : (int, int)
         Width and height of a panel [px].
     camera : Camera, optional
@@ -79,7 +84,7 @@ def render_animation(
         raise InputError(f"must end in {' or '.join(ENDINGS)}, got {str(file)!r}", "animation")
     pillow = _pillow()
     ways = {name: finite_array(way, (None, robot.n), f"motion of {name}") for name, way in motions.items()}
-    reel = _Reel(robot, scene, ways, panel, camera)
+    reel = _Reel(robot, scene, ways, panel, camera, movers)
     count = max(len(way) for way in ways.values())
     words = {name: list((captions or {}).get(name, ())) or [""] for name in ways}
     frames = [
@@ -106,6 +111,7 @@ class _Reel:
         ways: Mapping[str, FloatArray],
         panel: tuple[int, int],
         camera: Camera | None,
+        movers: Sequence[Sequence[Obstacle]],
     ) -> None:
         self._ways = list(ways.values())
         styles = planner_styles(ways)
@@ -117,16 +123,26 @@ class _Reel:
         self._stage.body.links = [link.simplified(detail) for link in self._stage.body.links]
         self._radius = _TRACE * self._stage.size
         self._tips = [self._stage.trace(way) for way in self._ways]
+        self._movers = movers
+        self._still = self._stage.props_without({mover.name for there in movers for mover in there})
 
     def frames(self, count: int) -> Iterator[list[Image]]:
         """Yield for each frame the pictures of all motions."""
         for k in range(count):
-            yield [self._frame(way, tips, colour, k) for way, tips, colour in self._all()]
+            props = self._props(k)
+            yield [self._frame(way, tips, colour, props, k) for way, tips, colour in self._all()]
+
+    def _props(self, k: int) -> list[Painted]:
+        """Return all but the robot in a frame."""
+        there = self._movers[min(k, len(self._movers) - 1)] if self._movers else ()
+        return self._still + [thing for mover in there for thing in painted(mover)]
 
     def _all(self) -> Iterator[tuple[FloatArray, FloatArray, Colour]]:
         return zip(self._ways, self._tips, self._colours, strict=True)
 
-    def _frame(self, way: FloatArray, tips: FloatArray, colour: Colour, k: int) -> Image:
+    def _frame(
+        self, way: FloatArray, tips: FloatArray, colour: Colour, props: Sequence[Painted], k: int
+    ) -> Image:
         k = min(k, len(way) - 1)
         trace = Surface.from_triangles(*tube(tips[: k + 1], self._radius))
         body = Painted(
@@ -134,7 +150,7 @@ class _Reel:
             tuple(0.55 * np.array(_BODY) + 0.45 * np.array(colour)),
             glossy=True,
         )
-        picture = developed(self._studio.photograph([body, Painted(trace, colour), *self._stage.props]))
+        picture = developed(self._studio.photograph([body, Painted(trace, colour), *props]))
         return np.asarray(np.round(255.0 * np.clip(picture, 0.0, 1.0)), dtype=np.uint8)
 
 

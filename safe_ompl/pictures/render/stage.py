@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,6 +88,11 @@ class Stage:
         """Everything but the robot."""
         return self.hazards + self.things
 
+    def props_without(self, names: Collection[str]) -> list[Painted]:
+        """Return everything but the robot and some obstacles."""
+        left = [group for name, group in self._groups.items() if name not in names]
+        return [thing for group in left for thing in group] + self.pedestal
+
     def trace(self, samples: FloatArray) -> FloatArray:
         """Return the way of the tip (S, 3) [m] through configurations `samples: (S, n)`."""
         return np.asarray(self.robot.keypoints_batch(samples)[:, -1])
@@ -120,10 +125,13 @@ class Stage:
         self.floor = lowest
         self.hazards: list[Painted] = []
         self.things: list[Painted] = []
+        self._groups: dict[str, list[Painted]] = {}
         for obstacle, group in zip(scene.obstacles, groups, strict=True):
             if _lowest(group[0]) == lowest and self._is_slab(group[0]):
                 self.floor = float(group[0].surface.vertices[:, 2].max())
-            elif marked and obstacle.weight > 0:
+                continue
+            self._groups[obstacle.name] = group
+            if marked and obstacle.weight > 0:
                 self.hazards += group
             else:
                 self.things += group

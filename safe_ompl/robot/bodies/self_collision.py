@@ -13,12 +13,14 @@ import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
+from safe_ompl.notices import warn_once
 from safe_ompl.robot.bodies import cache
 
 _log = logging.getLogger(__name__)
 
 _SAMPLES = 1000
 _ALWAYS = 0.95  # share of the samples in contact from which a pair counts as always in contact
+_NAMED = 6  # pairs in a warning; all of them in the log's details
 _BATCH = 16  # samples between two looks at which pairs are decided
 _KEY_SAMPLES = 5
 _METHOD = 1  # goes into the cache's key: to be raised whenever another answer may come out
@@ -57,11 +59,22 @@ def select_self_pairs(
     if removed:
         _log.info("%s: %d self-collision pairs disabled by %s", robot, removed, srdf)
     else:
-        reason = "no SRDF" if srdf is None else f"{srdf} disables no pair"
+        reason = "no SRDF (`safe-ompl srdf` writes one)" if srdf is None else f"{srdf} disables no pair"
         adjacent = adjacent_pairs(model, geometry)
-        _drop(geometry, adjacent, f"{robot}: {reason}; dropped pairs of adjacent links")
+        names = _drop(geometry, adjacent)
+        if names:
+            warn_once(_log, f"{robot}: {reason}: {len(names)} pairs of adjacent links are not checked")
+            _log.info("%s: adjacent links that are not checked: %s", robot, ", ".join(names))
     touching = remembered_contacts(model, geometry, samples)
-    _drop(geometry, touching, f"{robot}: dropped pairs in contact in over {_ALWAYS:.0%} of samples")
+    names = _drop(geometry, touching)
+    if names:
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        named = ", ".join(names[:_NAMED])
+        warn_once(
+            _log, f"{robot}: not checked, as in contact in over {_ALWAYS:.0%} of samples: {named}{more}"
+        )
+        if more:
+            _log.info("%s: always in contact: %s", robot, ", ".join(names))
 
 
 def _disable_pairs(model: pin.Model, geometry: pin.GeometryModel, srdf: Path) -> None:
@@ -182,13 +195,12 @@ def _pairs(geometry: pin.GeometryModel) -> list[pin.CollisionPair]:
     return [pin.CollisionPair(pair.first, pair.second) for pair in geometry.collisionPairs]
 
 
-def _drop(geometry: pin.GeometryModel, pairs: list[pin.CollisionPair], why: str) -> None:
-    if not pairs:
-        return
+def _drop(geometry: pin.GeometryModel, pairs: list[pin.CollisionPair]) -> list[str]:
+    """Remove pairs of `geometry`; return their names."""
     names = [
         f"{geometry.geometryObjects[pair.first].name}–{geometry.geometryObjects[pair.second].name}"
         for pair in pairs
     ]
     for pair in pairs:
         geometry.removeCollisionPair(pair)
-    _log.warning("%s: %s", why, ", ".join(names))
+    return names

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.notices import warn_once
 from safe_ompl.robot.bodies.self_collision import sample_configurations, select_self_pairs
 from safe_ompl.robot.construction.blueprint import Blueprint, RangeByJoint
 from safe_ompl.robot.construction.chosen_joints import group_tip, joints_and_posture
@@ -66,7 +67,7 @@ class UrdfBlueprint(Blueprint):
             try:
                 geometry = file.build_geometry(full, pin.GeometryType.VISUAL)
             except InputError as error:
-                _log.warning("%s: drawing its collision bodies (%s)", file.path.name, error)
+                warn_once(_log, f"{file.path.name}: drawing its collision bodies ({error})")
                 return None
             return geometry if len(geometry.geometryObjects) else None
 
@@ -156,7 +157,7 @@ class _Source:
         stiff = joints_without_range(full, set(list(full.names)[1:]) - set(mimics) - set(limits) - set(held))
         if stiff:
             values = ", ".join(f"{joint} = {value:g}" for joint, value in sorted(stiff.items()))
-            _log.warning("%s: held, as their limits leave no range (limits= gives others): %s", name, values)
+            warn_once(_log, f"{name}: held, as their limits leave no range (limits= gives others): {values}")
         held = with_mimics(full, mimics, {**held, **stiff}, source)
         model, collision_model = reduce_model(full, self.collision_model, held)
         check_plannable(model, source, stiff)

@@ -10,6 +10,7 @@ import coal
 import pinocchio as pin
 
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.notices import warn_once
 from safe_ompl.robot.description.urdf import UrdfFile
 from safe_ompl.scene.shapes.convex_hull import convex_hull
 
@@ -93,11 +94,10 @@ def links_with_visuals_alone(
 def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
     """Say in one warning which moving links have no collision shapes, if any."""
     if names := ", ".join(links):
-        _log.warning(
-            "%s: nothing is checked for links that have no collision shape: %s "
+        warn_once(
+            _log,
+            f"{robot}: nothing is checked for links that have no collision shape: {names} "
             "(collision='visual' takes their visual shapes)",
-            robot,
-            names,
         )
 
 
