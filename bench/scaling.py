@@ -19,6 +19,7 @@ from _scenes import scattered
 
 from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Robot
 from safe_ompl.arrays import FloatArray
+from safe_ompl.danger.field import AGGREGATES
 from safe_ompl.planners.parts.tree import Tree
 from safe_ompl.plugins.objective import DangerObjective, StateCost
 from safe_ompl.plugins.states import StateBridge
@@ -130,19 +131,17 @@ def obstacles(size: int) -> Row:
 
 
 def points(size: int) -> Row:
-    """Return times of the danger at so many points: the highest, the mean, and the first call, which groups them."""
+    """Return times of the danger at so many points, by each aggregate, and the first call, which groups them."""
     robot, places = Robot.from_example("panda"), surfaces(size)
-    field, mean = DangerField(robot, places), DangerField(robot, places, aggregate="mean")
-    Q = some(robot)
-    begin = time.process_time()
-    field.value(Q[0])
-    first = 1e6 * (time.process_time() - begin)
-    return {
-        "danger": timed(field.value, Q),
-        "with gradient": timed(lambda q: field.values_and_gradients(q[None]), Q),
-        "mean danger": timed(mean.value, Q[:5]),
-        "first call": first,
-    }
+    Q, row = some(robot), Row()
+    for aggregate in AGGREGATES:
+        field = DangerField(robot, places, aggregate=aggregate)
+        begin = time.process_time()
+        field.value(Q[0])
+        first = 1e6 * (time.process_time() - begin)
+        row[aggregate] = timed(field.value, Q)
+        row[f"{aggregate}, gradient"] = timed(lambda q, field=field: field.values_and_gradients(q[None]), Q)
+    return row | {"first call": first}
 
 
 def joints(size: int) -> Row:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray, IntArray, positive
 from safe_ompl.counts import Counts
+from safe_ompl.danger.evaluation import AGGREGATES as AGGREGATES
+from safe_ompl.danger.evaluation import Aggregate as Aggregate
+from safe_ompl.danger.evaluation import Evaluation
 from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
 from safe_ompl.danger.obstacles import DangerousObstacles
 from safe_ompl.danger.point_groups import PointGroups
@@ -18,17 +21,9 @@ from safe_ompl.danger.robot_field import RobotField
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.inputs import number
 from safe_ompl.maths import field as maths
-from safe_ompl.maths.kernels import danger as kernel
-from safe_ompl.maths.kernels import field as field_kernel
-from safe_ompl.maths.kernels import groups as group_kernel
 from safe_ompl.maths.segments import Weighting
-from safe_ompl.robot.joints.kinematic_tree import plain
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
-
-Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
-AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
-_KINDS = {"max": kernel.MAXIMUM, "mean": kernel.MEAN, "softmax": kernel.SOFTMAX}
 
 
 class DangerField(RobotField):
@@ -56,6 +51,9 @@ class DangerField(RobotField):
         k₁ > 0 of the elementary field (6). The danger is in k₁/m with unit weighting, else in k₁.
     sharpness : float
         β > 0 of the softmax, in units of 1/danger. Large values approach the maximum.
+    tolerance : float
+        Relative error, from 0 to 0.1, that a mean or a softmax over more than 400 fixed points may have; 0: none but
+        rounding. See Notes.
     k2, gamma : float, optional
         k₂ ≥ 0 and γ ≥ 0 of the kinetostatic field of the robot in motion, see `KinetostaticField`.
         Default: k₁ · 0.25 s, and 1.
@@ -64,7 +62,7 @@ class DangerField(RobotField):
 
     Attributes
     ----------
-    robot, aggregate, weighting, k1, k2, gamma, sharpness, counts
+    robot, aggregate, weighting, k1, k2, gamma, sharpness, tolerance, counts
         As given.
     revision : int
         How often obstacles have moved. What was computed at another revision is of another scene.
@@ -73,7 +71,8 @@ class DangerField(RobotField):
     ------
     InputError
         If the robot has no links; if points or weights have the wrong shape, are not finite,
-        or weights are not positive; if `aggregate` or `weighting` is unknown; if `k1` or `sharpness` is not positive.
+        or weights are not positive; if `aggregate` or `weighting` is unknown; if `k1` or `sharpness` is not positive,
+        or `tolerance` is not in [0, 0.1].
 
     Notes
     -----
@@ -84,6 +83,12 @@ class DangerField(RobotField):
     obstacle. Values are exact for the points used.
 
     With "max" the gradient is that of the most dangerous point: one of the subgradients where two points tie.
+
+    More than 400 fixed points are kept in groups of neighbours. The maximum over them is exact: groups that cannot
+    hold it are left out. In a mean or a softmax far groups count by their centre, as many as have proven errors that
+    together stay within `tolerance` (`safe_ompl.maths.kernels.groups`): the danger is within that of the exact one,
+    and may jump by as much where a group begins or ceases to count so; its gradient is that of the field at those
+    centres. All else, above all what is proven (`CertifiedDanger`), looks at every point.
     """
 
     def __init__(
@@ -96,6 +101,7 @@ class DangerField(RobotField):
         weighting: Weighting = "unit",
         k1: float = 1.0,
         sharpness: float = 10.0,
+        tolerance: float = 0.01,
         k2: float | None = None,
         gamma: float = 1.0,
         counts: Counts | None = None,
@@ -107,11 +113,15 @@ class DangerField(RobotField):
         self.sharpness = positive(sharpness, "sharpness")
         self.k2 = LEAD * self.k1 if k2 is None else number("k2", k2, at_least=0.0)
         self.gamma = number("gamma", gamma, at_least=0.0)
-        tree = robot.kinematics
-        self._skeleton = tree.joints, tree.keypoints, self._segments.pairs
-        self._by_length = weighting == "length"
-        self._kind = _KINDS[aggregate]
-        self._no_gradients = np.empty((0, len(tree.joints)))
+        self.tolerance = number("tolerance", tolerance, at_least=0.0, at_most=0.1)
+        self._evaluation = Evaluation(
+            robot,
+            self._segments,
+            by_length=weighting == "length",
+            aggregate=aggregate,
+            sharpness=self.sharpness,
+            tolerance=self.tolerance,
+        )
         self._obstacles: DangerousObstacles | None = None
         self.revision = 0
         self._take_points(points, weights)
@@ -232,7 +242,9 @@ class DangerField(RobotField):
         points, charges = self._prepared(Q)
         if not points.size:
             return np.zeros(len(Q)), np.zeros(Q.shape)
-        return self._sloped(Q, points, charges, self._groups)
+        if self._groups is not None:
+            return self._evaluation.grouped_values_and_gradients(Q, self._groups)
+        return self._evaluation.values_and_gradients(Q, points, charges)
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the terms of the danger that are above a level at `Q: (B, n)`.
@@ -258,10 +270,10 @@ class DangerField(RobotField):
             above = np.flatnonzero(values > level)
             return above, values[above], gradients[above]
         points, charges = self._prepared(Q)
-        levels = self._levels(Q, points, charges)
+        levels = self._evaluation.levels(Q, points, charges)
         rows, terms = np.nonzero(levels > level)
         alone = points[rows % len(points), :, terms][..., None]  # each term is the danger of its point alone
-        gradients = self._sloped(Q[rows], alone, charges[0, terms][:, None])[1]
+        _, gradients = self._evaluation.values_and_gradients(Q[rows], alone, charges[0, terms][:, None])
         return rows, levels[rows, terms], gradients
 
     def most_dangerous_point(self, q: ArrayLike) -> int:
@@ -273,7 +285,7 @@ class DangerField(RobotField):
             If `q` has the wrong shape or is not finite, or there are no danger points.
         """
         Q = self._single(q)
-        levels = self._levels(Q, *self._prepared(Q))[0]
+        levels = self._evaluation.levels(Q, *self._prepared(Q))[0]
         if not len(levels):
             raise InputError("there are no danger points; give an obstacle a weight > 0")
         return int(levels.argmax())
@@ -329,7 +341,7 @@ class DangerField(RobotField):
 
     def aggregated(self, fields: FloatArray) -> FloatArray:
         """Return the danger (B,) where the robot's field at the danger points is `fields: (B, M)`, unweighted."""
-        return self._aggregated(fields if self.weights is None else fields * self.weights)
+        return self._evaluation.aggregated(fields if self.weights is None else fields * self.weights)
 
     def active(self, Q: ArrayLike, share: float) -> DangerField:
         """Return the field of those danger points that matter near the configurations `Q: (B, n)`.
@@ -345,7 +357,7 @@ class DangerField(RobotField):
         if self.points is None or not len(self.points) or self.aggregate != "max":
             return self
         Q = self._batch(Q)
-        levels = self._levels(Q, *self._prepared(Q))
+        levels = self._evaluation.levels(Q, *self._prepared(Q))
         near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
         weights = None if self.weights is None else self.weights[near]
         return self if near.all() else self.with_points(self.points[near], weights)
@@ -360,6 +372,7 @@ class DangerField(RobotField):
             weighting=self.weighting,
             k1=self.k1,
             sharpness=self.sharpness,
+            tolerance=self.tolerance,
             k2=self.k2,
             gamma=self.gamma,
             counts=self.counts,
@@ -388,7 +401,7 @@ class DangerField(RobotField):
         """Return the points that matter, (B, m, 3) or (M, 3), and ∂CDF/∂CDF(p) for each, (B, m)."""
         if self.aggregate == "max":
             return self._danger_points.chosen(points, np.arange(len(levels)), levels.argmax(axis=1))
-        shares: FloatArray = kernel.all_shares(levels, self._kind, self.sharpness)
+        shares: FloatArray = self._evaluation.shares(levels)
         return points, shares if self.weights is None else shares * self.weights
 
     # ------------------------------------------------------------------------------------------------ within
@@ -397,60 +410,15 @@ class DangerField(RobotField):
         points, charges = self._prepared(Q)
         if not points.size:
             return np.zeros(len(Q))
-        values = plain(self.robot.coupling.values(Q))
         if self._groups is not None:
-            return self._peak(values, self._groups, self._no_gradients)
-        return self._evaluated(values, points, charges, self._no_gradients)
-
-    def _sloped(
-        self, Q: FloatArray, points: FloatArray, charges: FloatArray, groups: PointGroups | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        values = plain(self.robot.coupling.values(Q))
-        gradients = np.empty(values.shape)
-        if groups is not None:
-            dangers = self._peak(values, groups, gradients)
-        else:
-            dangers = self._evaluated(values, points, charges, gradients)
-        return dangers, self.robot.coupling.columns(gradients)
+            return self._evaluation.grouped_values(Q, self._groups)
+        return self._evaluation.values(Q, points, charges)
 
     @property
     def _groups(self) -> PointGroups | None:
-        """The danger points in groups, where a maximum is sought."""
-        return self._danger_points.groups if self.aggregate == "max" else None
-
-    def _peak(self, values: FloatArray, groups: PointGroups, gradients: FloatArray) -> FloatArray:
-        """Return what `_evaluated` does, without looking at all the points."""
-        return group_kernel.peak_dangers(
-            *self._skeleton,
-            values,
-            groups.points,
-            groups.charges,
-            groups.centres,
-            groups.radii,
-            groups.tops,
-            groups.spans,
-            groups.blocks,
-            self._by_length,
-            gradients,
-        )
-
-    def _evaluated(
-        self, values: FloatArray, points: FloatArray, charges: FloatArray, gradients: FloatArray
-    ) -> FloatArray:
-        """Return the danger (B,) at `values: (B, m)`, and write its gradients (B or 0, m)."""
-        by_length, kind, sharpness = self._by_length, self._kind, self.sharpness
-        return kernel.dangers(*self._skeleton, values, points, charges, by_length, kind, sharpness, gradients)
-
-    def _levels(self, Q: FloatArray, points: FloatArray, charges: FloatArray) -> FloatArray:
-        """Return w_m CDF(p_m), (B, M)."""
-        keypoints = self.robot.keypoints_batch(Q)
-        return charges * field_kernel.fields(keypoints, self._segments.pairs, points, self._by_length)
-
-    def _aggregated(self, levels: FloatArray) -> FloatArray:
-        """Return the danger (B,) of levels (B, M); zero where there are none."""
-        if not levels.shape[1]:
-            return np.zeros(len(levels))
-        return kernel.aggregates(plain(levels), self._kind, self.sharpness)
+        """The danger points in groups, where not all of them need be looked at."""
+        exact = self.aggregate != "max" and self.tolerance == 0.0
+        return None if exact else self._danger_points.groups
 
     def _prepared(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return danger points (1 or B, 3, M) and charges (1, M) for kernels, and count an evaluation."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.maths.kernels.groups import BALL
 
 _GROUP = 64  # points in a group
-_BLOCK = 16  # groups in a block
+_BLOCK = 32  # groups in a block
 _LEVELS = 12  # halvings of each side of the points' box in the curve that goes through them
 
 
@@ -18,29 +19,17 @@ class PointGroups(NamedTuple):
 
     Attributes
     ----------
-    points : ndarray, shape (3, M)
-        [m]
-    charges : ndarray, shape (M,)
-        k₁w of each.
-    centres : ndarray, shape (3, H + G)
-        Of the H blocks, then of the G groups [m].
-    radii : ndarray, shape (H + G,)
-        None of its points is farther from a centre [m].
-    tops : ndarray, shape (H + G,)
-        The largest charge in each.
-    spans : ndarray, shape (H + G, 2)
-        Begin and end of each block among the balls, blocks counted along, and of each group among the points.
-    blocks : int
-        H.
+    columns : ndarray, shape (1, 3, M + H + G)
+        The points and, after them, the centres of the H blocks and the G groups [m]: means, weighted by charges.
+    charges : ndarray, shape (1, M)
+        k₁w of each point.
+    balls : ndarray, shape (H + G,)
+        Blocks and groups, of type `safe_ompl.maths.kernels.groups.BALL`.
     """
 
-    points: FloatArray
+    columns: FloatArray
     charges: FloatArray
-    centres: FloatArray
-    radii: FloatArray
-    tops: FloatArray
-    spans: IntArray
-    blocks: int
+    balls: Any
 
     @classmethod
     def of(cls, points: FloatArray, charges: FloatArray) -> PointGroups:
@@ -48,18 +37,12 @@ class PointGroups(NamedTuple):
         order = np.lexsort((_places_on_curve(points), charges))
         points, charges = np.ascontiguousarray(points[order].T), charges[order]
         groups, blocks = (_runs(len(order), size) for size in (_GROUP, _GROUP * _BLOCK))
-        balls = [_balls(points, runs) for runs in (blocks, groups)]
-        tops = [np.maximum.reduceat(charges, runs[:, 0]) for runs in (blocks, groups)]
-        held = len(blocks) + _runs(len(groups), _BLOCK)
-        return cls(
-            points,
-            charges,
-            np.concatenate([centres for centres, _ in balls], axis=1),
-            np.concatenate([radii for _, radii in balls]),
-            np.concatenate(tops),
-            np.concatenate([held, groups]),
-            len(blocks),
-        )
+        found = [_balls(points, charges, runs) for runs in (blocks, groups)]
+        balls = np.concatenate([records for _, records in found])
+        held = np.concatenate([len(blocks) + _runs(len(groups), _BLOCK), groups])
+        balls["begin"], balls["end"] = held.T
+        columns = np.concatenate([points, *(centres for centres, _ in found)], axis=1)
+        return cls(columns[None], charges[None], balls)
 
 
 def _runs(number: int, size: int) -> IntArray:
@@ -68,12 +51,19 @@ def _runs(number: int, size: int) -> IntArray:
     return np.stack([begins, np.minimum(begins + size, number)], axis=1)
 
 
-def _balls(points: FloatArray, runs: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return centres (3, R) and radii (R,) of balls that hold the runs of points (3, M)."""
-    low, high = (extreme.reduceat(points, runs[:, 0], axis=1) for extreme in (np.minimum, np.maximum))
-    centres = (low + high) / 2
-    offsets = np.linalg.norm(points - np.repeat(centres, runs[:, 1] - runs[:, 0], axis=1), axis=0)
-    return centres, np.maximum.reduceat(offsets, runs[:, 0]) * (1 + 1e-12)
+def _balls(points: FloatArray, charges: FloatArray, runs: IntArray) -> tuple[FloatArray, Any]:
+    """Return centres (3, R) and records (R,) of balls that hold the runs of points (3, M)."""
+    begins, numbers = runs[:, 0], runs[:, 1] - runs[:, 0]
+    balls = np.zeros(len(runs), BALL)
+    total = np.add.reduceat(charges, begins)
+    centres = np.add.reduceat(charges * points, begins, axis=1) / total
+    squared = np.square(points - np.repeat(centres, numbers, axis=1)).sum(axis=0)
+    balls["radius"] = np.sqrt(np.maximum.reduceat(squared, begins)) * (1 + 1e-12)
+    balls["spread"] = np.add.reduceat(charges * squared, begins) / total
+    balls["lightest"] = np.minimum.reduceat(charges, begins)
+    balls["heaviest"] = np.maximum.reduceat(charges, begins)
+    balls["charge"], balls["number"] = total / numbers, numbers
+    return centres, balls
 
 
 def _places_on_curve(points: FloatArray) -> IntArray:

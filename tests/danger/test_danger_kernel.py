@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from oracles import numpy_danger
 
 from safe_ompl.danger.field import AGGREGATES, DangerField
+from safe_ompl.errors import InputError
 from safe_ompl.maths.segments import WEIGHTINGS
 from safe_ompl.robot.robot import Robot
 
@@ -104,6 +105,71 @@ def test_groups_of_many_points_change_nothing(robot_named, seed, number, weighti
     for q, value, gradient in zip(Q, values, gradients, strict=True):
         alone = next(field for field in few if field.value(q) == value)
         np.testing.assert_array_equal(gradient, alone.gradient(q))
+
+
+@settings(max_examples=25)
+@given(
+    seed=st.integers(0, 10**6),
+    number=st.integers(401, 5000),
+    aggregate=st.sampled_from(["mean", "softmax"]),
+    weighting=st.sampled_from(WEIGHTINGS),
+    tolerance=st.sampled_from([1e-4, 1e-2, 0.1]),
+)
+def test_groups_keep_the_tolerance(robot_named, seed, number, aggregate, weighting, tolerance):
+    rng = np.random.default_rng(seed)
+    robot = robot_named("panda")
+    points = rng.normal(size=(number, 3)) * rng.choice([0.0, 0.1, 1.0], 3) + rng.choice([0.5, 2.0], 3)
+    options = {"aggregate": aggregate, "weighting": weighting, "sharpness": rng.choice([0.1, 10.0])}
+    weights = rng.choice([0.5, 1.0, 3.0], number)
+    grouped = DangerField(robot, points, weights, tolerance=tolerance, **options)
+    exact = DangerField(robot, points, weights, tolerance=0.0, **options)
+    Q = some(robot, rng, 3)
+    values, gradients = grouped.values_and_gradients(Q)
+    np.testing.assert_allclose(values, exact.values(Q), rtol=tolerance)
+    np.testing.assert_array_equal(grouped.values(Q), values)
+    slopes = exact.gradients(Q)
+    assert (
+        np.linalg.norm(gradients - slopes, axis=1) < 10 * tolerance * np.linalg.norm(slopes, axis=1)
+    ).all()
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "softmax"])
+def test_the_gradient_of_groups_is_that_of_their_value(robot_named, rng, aggregate):
+    """Points so far away that all are taken by centres: nothing jumps between neighbouring configurations."""
+    robot = robot_named("panda")
+    points = rng.normal(size=(3000, 3)) * 0.1 + [4.0, 0.0, 0.0]
+    danger = DangerField(robot, points, aggregate=aggregate, sharpness=1.0)
+    exact = DangerField(robot, points, aggregate=aggregate, sharpness=1.0, tolerance=0.0)
+    assert danger.value(robot.lower / 2) != exact.value(robot.lower / 2)
+    for q in some(robot, rng, 3):
+        steps = 1e-5 * np.eye(robot.n)
+        slope = (danger.values(q + steps) - danger.values(q - steps)) / 2e-5
+        np.testing.assert_allclose(danger.gradient(q), slope, rtol=1e-5, atol=1e-8)
+
+
+def test_groups_far_away_cost_little(robot_named, rng, monkeypatch):
+    """The points themselves are not looked at: they may be anything."""
+    robot = robot_named("panda")
+    danger = DangerField(robot, rng.normal(size=(3000, 3)) * 0.3 + [4.0, 0.0, 0.0], aggregate="mean")
+    q = some(robot, rng, 1)
+    expected = danger.values(q)
+    danger._danger_points.groups.columns[0, :, :3000] = np.nan
+    np.testing.assert_array_equal(danger.values(q), expected)
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "softmax"])
+def test_a_link_through_one_of_many_points_is_infinitely_dangerous(robot_named, rng, aggregate):
+    robot = robot_named("panda")
+    q = some(robot, rng, 1)
+    met = robot.keypoints(q[0])[robot.segments[0, 1]]
+    danger = DangerField(robot, np.vstack([rng.normal(size=(1000, 3)), met]), aggregate=aggregate)
+    assert danger.values(q) == [np.inf]
+
+
+@pytest.mark.parametrize("tolerance", [-0.01, 0.2, np.nan])
+def test_tolerances_out_of_bounds_are_refused(robot_named, tolerance):
+    with pytest.raises(InputError, match="tolerance"):
+        DangerField(robot_named("panda"), [[1.0, 0.0, 0.0]], tolerance=tolerance)
 
 
 def test_a_point_on_a_link_among_many(robot_named, rng):

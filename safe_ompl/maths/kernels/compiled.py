@@ -7,6 +7,7 @@ written to, every process compiles for itself.
 
 from __future__ import annotations
 
+import gc
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +24,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 def compiled(function: _Function) -> _Function:
     """Return a kernel: `function` compiled on its first call; free of the GIL, and x/0 is ±∞ as in NumPy."""
-    options = {"nogil": True, "error_model": "numpy"}
+    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     try:
         kernel: Any = njit(cache=True, **options)(function)
     except RuntimeError as error:  # Numba finds no folder that can be written to
@@ -76,11 +77,13 @@ def _sources() -> tuple[tuple[str, float, int], ...]:
 class _Compilation(event.Listener):  # type: ignore[misc]
     """Says once in a process that kernels are being compiled, and adds up for how long.
 
-    What comes from the disk causes no such event. Kernels that others call are compiled within these.
+    What comes from the disk causes no such event. Kernels that others call are compiled within these. Meanwhile there
+    is no collection of garbage: it would go through the millions of objects of a compiler again and again.
     """
 
     def __init__(self) -> None:
         self.seconds, self._depth, self._begin, self._said = 0.0, 0, 0.0, False
+        self._collects = False
 
     def on_start(self, event: Any) -> None:
         if not event.data["dispatcher"].__module__.startswith(__package__):
@@ -90,6 +93,8 @@ class _Compilation(event.Listener):  # type: ignore[misc]
             _log.warning("compiling kernels for this machine, which takes some seconds: once, they are kept")
         if not self._depth:
             self._begin = perf_counter()
+            self._collects = gc.isenabled()
+            gc.disable()
         self._depth += 1
 
     def on_end(self, event: Any) -> None:
@@ -98,6 +103,8 @@ class _Compilation(event.Listener):  # type: ignore[misc]
         self._depth -= 1
         if not self._depth:
             self.seconds += perf_counter() - self._begin
+            if self._collects:
+                gc.enable()
 
 
 _SOURCES = _sources()

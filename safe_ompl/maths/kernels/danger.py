@@ -13,9 +13,8 @@ import numpy as np
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.compiled import compiled, part
 from safe_ompl.maths.kernels.field import add_pull, potentials
+from safe_ompl.maths.kernels.groups import MAXIMUM, MEAN, danger_of_groups
 from safe_ompl.maths.kernels.joints import place_joints, place_keypoints, pull
-
-MAXIMUM, MEAN, SOFTMAX = 0, 1, 2
 
 
 @part
@@ -74,9 +73,11 @@ def dangers(
     values: FloatArray,
     points: FloatArray,
     charges: FloatArray,
+    balls: Any,
     by_length: bool,
     kind: int,
     sharpness: float,
+    tolerance: float,
     gradients: FloatArray,
 ) -> FloatArray:
     """Return the danger (B,) at configurations, and write its gradients.
@@ -88,32 +89,44 @@ def dangers(
     values : ndarray, shape (B, m)
         Values of the joints.
     points : ndarray, shape (1 or B, 3, M ≥ 1)
-        Danger points, the same or others for every configuration.
+        Danger points, the same or others for every configuration; after them the centres of the balls.
     charges : ndarray, shape (1 or B, M)
         k₁w of each point.
+    balls : ndarray, shape (N,)
+        Those that hold the points, see `safe_ompl.maths.kernels.groups`; none: every point is looked at.
     by_length, kind, sharpness
         Weighting of the links; `MAXIMUM`, `MEAN` or `SOFTMAX`; β.
+    tolerance : float
+        Relative error that a mean or a softmax over points in balls may have.
     gradients : ndarray, shape (B, m) or (0, m)
         Where ∂danger/∂q is written, unless there is no room; points on a link have none.
     """
     B, m = values.shape
-    out, levels, share = np.empty(B), np.empty(points.shape[2]), np.empty(points.shape[2])
+    M = charges.shape[1] if len(balls) == 0 else 0
+    out, levels, share = np.empty(B), np.empty(M), np.empty(M)
     rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     places, forces = np.empty((len(keys), 3)), np.empty((len(keys), 3))
+    sloped = len(gradients) > 0
     for b in range(B):
         place_joints(joints, values[b], rotation, origin, axis)
         place_keypoints(keys, rotation, origin, places)
         own, charge = points[b if len(points) > 1 else 0], charges[b if len(charges) > 1 else 0]
-        potentials(places, links, own, by_length, levels.reshape(1, len(levels)))
-        for k in range(len(levels)):
-            levels[k] *= charge[k]
-        out[b] = aggregate(levels, kind, sharpness)
-        if len(gradients):
-            shares(levels, kind, sharpness, share)
-            forces[:] = 0.0
-            for k in range(len(levels)):
-                if share[k] != 0.0:
-                    add_pull(places, links, own, k, charge[k] * share[k], by_length, forces)
+        forces[:] = 0.0
+        if len(balls) > 0:
+            out[b] = danger_of_groups(
+                places, links, own, charge, balls, by_length, kind, sharpness, tolerance, forces, sloped
+            )
+        else:
+            potentials(places, links, own, 0, M, by_length, levels.reshape(1, M))
+            for k in range(M):
+                levels[k] *= charge[k]
+            out[b] = aggregate(levels, kind, sharpness)
+            if sloped:
+                shares(levels, kind, sharpness, share)
+                for k in range(M):
+                    if share[k] != 0.0:
+                        add_pull(places, links, own, k, charge[k] * share[k], by_length, forces)
+        if sloped:
             pull(joints, keys, origin, axis, places, forces, gradients[b])
     return out
 

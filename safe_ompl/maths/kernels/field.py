@@ -21,28 +21,35 @@ _NEAR = 1e3  # 2ℓ/(S − ℓ) above which the difference has lost too many dig
 
 @part
 def potentials(
-    places: FloatArray, links: IntArray, points: FloatArray, by_length: bool, levels: FloatArray
+    places: FloatArray,
+    links: IntArray,
+    points: FloatArray,
+    begin: int,
+    end: int,
+    by_length: bool,
+    levels: FloatArray,
 ) -> None:
-    """Write the field at all points: of each link into `levels: (L, M)`, eq. (7), or their sum into (1, M), eq. (5).
+    """Write the field at points[:, begin:end]: of each link into `levels: (L, ·)`, eq. (7), or their sum, eq. (5).
 
-    There may be room for more points than there are.
+    The sum is written where there is room for one row only. There may be room for more points than there are.
     """
-    M = points.shape[1]
     block, distances = np.empty((3, _BLOCK)), np.empty((len(places), _BLOCK))
     theta, mantissa, power = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
     bits = mantissa.view(np.int64)
-    levels[:, :M] = 0.0
-    for begin in range(0, M, _BLOCK):
-        number = min(_BLOCK, M - begin)
-        lanes = _rays(places, points, begin, number, block, distances)
+    for row in range(len(levels)):
+        for j in range(end - begin):
+            levels[row, j] = 0.0
+    for first in range(begin, end, _BLOCK):
+        number = min(_BLOCK, end - first)
+        lanes = _rays(places, points, first, number, block, distances)
         for link in range(len(links)):
-            start, end = links[link, 0], links[link, 1]
-            length = _link_length(places, start, end)
-            _angles(places, start, end, length, block, distances, lanes, theta, mantissa, bits, power)
+            a, b = links[link, 0], links[link, 1]
+            length = _link_length(places, a, b)
+            _angles(places, a, b, length, block, distances, lanes, theta, mantissa, bits, power)
             scale = 1.0 if by_length else 1.0 / length
             row = link if len(levels) > 1 else 0
             for j in range(number):
-                levels[row, begin + j] += scale * theta[j]
+                levels[row, first - begin + j] += scale * theta[j]
 
 
 @part
@@ -210,7 +217,9 @@ def fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: b
     """Return CDF(p) (B, M) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
     out = np.empty((len(places), points.shape[2]))
     for b in range(len(places)):
-        potentials(places[b], links, points[b if len(points) > 1 else 0], by_length, out[b : b + 1])
+        potentials(
+            places[b], links, points[b if len(points) > 1 else 0], 0, out.shape[1], by_length, out[b : b + 1]
+        )
     return out
 
 
@@ -219,7 +228,7 @@ def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_leng
     """Return the field of each link (B, L, M) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
     out = np.empty((len(places), len(links), points.shape[2]))
     for b in range(len(places)):
-        potentials(places[b], links, points[b if len(points) > 1 else 0], by_length, out[b])
+        potentials(places[b], links, points[b if len(points) > 1 else 0], 0, out.shape[2], by_length, out[b])
     return out
 
 
