@@ -9,6 +9,7 @@ import numpy as np
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.certified import DangerLimit
+from safe_ompl.planners.parts.room import Room
 from safe_ompl.plugins.motion import CertifiedMotionValidator
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import ScratchState, StateBridge
@@ -36,6 +37,7 @@ class Task:
         self.bridge = StateBridge(si.getStateSpace())
         self._si = si
         self._from, self._to = ScratchState(self.bridge), ScratchState(self.bridge)
+        self._room = Room()
         self.take(None, None)
 
     def take(self, objective: Any, limit: DangerLimit | None) -> None:
@@ -72,7 +74,7 @@ class Task:
     def keeps(self, q: FloatArray, margin: float) -> bool:
         """Return whether the robot keeps a margin [m] from obstacles at `q: (n,)`; not, where nothing can tell."""
         motion = self._certified
-        return motion is not None and motion.is_free(q, q, margin)
+        return motion is not None and self._room.is_enough(motion, q, margin)
 
     @property
     def _certified(self) -> CertifiedMotion | None:
