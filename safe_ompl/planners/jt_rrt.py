@@ -14,6 +14,7 @@ from safe_ompl.inputs import flag, fraction, number
 from safe_ompl.planners.parts.approach import Approach
 from safe_ompl.planners.parts.goal_step import printed_step, shortened
 from safe_ompl.planners.parts.growing import Extension, SafeStep
+from safe_ompl.planners.parts.margin import AdaptiveMargin
 from safe_ompl.planners.parts.selection import SafeSelection
 from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
 from safe_ompl.planners.parts.trees import Trees
@@ -133,11 +134,13 @@ class SafeJTRRT(WeighingPlanner):
         gain: float = 0.1,
         random_starts: float = 0.3,
         strict_threshold: bool = False,
+        clearance: float = 0.05,
     ) -> None:
         super().__init__(si, name)
         self._selection = SafeSelection(self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
-        self._fixed_threshold = FixedThreshold(self._task)
+        self._margin = AdaptiveMargin(self._task, self._danger)
+        self._fixed_threshold = FixedThreshold(self._task, self._margin.motion_is_free)
         self._random_step = SafeStep(
             self._bridge,
             self._danger,
@@ -165,6 +168,7 @@ class SafeJTRRT(WeighingPlanner):
         self.setGain(gain)
         self.setRandomStarts(random_starts)
         self.setStrictThreshold(strict_threshold)
+        self.setClearance(clearance)
 
     def setNearestFraction(self, epsilon: float) -> None:
         """Set the share ε in [0, 1] of selections by distance alone."""
@@ -181,6 +185,14 @@ class SafeJTRRT(WeighingPlanner):
     def getThresholdRise(self) -> float:
         """Return by what share the adaptive threshold on danger rises."""
         return self._threshold.rise
+
+    def setClearance(self, distance: float) -> None:
+        """Set the largest clearance [m] that motions must keep; 0 for none."""
+        self._margin.largest = number("clearance", distance, at_least=0)
+
+    def getClearance(self) -> float:
+        """Return the largest clearance [m] that motions must keep."""
+        return self._margin.largest
 
     def setStep(self, step: float) -> None:
         """Set the largest length of one step towards the goal [rad]."""
@@ -269,6 +281,7 @@ class SafeJTRRT(WeighingPlanner):
         """SAFE_JT-RRT."""
         while self._approach.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
             self._patience.turn(self._rng)
+            self._margin.begin(self._trees)
             if self._rng.random() < self._goal_bias:
                 self._extend_towards_goal(ptc)
             else:
@@ -381,6 +394,7 @@ class SafeJTRRT(WeighingPlanner):
     def _forget(self) -> None:
         self._trees = Trees(self._bridge, self._task.cost, self.counts)
         self._threshold.reset()
+        self._margin.reset()
         self._patience.reset()
         self._approach = Approach(self._goal)
 

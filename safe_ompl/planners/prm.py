@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.inputs import flag, whole_number
+from safe_ompl.inputs import flag, number, whole_number
 from safe_ompl.planners.graphs.roadmap import Roadmap
 from safe_ompl.planners.graphs.roadmap_metric import LinkMetric, RoadmapMetric, SpaceMetric
 from safe_ompl.planners.graphs.search_graph import Graph
 from safe_ompl.planners.parts.elastic_band import ElasticBand
+from safe_ompl.planners.parts.margin import AdaptiveMargin
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
@@ -22,6 +23,8 @@ _LARGEST_GROWTH = 500  # … but by no more milestones at a time, …
 _TOWARDS_SHARE = 0.8  # … of which this share grows out of the graph that is stuck, …
 _NEAREST_TO_GRAPH = 0.05  # … from this fraction of the way to a random configuration on.
 _LARGEST_FRINGE = 1000  # milestones of a stuck graph that it grows out of
+import os
+_TOLL = float(os.environ.get("TOLL", 3))
 _LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
 
 
@@ -113,6 +116,7 @@ class SafePRM(WeighingPlanner):
         samples: int = 50,
         slide: float = 0.8,
         patience: float = 0,
+        clearance: float = 0.05,
         raw_alpha: bool = False,
         taxicab: bool = False,
         lazy: bool = True,
@@ -120,16 +124,26 @@ class SafePRM(WeighingPlanner):
     ) -> None:
         super().__init__(si, name)
         self._band = ElasticBand(self._task, self._danger, self._slide)
+        self._margin = AdaptiveMargin(self._task, self._danger)
         self.setAlpha(alpha)
         self.setNeighbors(neighbors)
         self.setSamples(samples)
         self.setSlide(slide)
         self.setPatience(patience)
+        self.setClearance(clearance)
         self.setRawAlpha(raw_alpha)
         self.setTaxicab(taxicab)
         self.setLazy(lazy)
         self.setGrowing(growing)
         self._forget()
+
+    def setClearance(self, distance: float) -> None:
+        """Set the largest clearance [m] that motions must keep; 0 for none."""
+        self._margin.largest = number("clearance", distance, at_least=0)
+
+    def getClearance(self) -> float:
+        """Return the largest clearance [m] that motions must keep."""
+        return self._margin.largest
 
     def setNeighbors(self, k: int) -> None:
         """Set the number K of milestones that count as neighbours."""
@@ -192,6 +206,10 @@ class SafePRM(WeighingPlanner):
         while not ptc():
             self._take_goals(ptc)
             self._patience.fade()
+            self._margin.reset()
+            self._margin.begin_between(
+                [self._roadmap.configurations[k] for k in (self._roadmap.starts, self._roadmap.goals)]
+            )
             graph = Graph(len(self._roadmap), self._roadmap.starts, from_start=True)
             other = Graph(len(self._roadmap), self._roadmap.goals, from_start=False)
             path = self._safe_prm_planner(graph, other, ptc)
@@ -226,9 +244,15 @@ class SafePRM(WeighingPlanner):
         best = None
         while best is None and len(tried) < len(f) and not ptc():
             offer = int(f.argmin())
-            f[offer] = np.inf
+            was, f[offer] = f[offer], np.inf
             tried.append(offer)
             parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
+            margin = 0.0 if graph.tolled[offer] or not self._lazy else self._margin.level or 0.0
+            if margin and parent != ROOT and not self._edge_is_free(graph, parent, milestone, margin):
+                graph.charge(offer, _TOLL)
+                f[offer] = was + _TOLL
+                tried.pop()
+                continue
             if parent == ROOT or not self._lazy or self._edge_is_free(graph, parent, milestone):
                 best = graph.add_closed(offer)
                 self._count(best)
@@ -311,11 +335,26 @@ class SafePRM(WeighingPlanner):
         """Whether the local planner connects a milestone to its parent, in the direction of driving."""
         return self._check(*((parent, milestone) if graph.from_start else (milestone, parent)))
 
-    def _edge_is_free(self, graph: Graph, parent: int, milestone: int) -> bool:
+    def _edge_is_free(self, graph: Graph, parent: int, milestone: int, margin: float = 0.0) -> bool:
         """Whether an edge of a graph is free, asked once, in the direction in which the path would drive it."""
         start, end = (parent, milestone) if graph.from_start else (milestone, parent)
         verdict = self._roadmap.verdict(start, end)
-        return self._check(start, end) if verdict is None else verdict
+        if not margin:
+            return self._check(start, end) if verdict is None else verdict
+        if verdict is False:
+            return False
+        key = (min(start, end), max(start, end))
+        kept, refused = self._roadmap.margins.get(key, (0.0, np.inf))
+        if margin <= kept:
+            return True
+        if margin >= refused:
+            return False
+        configurations = self._roadmap.configurations
+        ok = self._task.motion_is_free(configurations[start], configurations[end], margin)
+        if ok:
+            self._roadmap.edges[start, end] = True
+        self._roadmap.margins[key] = (margin, refused) if ok else (kept, margin)
+        return ok
 
     def _can_be_driven(self, path: list[int]) -> bool:
         """Whether the edges of a path are free in this direction too, where only the way back was checked."""
@@ -342,10 +381,12 @@ class SafePRM(WeighingPlanner):
         """Return the way points of an edge, found once."""
         if not self._slide.acts:
             return []
-        detours, key = self._roadmap.detours, (start, end, self.getSlide(), self.getRange())
+        margin = self._roadmap.margins.get((min(start, end), max(start, end)), (0.0, 0.0))[0]
+        detours, key = self._roadmap.detours, (start, end, self.getSlide(), self.getRange(), margin)
         if key not in detours:
             configurations = self._roadmap.configurations
-            detours[key] = self._band.bent(configurations[start], configurations[end], self.getRange(), ptc)
+            ends = configurations[start], configurations[end]
+            detours[key] = self._band.bent(*ends, self.getRange(), ptc, margin)
         return detours[key]
 
     # ------------------------------------------------------------------------------------------- the roadmap

@@ -56,6 +56,7 @@ _JT_RRT_AS_PRINTED = {
     "raw_gains": True,
     "random_starts": 0.0,
     "strict_threshold": True,
+    "clearance": 0.0,
 }
 _BUBBLES_AS_PRINTED = {
     "nearest_fraction": 0.0,

@@ -37,6 +37,8 @@ class Roadmap:
         Which of them were ever reached from a start or goal.
     edges : dict of (int, int) to bool
         Whether the straight motion from one milestone to another is free.
+    margins : dict of (int, int) to (float, float)
+        The largest margin [m] that an edge was seen to keep, and the least that it was not.
     detours : dict of tuple to list of ndarray
         Way points between two milestones, under a key that names them first.
     starts, goals : list of int
@@ -54,7 +56,8 @@ class Roadmap:
         self.invalid = self.valid.copy()
         self.connected = self.valid.copy()
         self.edges: dict[tuple[int, int], bool] = {}
-        self.detours: dict[tuple[int, int, float, float], list[FloatArray]] = {}
+        self.margins: dict[tuple[int, int], tuple[float, float]] = {}
+        self.detours: dict[tuple[int, int, float, float, float], list[FloatArray]] = {}
         self.starts: list[int] = []
         self.goals: list[int] = []
 

@@ -51,10 +51,13 @@ class ElasticBand:
             band += [*self.bent(band[-1], path[at], step, ptc), path[at]]
         return np.array(band)
 
-    def bent(self, start: FloatArray, end: FloatArray, step: float, ptc: Any) -> list[FloatArray]:
+    def bent(
+        self, start: FloatArray, end: FloatArray, step: float, ptc: Any, margin: float = 0.0
+    ) -> list[FloatArray]:
         """Return way points between two configurations (n,): the middle, slid sideways, and those of the halves.
 
-        Motions no longer than twice the range `step` stay straight, and so do those whose halves would not be free.
+        Motions no longer than twice the range `step` stay straight, and so do those whose halves would not be free, or
+        not keep a margin [m].
         """
         delta = self._task.bridge.difference(start, end)
         length = float(np.sqrt(delta @ delta))
@@ -62,9 +65,11 @@ class ElasticBand:
             return []
         middle = self._slide.slid(start + delta / 2, delta / length, self._slide.share * step)
         is_free = self._task.motion_is_free
-        if middle is None or not (is_free(start, middle) and is_free(middle, end)):
+        if middle is None or not (is_free(start, middle, margin) and is_free(middle, end, margin)):
             return []
-        return [*self.bent(start, middle, step, ptc), middle, *self.bent(middle, end, step, ptc)]
+        halves = ((start, middle), (middle, end))
+        before, after = (self.bent(*half, step, ptc, margin) for half in halves)
+        return [*before, middle, *after]
 
     def _farthest(self, path: FloatArray, at: int, ptc: Any) -> int:
         """Return the way point to which a straight motion from way point `at` does what the path between does."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import sqrt
 
 from safe_ompl.arrays import FloatArray
@@ -51,9 +52,13 @@ class AdaptiveMargin:
 
     def begin(self, trees: Trees) -> None:
         """Take the margin that starts and goals allow; nothing is done where that is known."""
-        if self.level is None and self.largest and self._danger.weight:
-            ends = [tree.roots[:_LOOKED_AT] for tree in (trees.start, trees.goal)]
-            self._take(self._allowed_by(ends))
+        if self.level is None:
+            self.begin_between([tree.roots for tree in (trees.start, trees.goal)])
+
+    def begin_between(self, ends: Sequence[FloatArray]) -> None:
+        """Take the margin that one of each of the `ends: (R, n)` allows, whatever it was before."""
+        if self.largest and self._danger.weight:
+            self._take(self._allowed_by([Q[:_LOOKED_AT] for Q in ends if len(Q)]))
 
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the motion between two configurations (n,) is free, and keeps the margin.
