@@ -11,14 +11,12 @@ import numpy as np
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.danger.field import DangerField
 from safe_ompl.inputs import flag, fraction, number
+from safe_ompl.planners.growing import GrowingPlanner
 from safe_ompl.planners.parts.approach import Approach
 from safe_ompl.planners.parts.goal_step import printed_step, shortened
 from safe_ompl.planners.parts.growing import Extension, SafeStep
-from safe_ompl.planners.parts.margin import AdaptiveMargin
-from safe_ompl.planners.parts.selection import SafeSelection
-from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
+from safe_ompl.planners.parts.threshold import FixedThreshold
 from safe_ompl.planners.parts.trees import Trees
-from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.robot.inverse_kinematics import (
     Place,
@@ -34,7 +32,7 @@ _STALLED = 0.995  # a step that leaves more than this share of the distance make
 _SAME_SLOPE = 4  # steps for which the gradient of the danger, the dearest part of a step, is kept
 
 
-class SafeJTRRT(WeighingPlanner):
+class SafeJTRRT(GrowingPlanner):
     """One tree from the start that grows towards a place of the tip, a goal in the workspace (SAFE_JT-RRT).
 
     Some extensions go towards a random configuration, as in SafeRRTConnect. The others start from a safe node
@@ -69,6 +67,10 @@ class SafeJTRRT(WeighingPlanner):
     patience : float
         After so many turns half of them ignore danger, after three times as many nearly all: where danger keeps the
         planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
+    clearance : float
+        Motions keep a margin [m] from obstacles, dangerous or not: at first this one, but no more than 80 % of what
+        the start keeps; after every twelve trapped steps it falls to 60 %. It is in force where danger is, and
+        needs a `CertifiedMotionValidator`. 0 for none.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative; the tip's metres and the joints' radians are
         weighed alike.
@@ -101,6 +103,7 @@ class SafeJTRRT(WeighingPlanner):
       dead ends;
     * random steps slide and keep to thresholds (`slide`, `threshold_rise`, `strict_threshold`): lower danger;
     * nodes safer than their parents are always welcome (`strict_threshold`): a start in danger can be left;
+    * motions keep a margin, as long as they can (`clearance`): what is not dangerous is not grazed, either;
     * danger yields where no path is found (`patience`): no solution is lost for its sake;
     * α is relative (`raw_alpha`): one default for all robots.
 
@@ -137,9 +140,6 @@ class SafeJTRRT(WeighingPlanner):
         clearance: float = 0.05,
     ) -> None:
         super().__init__(si, name)
-        self._selection = SafeSelection(self._danger)
-        self._threshold = AdaptiveThreshold(self._danger)
-        self._margin = AdaptiveMargin(self._task, self._danger)
         self._fixed_threshold = FixedThreshold(self._task, self._margin.motion_is_free)
         self._random_step = SafeStep(
             self._bridge,
@@ -169,30 +169,6 @@ class SafeJTRRT(WeighingPlanner):
         self.setRandomStarts(random_starts)
         self.setStrictThreshold(strict_threshold)
         self.setClearance(clearance)
-
-    def setNearestFraction(self, epsilon: float) -> None:
-        """Set the share ε in [0, 1] of selections by distance alone."""
-        self._selection.nearest_fraction = fraction("nearest_fraction", epsilon)
-
-    def getNearestFraction(self) -> float:
-        """Return the share ε of selections by distance alone."""
-        return self._selection.nearest_fraction
-
-    def setThresholdRise(self, share: float) -> None:
-        """Set by what share the adaptive threshold on danger rises after eight refusals; 0 for no threshold."""
-        self._threshold.rise = number("threshold_rise", share, at_least=0)
-
-    def getThresholdRise(self) -> float:
-        """Return by what share the adaptive threshold on danger rises."""
-        return self._threshold.rise
-
-    def setClearance(self, distance: float) -> None:
-        """Set the largest clearance [m] that motions must keep; 0 for none."""
-        self._margin.largest = number("clearance", distance, at_least=0)
-
-    def getClearance(self) -> float:
-        """Return the largest clearance [m] that motions must keep."""
-        return self._margin.largest
 
     def setStep(self, step: float) -> None:
         """Set the largest length of one step towards the goal [rad]."""
@@ -234,14 +210,6 @@ class SafeJTRRT(WeighingPlanner):
     def getTranspose(self) -> bool:
         """Return whether Jᵀ takes the place of J†."""
         return self._transpose
-
-    def setRawAlpha(self, raw: bool) -> None:
-        """Set whether α is taken as it is, in length per danger."""
-        self._danger.is_raw = flag("raw_alpha", raw)
-
-    def getRawAlpha(self) -> bool:
-        """Return whether α is taken as it is."""
-        return self._danger.is_raw
 
     def setRawGains(self, raw: bool) -> None:
         """Set whether k₁ and k₂ are taken as they are."""

@@ -8,23 +8,19 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.inputs import flag, number, whole_number
+from safe_ompl.inputs import flag, whole_number
 from safe_ompl.planners.graphs.roadmap import Roadmap
 from safe_ompl.planners.graphs.roadmap_metric import LinkMetric, RoadmapMetric, SpaceMetric
 from safe_ompl.planners.graphs.search_graph import Graph
 from safe_ompl.planners.parts.elastic_band import ElasticBand
-from safe_ompl.planners.parts.margin import AdaptiveMargin
+from safe_ompl.planners.parts.local_planner import LocalPlanner
+from safe_ompl.planners.parts.margin import TollMargin
+from safe_ompl.planners.parts.samples import Samples
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
-_GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …
-_LARGEST_GROWTH = 500  # … but by no more milestones at a time, …
-_TOWARDS_SHARE = 0.8  # … of which this share grows out of the graph that is stuck, …
-_NEAREST_TO_GRAPH = 0.05  # … from this fraction of the way to a random configuration on.
-_LARGEST_FRINGE = 1000  # milestones of a stuck graph that it grows out of
-import os
-_TOLL = float(os.environ.get("TOLL", 3))
+_TOLL = 4  # ranges; what an edge seems longer by that does not keep the margin
 _LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
 
 
@@ -60,6 +56,11 @@ class SafePRM(WeighingPlanner):
     patience : float
         After so many searches, each with more samples, danger counts half, after three times as many next to nothing.
         0: it never yields. Here it need not: where milestones are dense danger leads out of narrow places.
+    clearance : float
+        Edges that do not keep this margin [m] from obstacles, dangerous or not, wait as if they were longer by four
+        times the range; if they do not keep 30 % of it either, by twice that. The margin is no more than 80 % of what
+        start and goal keep, and falls to 60 % each time when samples do not suffice. It is in force where danger and
+        `lazy` are, and needs a `CertifiedMotionValidator`. 0 for none.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.
     taxicab : bool
@@ -82,6 +83,7 @@ class SafePRM(WeighingPlanner):
     * invalid milestones do not count among the K (`lazy`): the roadmap stays connected in clutter;
     * more samples are drawn (`growing`): what can be solved is solved, whatever N;
     * edges of the path slide (`slide`): lower danger between milestones;
+    * edges without room wait (`clearance`): what is not dangerous is not grazed, either, and no way is closed;
     * α is relative (`raw_alpha`): one default for all robots.
 
     Laziness goes further than in the paper: an edge is checked when its milestone is about to leave Open, not when it
@@ -124,7 +126,8 @@ class SafePRM(WeighingPlanner):
     ) -> None:
         super().__init__(si, name)
         self._band = ElasticBand(self._task, self._danger, self._slide)
-        self._margin = AdaptiveMargin(self._task, self._danger)
+        self._margin: TollMargin = TollMargin(self._task, self._danger)
+        self._sampler = Samples(self._bridge)
         self.setAlpha(alpha)
         self.setNeighbors(neighbors)
         self.setSamples(samples)
@@ -136,14 +139,6 @@ class SafePRM(WeighingPlanner):
         self.setLazy(lazy)
         self.setGrowing(growing)
         self._forget()
-
-    def setClearance(self, distance: float) -> None:
-        """Set the largest clearance [m] that motions must keep; 0 for none."""
-        self._margin.largest = number("clearance", distance, at_least=0)
-
-    def getClearance(self) -> float:
-        """Return the largest clearance [m] that motions must keep."""
-        return self._margin.largest
 
     def setNeighbors(self, k: int) -> None:
         """Set the number K of milestones that count as neighbours."""
@@ -197,6 +192,7 @@ class SafePRM(WeighingPlanner):
         """Forget start and goal, but keep the roadmap and all that is known of it."""
         self.getPlannerInputStates().restart()
         self._roadmap.forget_ends()
+        self._margin.reset()
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
@@ -206,19 +202,17 @@ class SafePRM(WeighingPlanner):
         while not ptc():
             self._take_goals(ptc)
             self._patience.fade()
-            self._margin.reset()
-            self._margin.begin_between(
-                [self._roadmap.configurations[k] for k in (self._roadmap.starts, self._roadmap.goals)]
-            )
+            self._margin.begin_between([self._roadmap.configurations[ends] for ends in self._ends])
             graph = Graph(len(self._roadmap), self._roadmap.starts, from_start=True)
             other = Graph(len(self._roadmap), self._roadmap.goals, from_start=False)
             path = self._safe_prm_planner(graph, other, ptc)
-            if path is not None and self._can_be_driven(path):
+            if path is not None and self._local.can_be_driven(path):
                 self._patience.reset()
                 return self._driven(path, ptc)
             if path is None and not self._growing:
                 break
             if path is None and not ptc():
+                self._margin.yield_some()
                 self._enlarge(min(graph, other, key=lambda g: len(g.milestones)))
         return None
 
@@ -238,22 +232,24 @@ class SafePRM(WeighingPlanner):
         return None
 
     def _best_of_open(self, graph: Graph, current_goal: int, ptc: Any) -> int | None:
-        """Move argmin of f from Open(1) to Closed(1): the best that has a free edge to its parent."""
+        """Move argmin of f from Open(1) to Closed(1): the best that has a free edge, with room, to its parent."""
         f = self._f(graph, current_goal)
         tried: list[int] = []
+        toll = _TOLL * self.getRange()
         best = None
         while best is None and len(tried) < len(f) and not ptc():
             offer = int(f.argmin())
-            was, f[offer] = f[offer], np.inf
-            tried.append(offer)
             parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
-            margin = 0.0 if graph.tolled[offer] or not self._lazy else self._margin.level or 0.0
-            if margin and parent != ROOT and not self._edge_is_free(graph, parent, milestone, margin):
-                graph.charge(offer, _TOLL)
-                f[offer] = was + _TOLL
-                tried.pop()
+            is_settled = parent == ROOT or not self._lazy
+            margin = 0.0 if is_settled else self._margin.after(int(graph.tolls[offer]))
+            is_free = is_settled or self._edge_is_free(graph, parent, milestone, margin)
+            if margin and not is_free:  # it waits, as if it were longer
+                graph.charge(offer, toll)
+                f[offer] += toll
                 continue
-            if parent == ROOT or not self._lazy or self._edge_is_free(graph, parent, milestone):
+            f[offer] = np.inf
+            tried.append(offer)
+            if is_free:
                 best = graph.add_closed(offer)
                 self._count(best)
         graph.remove_open(tried)
@@ -276,7 +272,7 @@ class SafePRM(WeighingPlanner):
         for milestone in self._roadmap.nearest(new, graph.closed).tolist():
             if len(neighbors) == self._neighbor_count or ptc():
                 break
-            if self._milestone_is_valid(milestone):
+            if self._local.is_valid(milestone):
                 neighbors.append(milestone)
         return np.array(neighbors, dtype=np.intp)
 
@@ -291,81 +287,25 @@ class SafePRM(WeighingPlanner):
     def _random_set(self, count: int) -> None:
         """RANDOM_SET: add uniform random milestones."""
         if count > 0:
-            self._roadmap.add(self._uniform(count))
+            self._roadmap.add(self._sampler.uniform(count, self._rng))
 
     def _enlarge(self, stuck: Graph) -> None:
         """Add milestones: some uniform, most of them around the graph that cannot go on."""
         if len(self._roadmap) > _LARGEST_ROADMAP:
             self._begin_anew()
             return
-        count = min(_LARGEST_GROWTH, 1 + int(_GROWTH * len(self._roadmap)))
-        outwards = round(_TOWARDS_SHARE * count) if stuck.closed.any() else 0
-        if outwards:
-            self._roadmap.add(self._outwards(stuck, outwards))
-        self._random_set(count - outwards)
-
-    def _outwards(self, graph: Graph, count: int) -> FloatArray:
-        """Return configurations (count, n) between Closed and random configurations, from the nearest in Closed on."""
-        closed = np.flatnonzero(graph.closed)
-        if len(closed) > _LARGEST_FRINGE:
-            closed = self._rng.choice(closed, _LARGEST_FRINGE, replace=False)
-        fringe, targets = self._roadmap.configurations[closed], self._uniform(count)
-        deltas = [self._bridge.difference(fringe, target) for target in targets]
-        nearest = [int(np.einsum("ij,ij->i", delta, delta).argmin()) for delta in deltas]
-        steps = np.array([delta[k] for delta, k in zip(deltas, nearest, strict=True)])
-        fractions = _NEAREST_TO_GRAPH ** self._rng.random((count, 1))
-        return self._bridge.wrapped(fringe[nearest] + fractions * steps)
-
-    def _uniform(self, count: int) -> FloatArray:
-        return self._bridge.between_bounds(self._rng.random((count, self._bridge.n)))
-
-    # --------------------------------------------------------------------------------------------- verdicts
-
-    def _milestone_is_valid(self, milestone: int) -> bool:
-        """Whether a milestone is valid, asked once."""
         roadmap = self._roadmap
-        if not (roadmap.valid[milestone] or roadmap.invalid[milestone]):
-            found = (
-                roadmap.valid if self._task.is_valid(roadmap.configurations[milestone]) else roadmap.invalid
-            )
-            found[milestone] = True
-        return bool(roadmap.valid[milestone])
+        roadmap.add(self._sampler.more(len(roadmap), roadmap.configurations[stuck.closed], self._rng))
+
+    # ---------------------------------------------------------------------------------------------- edges
 
     def _is_connected(self, graph: Graph, parent: int, milestone: int) -> bool:
         """Whether the local planner connects a milestone to its parent, in the direction of driving."""
-        return self._check(*((parent, milestone) if graph.from_start else (milestone, parent)))
+        return self._local.check(*graph.as_driven(parent, milestone))
 
-    def _edge_is_free(self, graph: Graph, parent: int, milestone: int, margin: float = 0.0) -> bool:
-        """Whether an edge of a graph is free, asked once, in the direction in which the path would drive it."""
-        start, end = (parent, milestone) if graph.from_start else (milestone, parent)
-        verdict = self._roadmap.verdict(start, end)
-        if not margin:
-            return self._check(start, end) if verdict is None else verdict
-        if verdict is False:
-            return False
-        key = (min(start, end), max(start, end))
-        kept, refused = self._roadmap.margins.get(key, (0.0, np.inf))
-        if margin <= kept:
-            return True
-        if margin >= refused:
-            return False
-        configurations = self._roadmap.configurations
-        ok = self._task.motion_is_free(configurations[start], configurations[end], margin)
-        if ok:
-            self._roadmap.edges[start, end] = True
-        self._roadmap.margins[key] = (margin, refused) if ok else (kept, margin)
-        return ok
-
-    def _can_be_driven(self, path: list[int]) -> bool:
-        """Whether the edges of a path are free in this direction too, where only the way back was checked."""
-        edges = self._roadmap.edges
-        return all(edges[edge] if edge in edges else self._check(*edge) for edge in pairwise(path))
-
-    def _check(self, start: int, end: int) -> bool:
-        configurations = self._roadmap.configurations
-        verdict = self._task.motion_is_free(configurations[start], configurations[end])
-        self._roadmap.edges[start, end] = verdict
-        return verdict
+    def _edge_is_free(self, graph: Graph, parent: int, milestone: int, margin: float) -> bool:
+        """Whether an edge of a graph is free and keeps a margin [m], in the direction in which it would be driven."""
+        return self._local.is_free(*graph.as_driven(parent, milestone), margin)
 
     # --------------------------------------------------------------------------------- the path as it is driven
 
@@ -381,7 +321,7 @@ class SafePRM(WeighingPlanner):
         """Return the way points of an edge, found once."""
         if not self._slide.acts:
             return []
-        margin = self._roadmap.margins.get((min(start, end), max(start, end)), (0.0, 0.0))[0]
+        margin, _ = self._roadmap.margins_of(start, end)
         detours, key = self._roadmap.detours, (start, end, self.getSlide(), self.getRange(), margin)
         if key not in detours:
             configurations = self._roadmap.configurations
@@ -406,12 +346,18 @@ class SafePRM(WeighingPlanner):
         return SpaceMetric(self._bridge)
 
     @property
+    def _ends(self) -> tuple[list[int], list[int]]:
+        return self._roadmap.starts, self._roadmap.goals
+
+    @property
     def _grown(self) -> Roadmap:
         return self._roadmap
 
     def _forget(self) -> None:
         self._roadmap = Roadmap(self._bridge, self._task.cost, self._metric())
+        self._local = LocalPlanner(self._task, self._roadmap)
         self._patience.reset()
+        self._margin.reset()
 
     def _begin_anew(self) -> None:
         """Forget all milestones but starts and goals."""

@@ -45,6 +45,7 @@ _PRM_AS_PRINTED = {
     "raw_alpha": True,
     "taxicab": True,
     "lazy": False,
+    "clearance": 0.0,
     "growing": False,
 }
 _JT_RRT_AS_PRINTED = {

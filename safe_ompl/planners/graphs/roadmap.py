@@ -37,8 +37,6 @@ class Roadmap:
         Which of them were ever reached from a start or goal.
     edges : dict of (int, int) to bool
         Whether the straight motion from one milestone to another is free.
-    margins : dict of (int, int) to (float, float)
-        The largest margin [m] that an edge was seen to keep, and the least that it was not.
     detours : dict of tuple to list of ndarray
         Way points between two milestones, under a key that names them first.
     starts, goals : list of int
@@ -56,7 +54,7 @@ class Roadmap:
         self.invalid = self.valid.copy()
         self.connected = self.valid.copy()
         self.edges: dict[tuple[int, int], bool] = {}
-        self.margins: dict[tuple[int, int], tuple[float, float]] = {}
+        self._margins: dict[tuple[int, int], tuple[float, float]] = {}
         self.detours: dict[tuple[int, int, float, float, float], list[FloatArray]] = {}
         self.starts: list[int] = []
         self.goals: list[int] = []
@@ -111,6 +109,14 @@ class Roadmap:
     def verdict(self, start: int, end: int) -> bool | None:
         """Return whether the edge is free; where only the way back was looked at, whether that is; else None."""
         return self.edges.get((start, end), self.edges.get((end, start)))
+
+    def margins_of(self, start: int, end: int) -> tuple[float, float]:
+        """Return the largest margin [m] that an edge was seen to keep, and the least that it was not."""
+        return self._margins.get((min(start, end), max(start, end)), (0.0, np.inf))
+
+    def note_margins(self, start: int, end: int, kept: float, refused: float) -> None:
+        """Note what `margins_of` returns."""
+        self._margins[min(start, end), max(start, end)] = kept, refused
 
     # ------------------------------------------------------------------------------------ starts and goals
 
