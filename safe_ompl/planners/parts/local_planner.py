@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from math import inf
 
 from safe_ompl.planners.graphs.roadmap import Roadmap
 from safe_ompl.planners.parts.task import Task
@@ -55,6 +56,9 @@ class LocalPlanner:
     def _keeps(self, start: int, end: int, margin: float) -> bool:
         kept, refused = self._roadmap.margins_of(start, end)
         if kept < margin < refused:
+            # What did not keep a larger margin is more often blocked than narrow.
+            if refused < inf and self._roadmap.verdict(start, end) is None and not self.check(start, end):
+                return False
             configurations = self._roadmap.configurations
             if self._task.motion_is_free(configurations[start], configurations[end], margin):
                 kept = margin

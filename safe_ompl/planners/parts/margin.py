@@ -18,7 +18,7 @@ _LOOKED_AT = 5  # starts, and goals
 _HALVINGS = 5  # of the logarithm of what start and goal keep: to within 15 %
 _TOLLS = 2  # paid by an edge before it is taken whatever it keeps
 _TOLL_FALL = 0.3  # share of the margin that each toll leaves
-_WORTHWHILE = 0.01  # [m]; in places narrower than this tolls would cost time, and lead nowhere else
+_WORTHWHILE = 0.02  # [m]; in places narrower than this tolls would cost time, and lead nowhere else
 
 
 class Margin:
@@ -130,7 +130,7 @@ class TollMargin(Margin):
     """The margin of a roadmap: edges that do not keep it are not refused, but cost a toll, and another for 30 % of it.
 
     So no way is closed, and the search takes a way with room where there is one that is not much longer. There is
-    none where start and goal keep less than 12 mm: no way between them can do better.
+    none where start and goal keep less than 25 mm: no way between them can do better.
 
     Parameters
     ----------
