@@ -67,6 +67,7 @@ _BUBBLES_AS_PRINTED = {
     "guided": False,
     "max_open": 0,
     "least_clearance": 0.0,
+    "clearance": 0.0,
     "shape": ("paper", "paper_cube"),  # (9), or where it is asked for the cube within it
 }
 _AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {

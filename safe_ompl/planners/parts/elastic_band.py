@@ -32,7 +32,7 @@ class ElasticBand:
         self._danger = danger
         self._slide = slide
 
-    def settled(self, path: FloatArray, step: float, ptc: Any) -> FloatArray:
+    def settled(self, path: FloatArray, step: float, ptc: Any, margin: float = 0.0) -> FloatArray:
         """Return the path (N, n) contracted where that is as safe, then bent from danger.
 
         Parameters
@@ -43,12 +43,14 @@ class ElasticBand:
             Range of the planner [rad]: motions longer than twice that are bent.
         ptc : ob.PlannerTerminationCondition
             When to stop.
+        margin : float
+            What new motions must keep from obstacles [m].
         """
         band = [path[0]]
         at = 0
         while at < len(path) - 1:
-            at = self._farthest(path, at, ptc)
-            band += [*self.bent(band[-1], path[at], step, ptc), path[at]]
+            at = self._farthest(path, at, ptc, margin)
+            band += [*self.bent(band[-1], path[at], step, ptc, margin), path[at]]
         return np.array(band)
 
     def bent(
@@ -71,11 +73,13 @@ class ElasticBand:
         before, after = (self.bent(*half, step, ptc, margin) for half in halves)
         return [*before, middle, *after]
 
-    def _farthest(self, path: FloatArray, at: int, ptc: Any) -> int:
+    def _farthest(self, path: FloatArray, at: int, ptc: Any, margin: float) -> int:
         """Return the way point to which a straight motion from way point `at` does what the path between does."""
         end = len(path) - 1
         while end > at + 1 and not ptc():
-            if self._is_as_safe(path[at : end + 1]) and self._task.motion_is_free(path[at], path[end]):
+            if self._is_as_safe(path[at : end + 1]) and self._task.motion_is_free(
+                path[at], path[end], margin
+            ):
                 return end
             end = (at + end) // 2
         return at + 1

@@ -18,7 +18,7 @@ _LOOKED_AT = 5  # starts, and goals
 _HALVINGS = 5  # of the logarithm of what start and goal keep: to within 15 %
 _TOLLS = 2  # paid by an edge before it is taken whatever it keeps
 _TOLL_FALL = 0.3  # share of the margin that each toll leaves
-_WORTHWHILE = 0.02  # [m]; in places narrower than this tolls would cost time, and lead nowhere else
+WORTHWHILE = 0.02  # [m]; in places narrower than this tolls would cost time, and lead nowhere else
 
 
 class Margin:
@@ -42,6 +42,8 @@ class Margin:
         [m]; 0 for no margin.
     level : float or None
         The margin [m] now; None before start and goal were looked at.
+    allowed : float
+        The margin [m] that start and goal allow; 0 before they were looked at.
     """
 
     def __init__(self, task: Task, danger: WeightedDanger, least: float = _LEAST) -> None:
@@ -54,11 +56,13 @@ class Margin:
     def reset(self) -> None:
         """Begin anew."""
         self.level: float | None = None
+        self.allowed = 0.0
 
     def begin_between(self, ends: Sequence[FloatArray]) -> None:
         """Take the margin that one of each of the `ends: (R, n)` allows; nothing is done where that is known."""
         if self.level is None and self.largest and self._danger.weight:
             self._take(self._allowed_by([Q[:_LOOKED_AT] for Q in ends if len(Q)]))
+            self.allowed = self.level or 0.0
 
     def yield_some(self) -> None:
         """Let the margin fall to 60 %, and vanish where little is left."""
@@ -66,7 +70,8 @@ class Margin:
             self._take(_FALL * self.level)
 
     @property
-    def _in_force(self) -> float:
+    def in_force(self) -> float:
+        """The margin [m] while danger is heeded; 0 for none."""
         return self.level if self.level and self._danger.weight else 0.0
 
     def _allowed_by(self, ends: list[FloatArray]) -> float:
@@ -116,14 +121,18 @@ class AdaptiveMargin(Margin):
 
         Whether a motion that is refused would be free without a margin is not asked: it would cost as much again.
         """
-        margin = self._in_force
+        margin = self.in_force
         if self._task.motion_is_free(start, end, margin):
             return True
         if margin:
-            self._refusals += 1
-            if self._refusals % _PATIENCE == 0:
-                self.yield_some()
+            self.refuse()
         return False
+
+    def refuse(self) -> None:
+        """Count a refusal; every so often the margin falls."""
+        self._refusals += 1
+        if self._refusals % _PATIENCE == 0:
+            self.yield_some()
 
 
 class TollMargin(Margin):
@@ -139,8 +148,8 @@ class TollMargin(Margin):
     """
 
     def __init__(self, task: Task, danger: WeightedDanger) -> None:
-        super().__init__(task, danger, _WORTHWHILE)
+        super().__init__(task, danger, WORTHWHILE)
 
     def after(self, tolls: int) -> float:
         """Return what an edge must keep [m] that has paid so many tolls; 0: it must be free."""
-        return self._in_force * _TOLL_FALL**tolls if tolls < _TOLLS else 0.0
+        return self.in_force * _TOLL_FALL**tolls if tolls < _TOLLS else 0.0
