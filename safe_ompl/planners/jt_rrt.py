@@ -11,12 +11,14 @@ import numpy as np
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.danger.field import DangerField
 from safe_ompl.inputs import flag, fraction, number
-from safe_ompl.planners.growing import GrowingPlanner
 from safe_ompl.planners.parts.approach import Approach
 from safe_ompl.planners.parts.goal_step import printed_step, shortened
 from safe_ompl.planners.parts.growing import Extension, SafeStep
-from safe_ompl.planners.parts.threshold import FixedThreshold
+from safe_ompl.planners.parts.margin import AdaptiveMargin
+from safe_ompl.planners.parts.selection import SafeSelection
+from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
 from safe_ompl.planners.parts.trees import Trees
+from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.robot.inverse_kinematics import (
     Place,
@@ -32,7 +34,7 @@ _STALLED = 0.995  # a step that leaves more than this share of the distance make
 _SAME_SLOPE = 4  # steps for which the gradient of the danger, the dearest part of a step, is kept
 
 
-class SafeJTRRT(GrowingPlanner):
+class SafeJTRRT(WeighingPlanner):
     """One tree from the start that grows towards a place of the tip, a goal in the workspace (SAFE_JT-RRT).
 
     Some extensions go towards a random configuration, as in SafeRRTConnect. The others start from a safe node
@@ -140,6 +142,9 @@ class SafeJTRRT(GrowingPlanner):
         clearance: float = 0.05,
     ) -> None:
         super().__init__(si, name)
+        self._selection = SafeSelection(self._danger)
+        self._threshold = AdaptiveThreshold(self._danger)
+        self._margin: AdaptiveMargin = AdaptiveMargin(self._task, self._danger)
         self._fixed_threshold = FixedThreshold(self._task, self._margin.motion_is_free)
         self._random_step = SafeStep(
             self._bridge,
@@ -169,6 +174,30 @@ class SafeJTRRT(GrowingPlanner):
         self.setRandomStarts(random_starts)
         self.setStrictThreshold(strict_threshold)
         self.setClearance(clearance)
+
+    def setNearestFraction(self, epsilon: float) -> None:
+        """Set the share ε in [0, 1] of selections by distance alone."""
+        self._selection.nearest_fraction = fraction("nearest_fraction", epsilon)
+
+    def getNearestFraction(self) -> float:
+        """Return the share ε of selections by distance alone."""
+        return self._selection.nearest_fraction
+
+    def setThresholdRise(self, share: float) -> None:
+        """Set by what share the adaptive threshold on danger rises after eight refusals; 0 for no threshold."""
+        self._threshold.rise = number("threshold_rise", share, at_least=0)
+
+    def getThresholdRise(self) -> float:
+        """Return by what share the adaptive threshold on danger rises."""
+        return self._threshold.rise
+
+    def setRawAlpha(self, raw: bool) -> None:
+        """Set whether α is taken as it is, in length per danger."""
+        self._danger.is_raw = flag("raw_alpha", raw)
+
+    def getRawAlpha(self) -> bool:
+        """Return whether α is taken as it is."""
+        return self._danger.is_raw
 
     def setStep(self, step: float) -> None:
         """Set the largest length of one step towards the goal [rad]."""
