@@ -17,6 +17,7 @@ from safe_ompl.maths.bubbles import BUBBLE_SHAPES
 from safe_ompl.maths.halton import halton_point
 from safe_ompl.planners.graphs.volume_tree import JointMetric, VolumeTree, VolumeTrees
 from safe_ompl.planners.parts.elastic_band import ElasticBand
+from safe_ompl.planners.parts.margin import WORTHWHILE, AdaptiveMargin
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
@@ -24,6 +25,7 @@ from safe_ompl.plugins.validity import CollisionFreeValidity
 _PATH_SHARE = 0.1  # weight of g where f is normalised: greedy, as in weighted A*
 _LEAST_GAIN = 2e-3  # [m] a turn ends where the tree comes less near to its goal in a step than this, …
 _GAIN_SHARE = 0.2  # … or than this share of its best step
+_TOLL = 0.5  # [m] what a point without room seems farther from the goal by
 
 
 class BubblePlanner(WeighingPlanner):
@@ -69,6 +71,11 @@ class BubblePlanner(WeighingPlanner):
         0 for no limit.
     least_clearance : float
         Points as near to contact as this are not closed [m]: their bubbles lead nowhere.
+    clearance : float
+        Points that are nearer to obstacles, dangerous or not, than this margin [m] wait as if they were 0.5 m farther
+        from the goal, and what contracts and slides keeps it. It is no more than 80 % of what start and goal keep; for
+        points it falls to 60 % after every twelve of them. It is in force where danger is; the path keeps it where
+        there is a `CertifiedMotionValidator`. 0 for none.
     iterations : int
         k_max: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up.
 
@@ -87,6 +94,7 @@ class BubblePlanner(WeighingPlanner):
     * a tree goes on while it comes nearer, and heads for other places, too (`guided`): far fewer bubbles;
     * the path is contracted and slides (`guided`, `slide`): shorter and less dangerous;
     * a share of the turns ignores danger (`nearest_fraction`), and danger fades (`patience`): no passage stays closed;
+    * points without room wait (`clearance`): what is not dangerous is not grazed, either, and no way is closed;
     * bubbles below a clearance are left out (`least_clearance`): none is spent on creeping along a surface.
 
     References
@@ -111,6 +119,7 @@ class BubblePlanner(WeighingPlanner):
         guided: bool = True,
         max_open: int = 0,
         least_clearance: float = 1e-3,
+        clearance: float = 0.05,
         iterations: int = 0,
     ) -> None:
         super().__init__(si, name)
@@ -121,6 +130,7 @@ class BubblePlanner(WeighingPlanner):
                 f"come from; got {type(validity).__name__}"
             )
         self._validity = validity
+        self._margin: AdaptiveMargin = AdaptiveMargin(self._task, self._danger, WORTHWHILE)
         self._band = ElasticBand(self._task, self._danger, self._slide)
         self.setAlpha(alpha)
         self.setBeta(beta)
@@ -132,6 +142,7 @@ class BubblePlanner(WeighingPlanner):
         self.setGuided(guided)
         self.setMaxOpen(max_open)
         self.setLeastClearance(least_clearance)
+        self.setClearance(clearance)
         self.setIterations(iterations)
         self._forget()
 
@@ -217,11 +228,16 @@ class BubblePlanner(WeighingPlanner):
                 break
             self._take_goals(ptc)
             self._patience.fade()
+            self._margin.begin_between([x.bubbles()[0] for x in (self._trees.start, self._trees.goal)])
             for current_goal in self._headings(other):
                 path = self._expand(tree, other, current_goal, ptc)
                 if path is not None:
                     self._patience.reset()
-                    return self._band.settled(path, self.getRange(), ptc) if self._guided else path
+                    return (
+                        self._band.settled(path, self.getRange(), ptc, self._margin.allowed)
+                        if self._guided
+                        else path
+                    )
             tree, other = other, tree  # SWAP
             self._turns += 1
         return None
@@ -236,6 +252,10 @@ class BubblePlanner(WeighingPlanner):
             )
             if bubble is None:
                 return None
+            if not x.toll and x.parent != ROOT and self._is_narrow(bubble):  # it waits
+                tree.put_back(x, _TOLL)
+                self._margin.refuse()
+                continue
             new = tree.close(x, bubble.weights)
             self.counts.nodes += 1
             path = self._intersect(tree, new, other)
@@ -257,7 +277,7 @@ class BubblePlanner(WeighingPlanner):
         f = self._metric.lengths(rows["q"], goal)
         f += (_PATH_SHARE if self._normalized else 1.0) * rows["path_length"]
         if self.getAlpha() and not self._careless:
-            f += self.getAlpha() * self._danger.heed * rows["cost"]
+            f += self.getAlpha() * self._danger.heed * rows["cost"] + rows["toll"]
         if self._beta:
             f -= self._beta * rows["diversity"]
         return f
@@ -325,6 +345,12 @@ class BubblePlanner(WeighingPlanner):
         turn = self._turns // 2
         return int((turn + 1) * self._nearest_fraction) > int(turn * self._nearest_fraction)
 
+    def _is_narrow(self, bubble: Bubble) -> bool:
+        """Whether obstacles are nearer to the centre of a bubble than the margin."""
+        margin = self._margin.in_force
+        obstacles = self._checker.pairs.meets_obstacle
+        return margin > 0 and bool((bubble.distances < margin)[obstacles].any())
+
     def _bound_open(self, tree: VolumeTree, goal: FloatArray) -> None:
         if self._max_open and len(tree.open) > self._max_open:
             half = max(1, self._max_open // 2)
@@ -357,6 +383,7 @@ class BubblePlanner(WeighingPlanner):
         self._trees = VolumeTrees(self._bridge, self._metric, diverse=self._beta > 0)
         self._turns = self._places = 0
         self._patience.reset()
+        self._margin.reset()
 
 
 class _Progress:

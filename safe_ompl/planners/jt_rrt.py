@@ -14,6 +14,7 @@ from safe_ompl.inputs import flag, fraction, number
 from safe_ompl.planners.parts.approach import Approach
 from safe_ompl.planners.parts.goal_step import printed_step, shortened
 from safe_ompl.planners.parts.growing import Extension, SafeStep
+from safe_ompl.planners.parts.margin import AdaptiveMargin
 from safe_ompl.planners.parts.selection import SafeSelection
 from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
 from safe_ompl.planners.parts.trees import Trees
@@ -68,6 +69,10 @@ class SafeJTRRT(WeighingPlanner):
     patience : float
         After so many turns half of them ignore danger, after three times as many nearly all: where danger keeps the
         planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
+    clearance : float
+        Motions keep a margin [m] from obstacles, dangerous or not: at first this one, but no more than 80 % of what
+        the start keeps; after every twelve trapped steps it falls to 60 %. It is in force where danger is, and
+        needs a `CertifiedMotionValidator`. 0 for none.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative; the tip's metres and the joints' radians are
         weighed alike.
@@ -100,6 +105,7 @@ class SafeJTRRT(WeighingPlanner):
       dead ends;
     * random steps slide and keep to thresholds (`slide`, `threshold_rise`, `strict_threshold`): lower danger;
     * nodes safer than their parents are always welcome (`strict_threshold`): a start in danger can be left;
+    * motions keep a margin, as long as they can (`clearance`): what is not dangerous is not grazed, either;
     * danger yields where no path is found (`patience`): no solution is lost for its sake;
     * α is relative (`raw_alpha`): one default for all robots.
 
@@ -133,11 +139,13 @@ class SafeJTRRT(WeighingPlanner):
         gain: float = 0.1,
         random_starts: float = 0.3,
         strict_threshold: bool = False,
+        clearance: float = 0.05,
     ) -> None:
         super().__init__(si, name)
         self._selection = SafeSelection(self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
-        self._fixed_threshold = FixedThreshold(self._task)
+        self._margin: AdaptiveMargin = AdaptiveMargin(self._task, self._danger)
+        self._fixed_threshold = FixedThreshold(self._task, self._margin.motion_is_free)
         self._random_step = SafeStep(
             self._bridge,
             self._danger,
@@ -165,6 +173,7 @@ class SafeJTRRT(WeighingPlanner):
         self.setGain(gain)
         self.setRandomStarts(random_starts)
         self.setStrictThreshold(strict_threshold)
+        self.setClearance(clearance)
 
     def setNearestFraction(self, epsilon: float) -> None:
         """Set the share ε in [0, 1] of selections by distance alone."""
@@ -181,6 +190,14 @@ class SafeJTRRT(WeighingPlanner):
     def getThresholdRise(self) -> float:
         """Return by what share the adaptive threshold on danger rises."""
         return self._threshold.rise
+
+    def setRawAlpha(self, raw: bool) -> None:
+        """Set whether α is taken as it is, in length per danger."""
+        self._danger.is_raw = flag("raw_alpha", raw)
+
+    def getRawAlpha(self) -> bool:
+        """Return whether α is taken as it is."""
+        return self._danger.is_raw
 
     def setStep(self, step: float) -> None:
         """Set the largest length of one step towards the goal [rad]."""
@@ -223,14 +240,6 @@ class SafeJTRRT(WeighingPlanner):
         """Return whether Jᵀ takes the place of J†."""
         return self._transpose
 
-    def setRawAlpha(self, raw: bool) -> None:
-        """Set whether α is taken as it is, in length per danger."""
-        self._danger.is_raw = flag("raw_alpha", raw)
-
-    def getRawAlpha(self) -> bool:
-        """Return whether α is taken as it is."""
-        return self._danger.is_raw
-
     def setRawGains(self, raw: bool) -> None:
         """Set whether k₁ and k₂ are taken as they are."""
         self._raw_gains = flag("raw_gains", raw)
@@ -269,6 +278,7 @@ class SafeJTRRT(WeighingPlanner):
         """SAFE_JT-RRT."""
         while self._approach.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
             self._patience.turn(self._rng)
+            self._margin.begin(self._trees)
             if self._rng.random() < self._goal_bias:
                 self._extend_towards_goal(ptc)
             else:
@@ -381,6 +391,7 @@ class SafeJTRRT(WeighingPlanner):
     def _forget(self) -> None:
         self._trees = Trees(self._bridge, self._task.cost, self.counts)
         self._threshold.reset()
+        self._margin.reset()
         self._patience.reset()
         self._approach = Approach(self._goal)
 

@@ -13,15 +13,14 @@ from safe_ompl.planners.graphs.roadmap import Roadmap
 from safe_ompl.planners.graphs.roadmap_metric import LinkMetric, RoadmapMetric, SpaceMetric
 from safe_ompl.planners.graphs.search_graph import Graph
 from safe_ompl.planners.parts.elastic_band import ElasticBand
+from safe_ompl.planners.parts.local_planner import LocalPlanner
+from safe_ompl.planners.parts.margin import TollMargin
+from safe_ompl.planners.parts.samples import Samples
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
-_GROWTH = 0.25  # by this share of itself the sample set grows when it does not suffice …
-_LARGEST_GROWTH = 500  # … but by no more milestones at a time, …
-_TOWARDS_SHARE = 0.8  # … of which this share grows out of the graph that is stuck, …
-_NEAREST_TO_GRAPH = 0.05  # … from this fraction of the way to a random configuration on.
-_LARGEST_FRINGE = 1000  # milestones of a stuck graph that it grows out of
+_TOLL = 4  # ranges; what an edge seems longer by that does not keep the margin
 _LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
 
 
@@ -57,6 +56,11 @@ class SafePRM(WeighingPlanner):
     patience : float
         After so many searches, each with more samples, danger counts half, after three times as many next to nothing.
         0: it never yields. Here it need not: where milestones are dense danger leads out of narrow places.
+    clearance : float
+        Edges that do not keep this margin [m] from obstacles, dangerous or not, wait as if they were longer by four
+        times the range; if they do not keep 30 % of it either, by twice that. The margin is no more than 80 % of what
+        start and goal keep, and falls to 60 % each time when samples do not suffice. It is in force where danger and
+        `lazy` are, and needs a `CertifiedMotionValidator`. 0 for none.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.
     taxicab : bool
@@ -79,6 +83,7 @@ class SafePRM(WeighingPlanner):
     * invalid milestones do not count among the K (`lazy`): the roadmap stays connected in clutter;
     * more samples are drawn (`growing`): what can be solved is solved, whatever N;
     * edges of the path slide (`slide`): lower danger between milestones;
+    * edges without room wait (`clearance`): what is not dangerous is not grazed, either, and no way is closed;
     * α is relative (`raw_alpha`): one default for all robots.
 
     Laziness goes further than in the paper: an edge is checked when its milestone is about to leave Open, not when it
@@ -113,6 +118,7 @@ class SafePRM(WeighingPlanner):
         samples: int = 50,
         slide: float = 0.8,
         patience: float = 0,
+        clearance: float = 0.05,
         raw_alpha: bool = False,
         taxicab: bool = False,
         lazy: bool = True,
@@ -120,11 +126,14 @@ class SafePRM(WeighingPlanner):
     ) -> None:
         super().__init__(si, name)
         self._band = ElasticBand(self._task, self._danger, self._slide)
+        self._margin: TollMargin = TollMargin(self._task, self._danger)
+        self._sampler = Samples(self._bridge)
         self.setAlpha(alpha)
         self.setNeighbors(neighbors)
         self.setSamples(samples)
         self.setSlide(slide)
         self.setPatience(patience)
+        self.setClearance(clearance)
         self.setRawAlpha(raw_alpha)
         self.setTaxicab(taxicab)
         self.setLazy(lazy)
@@ -183,6 +192,7 @@ class SafePRM(WeighingPlanner):
         """Forget start and goal, but keep the roadmap and all that is known of it."""
         self.getPlannerInputStates().restart()
         self._roadmap.forget_ends()
+        self._margin.reset()
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 
@@ -192,15 +202,17 @@ class SafePRM(WeighingPlanner):
         while not ptc():
             self._take_goals(ptc)
             self._patience.fade()
+            self._margin.begin_between([self._roadmap.configurations[ends] for ends in self._ends])
             graph = Graph(len(self._roadmap), self._roadmap.starts, from_start=True)
             other = Graph(len(self._roadmap), self._roadmap.goals, from_start=False)
             path = self._safe_prm_planner(graph, other, ptc)
-            if path is not None and self._can_be_driven(path):
+            if path is not None and self._local.can_be_driven(path):
                 self._patience.reset()
                 return self._driven(path, ptc)
             if path is None and not self._growing:
                 break
             if path is None and not ptc():
+                self._margin.yield_some()
                 self._enlarge(min(graph, other, key=lambda g: len(g.milestones)))
         return None
 
@@ -220,16 +232,24 @@ class SafePRM(WeighingPlanner):
         return None
 
     def _best_of_open(self, graph: Graph, current_goal: int, ptc: Any) -> int | None:
-        """Move argmin of f from Open(1) to Closed(1): the best that has a free edge to its parent."""
+        """Move argmin of f from Open(1) to Closed(1): the best that has a free edge, with room, to its parent."""
         f = self._f(graph, current_goal)
         tried: list[int] = []
+        toll = _TOLL * self.getRange()
         best = None
         while best is None and len(tried) < len(f) and not ptc():
             offer = int(f.argmin())
+            parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
+            is_settled = parent == ROOT or not self._lazy
+            margin = 0.0 if is_settled else self._margin.after(int(graph.tolls[offer]))
+            is_free = is_settled or self._edge_is_free(graph, parent, milestone, margin)
+            if margin and not is_free:  # it waits, as if it were longer
+                graph.charge(offer, toll)
+                f[offer] += toll
+                continue
             f[offer] = np.inf
             tried.append(offer)
-            parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
-            if parent == ROOT or not self._lazy or self._edge_is_free(graph, parent, milestone):
+            if is_free:
                 best = graph.add_closed(offer)
                 self._count(best)
         graph.remove_open(tried)
@@ -252,7 +272,7 @@ class SafePRM(WeighingPlanner):
         for milestone in self._roadmap.nearest(new, graph.closed).tolist():
             if len(neighbors) == self._neighbor_count or ptc():
                 break
-            if self._milestone_is_valid(milestone):
+            if self._local.is_valid(milestone):
                 neighbors.append(milestone)
         return np.array(neighbors, dtype=np.intp)
 
@@ -267,66 +287,25 @@ class SafePRM(WeighingPlanner):
     def _random_set(self, count: int) -> None:
         """RANDOM_SET: add uniform random milestones."""
         if count > 0:
-            self._roadmap.add(self._uniform(count))
+            self._roadmap.add(self._sampler.uniform(count, self._rng))
 
     def _enlarge(self, stuck: Graph) -> None:
         """Add milestones: some uniform, most of them around the graph that cannot go on."""
         if len(self._roadmap) > _LARGEST_ROADMAP:
             self._begin_anew()
             return
-        count = min(_LARGEST_GROWTH, 1 + int(_GROWTH * len(self._roadmap)))
-        outwards = round(_TOWARDS_SHARE * count) if stuck.closed.any() else 0
-        if outwards:
-            self._roadmap.add(self._outwards(stuck, outwards))
-        self._random_set(count - outwards)
-
-    def _outwards(self, graph: Graph, count: int) -> FloatArray:
-        """Return configurations (count, n) between Closed and random configurations, from the nearest in Closed on."""
-        closed = np.flatnonzero(graph.closed)
-        if len(closed) > _LARGEST_FRINGE:
-            closed = self._rng.choice(closed, _LARGEST_FRINGE, replace=False)
-        fringe, targets = self._roadmap.configurations[closed], self._uniform(count)
-        deltas = [self._bridge.difference(fringe, target) for target in targets]
-        nearest = [int(np.einsum("ij,ij->i", delta, delta).argmin()) for delta in deltas]
-        steps = np.array([delta[k] for delta, k in zip(deltas, nearest, strict=True)])
-        fractions = _NEAREST_TO_GRAPH ** self._rng.random((count, 1))
-        return self._bridge.wrapped(fringe[nearest] + fractions * steps)
-
-    def _uniform(self, count: int) -> FloatArray:
-        return self._bridge.between_bounds(self._rng.random((count, self._bridge.n)))
-
-    # --------------------------------------------------------------------------------------------- verdicts
-
-    def _milestone_is_valid(self, milestone: int) -> bool:
-        """Whether a milestone is valid, asked once."""
         roadmap = self._roadmap
-        if not (roadmap.valid[milestone] or roadmap.invalid[milestone]):
-            found = (
-                roadmap.valid if self._task.is_valid(roadmap.configurations[milestone]) else roadmap.invalid
-            )
-            found[milestone] = True
-        return bool(roadmap.valid[milestone])
+        roadmap.add(self._sampler.more(len(roadmap), roadmap.configurations[stuck.closed], self._rng))
+
+    # ---------------------------------------------------------------------------------------------- edges
 
     def _is_connected(self, graph: Graph, parent: int, milestone: int) -> bool:
         """Whether the local planner connects a milestone to its parent, in the direction of driving."""
-        return self._check(*((parent, milestone) if graph.from_start else (milestone, parent)))
+        return self._local.check(*graph.as_driven(parent, milestone))
 
-    def _edge_is_free(self, graph: Graph, parent: int, milestone: int) -> bool:
-        """Whether an edge of a graph is free, asked once, in the direction in which the path would drive it."""
-        start, end = (parent, milestone) if graph.from_start else (milestone, parent)
-        verdict = self._roadmap.verdict(start, end)
-        return self._check(start, end) if verdict is None else verdict
-
-    def _can_be_driven(self, path: list[int]) -> bool:
-        """Whether the edges of a path are free in this direction too, where only the way back was checked."""
-        edges = self._roadmap.edges
-        return all(edges[edge] if edge in edges else self._check(*edge) for edge in pairwise(path))
-
-    def _check(self, start: int, end: int) -> bool:
-        configurations = self._roadmap.configurations
-        verdict = self._task.motion_is_free(configurations[start], configurations[end])
-        self._roadmap.edges[start, end] = verdict
-        return verdict
+    def _edge_is_free(self, graph: Graph, parent: int, milestone: int, margin: float) -> bool:
+        """Whether an edge of a graph is free and keeps a margin [m], in the direction in which it would be driven."""
+        return self._local.is_free(*graph.as_driven(parent, milestone), margin)
 
     # --------------------------------------------------------------------------------- the path as it is driven
 
@@ -342,10 +321,12 @@ class SafePRM(WeighingPlanner):
         """Return the way points of an edge, found once."""
         if not self._slide.acts:
             return []
-        detours, key = self._roadmap.detours, (start, end, self.getSlide(), self.getRange())
+        margin, _ = self._roadmap.margins_of(start, end)
+        detours, key = self._roadmap.detours, (start, end, self.getSlide(), self.getRange(), margin)
         if key not in detours:
             configurations = self._roadmap.configurations
-            detours[key] = self._band.bent(configurations[start], configurations[end], self.getRange(), ptc)
+            ends = configurations[start], configurations[end]
+            detours[key] = self._band.bent(*ends, self.getRange(), ptc, margin)
         return detours[key]
 
     # ------------------------------------------------------------------------------------------- the roadmap
@@ -365,12 +346,18 @@ class SafePRM(WeighingPlanner):
         return SpaceMetric(self._bridge)
 
     @property
+    def _ends(self) -> tuple[list[int], list[int]]:
+        return self._roadmap.starts, self._roadmap.goals
+
+    @property
     def _grown(self) -> Roadmap:
         return self._roadmap
 
     def _forget(self) -> None:
         self._roadmap = Roadmap(self._bridge, self._task.cost, self._metric())
+        self._local = LocalPlanner(self._task, self._roadmap)
         self._patience.reset()
+        self._margin.reset()
 
     def _begin_anew(self) -> None:
         """Forget all milestones but starts and goals."""

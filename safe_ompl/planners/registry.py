@@ -45,6 +45,7 @@ _PRM_AS_PRINTED = {
     "raw_alpha": True,
     "taxicab": True,
     "lazy": False,
+    "clearance": 0.0,
     "growing": False,
 }
 _JT_RRT_AS_PRINTED = {
@@ -56,6 +57,7 @@ _JT_RRT_AS_PRINTED = {
     "raw_gains": True,
     "random_starts": 0.0,
     "strict_threshold": True,
+    "clearance": 0.0,
 }
 _BUBBLES_AS_PRINTED = {
     "nearest_fraction": 0.0,
@@ -65,6 +67,7 @@ _BUBBLES_AS_PRINTED = {
     "guided": False,
     "max_open": 0,
     "least_clearance": 0.0,
+    "clearance": 0.0,
     "shape": ("paper", "paper_cube"),  # (9), or where it is asked for the cube within it
 }
 _AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {

@@ -100,7 +100,7 @@ class SafeRRTConnect(WeighingPlanner):
         super().__init__(si, name)
         self._selection = SafeSelection(self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
-        self._margin = AdaptiveMargin(self._task, self._danger)
+        self._margin: AdaptiveMargin = AdaptiveMargin(self._task, self._danger)
         self._short_steps = ShortSteps(self._bridge, self._danger)
         self._step = SafeStep(
             self._bridge, self._danger, self._slide, self._threshold, self._margin.motion_is_free

@@ -23,6 +23,8 @@ from safe_ompl.planners import prm
 from safe_ompl.planners.graphs.roadmap import Roadmap
 from safe_ompl.planners.graphs.roadmap_metric import LinkMetric, SpaceMetric
 from safe_ompl.planners.graphs.search_graph import Graph
+from safe_ompl.planners.parts.local_planner import LocalPlanner
+from safe_ompl.planners.parts.samples import Samples
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.objective import StateCost
@@ -122,7 +124,7 @@ def test_the_search_is_the_papers_step_by_step(monkeypatch, objective, seed):
         Graph, "add_closed", lambda self, offer: order.append(add_closed(self, offer)) or order[-1]
     )
     task = Problem(wall_with_a_gap, objective, seed=seed, neighbors=12, samples=200, slide=0.0)
-    monkeypatch.setattr(task.planner, "_milestone_is_valid", lambda milestone: True)
+    monkeypatch.setattr(LocalPlanner, "is_valid", lambda self, milestone: True)
     assert task.solve() == EXACT
     assert len(task.roadmap) == 202, "the first samples suffice"
 
@@ -147,7 +149,7 @@ def test_the_search_is_the_papers_step_by_step(monkeypatch, objective, seed):
 def test_the_safer_of_two_ways_is_taken_if_danger_counts(monkeypatch, alpha, way):
     task = Problem(lambda x, y: abs(x) < 0.3 and abs(y) < 0.1, HotSpot, alpha=alpha, slide=0.0)
     ways = np.array([[0.0, 0.2], [0.0, -0.5]])  # the short way is the more dangerous one
-    monkeypatch.setattr(task.planner, "_uniform", lambda count: ways)
+    monkeypatch.setattr(Samples, "uniform", lambda self, count, rng: ways)
     assert task.solve() == EXACT
     np.testing.assert_array_equal(task.path, [START, (0.0, way), GOAL])
 

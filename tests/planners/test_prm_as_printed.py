@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from safe_ompl.errors import InputError
+from safe_ompl.planners.parts.local_planner import LocalPlanner
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.states import ScratchState, StateBridge
 from safe_ompl.scenario.scenario import Scenario, find_scenario
@@ -104,8 +105,8 @@ def test_prm_is_the_papers_without_danger(arm, seed):
 
 def test_as_many_edges_are_checked_as_in_the_paper(arm, monkeypatch):
     planner, asked = make_planner("PaperPRM", arm.getSpaceInformation(), {"samples": N, "neighbors": K}), []
-    check = planner._check
-    monkeypatch.setattr(planner, "_check", lambda *edge: asked.append(edge) or check(*edge))
+    check = LocalPlanner.check
+    monkeypatch.setattr(LocalPlanner, "check", lambda self, *edge: asked.append(edge) or check(self, *edge))
     assert arm.plan(planner, time=20.0, seed=3)
     literal = Transcription(arm, 0.0, 3)
     literal.plan(*ends_of(arm))
@@ -120,7 +121,8 @@ def test_too_few_samples_end_in_failure(arm):
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("slide", 0.5), ("lazy", True), ("growing", True), ("taxicab", False)]
+    ("key", "value"),
+    [("slide", 0.5), ("lazy", True), ("growing", True), ("taxicab", False), ("clearance", 0.05)],
 )
 def test_what_is_ours_cannot_be_switched_on(arm, key, value):
     with pytest.raises(InputError, match=f"{key!r} of PaperSafePRM is fixed"):

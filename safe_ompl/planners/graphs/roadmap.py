@@ -54,7 +54,8 @@ class Roadmap:
         self.invalid = self.valid.copy()
         self.connected = self.valid.copy()
         self.edges: dict[tuple[int, int], bool] = {}
-        self.detours: dict[tuple[int, int, float, float], list[FloatArray]] = {}
+        self._margins: dict[tuple[int, int], tuple[float, float]] = {}
+        self.detours: dict[tuple[int, int, float, float, float], list[FloatArray]] = {}
         self.starts: list[int] = []
         self.goals: list[int] = []
 
@@ -108,6 +109,14 @@ class Roadmap:
     def verdict(self, start: int, end: int) -> bool | None:
         """Return whether the edge is free; where only the way back was looked at, whether that is; else None."""
         return self.edges.get((start, end), self.edges.get((end, start)))
+
+    def margins_of(self, start: int, end: int) -> tuple[float, float]:
+        """Return the largest margin [m] that an edge was seen to keep, and the least that it was not."""
+        return self._margins.get((min(start, end), max(start, end)), (0.0, np.inf))
+
+    def note_margins(self, start: int, end: int, kept: float, refused: float) -> None:
+        """Note what `margins_of` returns."""
+        self._margins[min(start, end), max(start, end)] = kept, refused
 
     # ------------------------------------------------------------------------------------ starts and goals
 

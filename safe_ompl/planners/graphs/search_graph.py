@@ -30,7 +30,9 @@ class Graph:
     milestones, parents : ndarray of int, shape (M,)
         The offers in Open.
     g : ndarray, shape (M,)
-        Their lengths [rad or m].
+        Their lengths [rad or m], tolls included.
+    tolls : ndarray of int, shape (M,)
+        How many tolls they have paid for coming near to obstacles.
     """
 
     def __init__(self, size: int, roots: list[int], *, from_start: bool) -> None:
@@ -41,12 +43,14 @@ class Graph:
         self.milestones: IntArray = np.array(roots, dtype=np.intp)
         self.parents: IntArray = np.full(len(roots), ROOT)
         self.g: FloatArray = np.zeros(len(roots))
+        self.tolls: IntArray = np.zeros(len(roots), dtype=np.intp)
 
     def add_open(self, milestones: IntArray, parent: int, lengths: FloatArray) -> None:
         """ADD (Open): offer edges of the given lengths from `parent`, which is in Closed."""
         self.milestones = np.concatenate([self.milestones, milestones])
         self.parents = np.concatenate([self.parents, np.full(len(milestones), parent)])
         self.g = np.concatenate([self.g, self._length[parent] + lengths])
+        self.tolls = np.concatenate([self.tolls, np.zeros(len(milestones), dtype=np.intp)])
 
     def add_closed(self, offer: int) -> int:
         """ADD (Closed): take an offer of Open and return its milestone."""
@@ -56,11 +60,21 @@ class Graph:
         self._length[milestone] = self.g[offer]
         return milestone
 
+    def charge(self, offer: int, toll: float) -> None:
+        """Let an offer of Open wait as if its edge were longer by a toll [rad or m]."""
+        self.g[offer] += toll
+        self.tolls[offer] += 1
+
     def remove_open(self, offers: list[int]) -> None:
         """REMOVE (Open): drop offers, and all others of milestones that are in Closed."""
         keep = ~self.closed[self.milestones]
         keep[offers] = False
-        self.milestones, self.parents, self.g = self.milestones[keep], self.parents[keep], self.g[keep]
+        self.milestones, self.parents = self.milestones[keep], self.parents[keep]
+        self.g, self.tolls = self.g[keep], self.tolls[keep]
+
+    def as_driven(self, parent: int, milestone: int) -> tuple[int, int]:
+        """Return the ends of an edge in the order in which a path drives them."""
+        return (parent, milestone) if self.from_start else (milestone, parent)
 
     def branch(self, milestone: int) -> list[int]:
         """Return the milestones from the root to `milestone`."""

@@ -99,11 +99,17 @@ class EndPoint(NamedTuple):
         The closed bubble that it is in; `ROOT` for roots.
     path_length : float
         g, from the root.
+    cost : float
+        Its danger.
+    toll : float
+        What it has paid for being near to obstacles.
     """
 
     q: FloatArray
     parent: int
     path_length: float
+    cost: float
+    toll: float
 
 
 class VolumeTree:
@@ -125,7 +131,7 @@ class VolumeTree:
     closed : Rows
         Bubbles: center, weights, parent, path_length, alive.
     open : Rows
-        End points: q, parent, path_length, cost, diversity.
+        End points: q, parent, path_length, cost, diversity, toll.
     """
 
     def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
@@ -136,14 +142,16 @@ class VolumeTree:
         self.closed = Rows(
             center=vector, weights=vector, parent=(np.intp, ()), path_length=number, alive=(bool, ())
         )
-        self.open = Rows(q=vector, parent=(np.intp, ()), path_length=number, cost=number, diversity=number)
+        self.open = Rows(
+            q=vector, parent=(np.intp, ()), path_length=number, cost=number, diversity=number, toll=number
+        )
 
     def __len__(self) -> int:
         return len(self.closed) + len(self.open)
 
     def add_root(self, q: FloatArray) -> None:
         """Open a start or goal configuration (n,)."""
-        self.open.extend(1, q=q, parent=ROOT, path_length=0.0, cost=0.0, diversity=0.0)
+        self.open.extend(1, q=q, parent=ROOT, path_length=0.0, cost=0.0, diversity=0.0, toll=0.0)
 
     @property
     def latest(self) -> FloatArray:
@@ -154,9 +162,14 @@ class VolumeTree:
     def take(self, row: int) -> EndPoint:
         """Remove an end point from Open and return it."""
         rows = self.open
-        point = EndPoint(rows["q"][row].copy(), int(rows["parent"][row]), float(rows["path_length"][row]))
+        numbers = (float(rows[name][row]) for name in ("path_length", "cost", "toll"))
+        point = EndPoint(rows["q"][row].copy(), int(rows["parent"][row]), *numbers)
         rows.remove(row)
         return point
+
+    def put_back(self, point: EndPoint, toll: float) -> None:
+        """Return an end point to Open, where it waits as if it were farther from the goal by a toll."""
+        self.open.extend(1, **point._asdict() | {"toll": toll}, diversity=0.0)
 
     def close(self, point: EndPoint, weights: FloatArray) -> int:
         """Add the bubble of an end point to Closed and return its index."""
@@ -183,6 +196,7 @@ class VolumeTree:
             path_length=length + self._metric.lengths(center, points),
             cost=costs,
             diversity=self._diversity(points) if self._diverse else 0.0,
+            toll=0.0,
         )
 
     def branch(self, node: int) -> list[int]:

@@ -32,7 +32,7 @@ class ElasticBand:
         self._danger = danger
         self._slide = slide
 
-    def settled(self, path: FloatArray, step: float, ptc: Any) -> FloatArray:
+    def settled(self, path: FloatArray, step: float, ptc: Any, margin: float = 0.0) -> FloatArray:
         """Return the path (N, n) contracted where that is as safe, then bent from danger.
 
         Parameters
@@ -43,18 +43,23 @@ class ElasticBand:
             Range of the planner [rad]: motions longer than twice that are bent.
         ptc : ob.PlannerTerminationCondition
             When to stop.
+        margin : float
+            What new motions must keep from obstacles [m].
         """
         band = [path[0]]
         at = 0
         while at < len(path) - 1:
-            at = self._farthest(path, at, ptc)
-            band += [*self.bent(band[-1], path[at], step, ptc), path[at]]
+            at = self._farthest(path, at, ptc, margin)
+            band += [*self.bent(band[-1], path[at], step, ptc, margin), path[at]]
         return np.array(band)
 
-    def bent(self, start: FloatArray, end: FloatArray, step: float, ptc: Any) -> list[FloatArray]:
+    def bent(
+        self, start: FloatArray, end: FloatArray, step: float, ptc: Any, margin: float = 0.0
+    ) -> list[FloatArray]:
         """Return way points between two configurations (n,): the middle, slid sideways, and those of the halves.
 
-        Motions no longer than twice the range `step` stay straight, and so do those whose halves would not be free.
+        Motions no longer than twice the range `step` stay straight, and so do those whose halves would not be free, or
+        not keep a margin [m].
         """
         delta = self._task.bridge.difference(start, end)
         length = float(np.sqrt(delta @ delta))
@@ -62,15 +67,19 @@ class ElasticBand:
             return []
         middle = self._slide.slid(start + delta / 2, delta / length, self._slide.share * step)
         is_free = self._task.motion_is_free
-        if middle is None or not (is_free(start, middle) and is_free(middle, end)):
+        if middle is None or not (is_free(start, middle, margin) and is_free(middle, end, margin)):
             return []
-        return [*self.bent(start, middle, step, ptc), middle, *self.bent(middle, end, step, ptc)]
+        halves = ((start, middle), (middle, end))
+        before, after = (self.bent(*half, step, ptc, margin) for half in halves)
+        return [*before, middle, *after]
 
-    def _farthest(self, path: FloatArray, at: int, ptc: Any) -> int:
+    def _farthest(self, path: FloatArray, at: int, ptc: Any, margin: float) -> int:
         """Return the way point to which a straight motion from way point `at` does what the path between does."""
         end = len(path) - 1
         while end > at + 1 and not ptc():
-            if self._is_as_safe(path[at : end + 1]) and self._task.motion_is_free(path[at], path[end]):
+            if self._is_as_safe(path[at : end + 1]) and self._task.motion_is_free(
+                path[at], path[end], margin
+            ):
                 return end
             end = (at + end) // 2
         return at + 1

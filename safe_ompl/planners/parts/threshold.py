@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
@@ -65,7 +67,9 @@ class FixedThreshold:
     Parameters
     ----------
     task : Task
-        Says which motions are free, and what configurations cost.
+        Says what configurations cost.
+    is_free : callable
+        Whether the motion between two configurations (n,) is free.
 
     Attributes
     ----------
@@ -75,14 +79,15 @@ class FixedThreshold:
         Whether that exception is not made, and random extensions are left alone, as in the paper.
     """
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task, is_free: Callable[[FloatArray, FloatArray], bool]) -> None:
         self._task = task
+        self._is_free = is_free
         self.level = np.inf
         self.is_strict = False
 
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether a motion is free, and its end less dangerous than the threshold or than its start."""
-        if not self._task.motion_is_free(start, end):
+        if not self._is_free(start, end):
             return False
         if np.isinf(self.level):
             return True
@@ -94,5 +99,5 @@ class FixedThreshold:
     def random_motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return the same for a random extension, to which the paper's threshold does not apply."""
         if self.is_strict:
-            return self._task.motion_is_free(start, end)
+            return self._is_free(start, end)
         return self.motion_is_free(start, end)
