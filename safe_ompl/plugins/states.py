@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ from ompl import base as ob
 
 from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.errors import InputError
+from safe_ompl.maths.kernels.intervals import within
 from safe_ompl.robot.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -88,6 +90,8 @@ class StateBridge:
         self._firsts = np.cumsum([0, *(len(part.lower) for part in parts[:-1])])
         self.n: int = len(self.lower)
         self._sides: FloatArray = self.upper - self.lower
+        free = np.where(self.circular, sys.float_info.max, np.finfo(np.float64).eps)
+        self._held: FloatArray = np.array([self.lower - free, self.upper + free])
         # More than one turn of a joint makes a space no larger to plan in.
         self.extent = float(np.linalg.norm(np.minimum(self._sides, 2 * np.pi)))
         self._wraps = bool(self.circular.any())
@@ -153,6 +157,10 @@ class StateBridge:
         # In a third of the time of np.clip.
         clipped: FloatArray = np.minimum(np.maximum(q, self.lower), self.upper)
         return np.where(self.circular, self.wrapped(q), clipped) if self._wraps else clipped
+
+    def holds(self, q: FloatArray) -> bool:
+        """Return whether `q: (n,)` is finite and within bounds, as `satisfiesBounds` of OMPL's spaces."""
+        return bool(within(q, self._held))
 
     def between_bounds(self, shares: FloatArray) -> FloatArray:
         """Return the configurations at `shares: (…, n)` in [0, 1] of the way from the lower to the upper bounds."""

@@ -223,3 +223,18 @@ def test_the_buffer_is_taken_wherever_it_works(caplog):
         for space in (plane, both, ob.SO2StateSpace()):
             assert StateBridge(space)._plain is None
     assert not caplog.text
+
+
+def test_bounds_hold_what_ompl_says_they_hold():
+    space = ob.CompoundStateSpace()
+    space.addSubspace(real_vector((-1.0, 2.0), (0.0, 0.5)), 1.0)
+    space.addSubspace(ob.SO2StateSpace(), 1.0)
+    bridge, scratch = StateBridge(space), ScratchState(StateBridge(space))
+    rng = np.random.default_rng(0)
+    drawn = rng.uniform([-1.5, -0.2, -3.0], [2.5, 0.7, 3.0], (200, 3))
+    corners = np.array([[-1.0, 0.0, 3.0], [2.0, 0.5, -3.0], [2.0 + 1e-12, 0.5, 0.0]])
+    said = [bridge.holds(q) for q in np.concatenate([drawn, corners])]
+    assert said == [space.satisfiesBounds(scratch.set(q)) for q in np.concatenate([drawn, corners])]
+    assert 20 < sum(said) < 180
+    assert bridge.holds(np.array([0.0, 0.1, 40.0])), "angles wrap"
+    assert not bridge.holds(np.array([0.0, np.nan, 0.0]))

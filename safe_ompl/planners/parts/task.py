@@ -62,11 +62,13 @@ class Task:
     def motion_is_free(self, start: FloatArray, end: FloatArray, margin: float = 0.0) -> bool:
         """Return whether the motion between two configurations (n,) is free, and keeps to the limit.
 
-        With a margin [m], also whether it keeps that from obstacles, where a `CertifiedMotion` can tell.
+        With a margin [m], also whether it keeps that from obstacles, where a `CertifiedMotion` can tell. That is asked
+        without the detour by OMPL's states, which costs a sixth of a check.
         """
-        motion = self._certified if margin else None
+        motion = self._certified
         if motion is not None:
-            free = motion.is_free(start, end, margin)
+            within = self.bridge.holds(start) and self.bridge.holds(end)
+            free = within and motion.is_free(start, end, margin)
         else:
             free = self._si.checkMotion(self._from.set(start), self._to.set(end))
         return free and (self.limit is None or self.limit.allows_motion(start, end))
