@@ -18,13 +18,12 @@ from safe_ompl.maths.halton import halton_point
 from safe_ompl.planners.graphs.volume_tree import JointMetric, VolumeTree, VolumeTrees
 from safe_ompl.planners.parts.elastic_band import ElasticBand
 from safe_ompl.planners.parts.margin import WORTHWHILE, AdaptiveMargin
+from safe_ompl.planners.parts.progress import Progress
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _PATH_SHARE = 0.1  # weight of g where f is normalised: greedy, as in weighted A*
-_LEAST_GAIN = 2e-3  # [m] a turn ends where the tree comes less near to its goal in a step than this, …
-_GAIN_SHARE = 0.2  # … or than this share of its best step
 _TOLL = 0.5  # [m] what a point without room seems farther from the goal by
 
 
@@ -228,7 +227,10 @@ class BubblePlanner(WeighingPlanner):
                 break
             self._take_goals(ptc)
             self._patience.fade()
-            self._margin.begin_between([x.bubbles()[0] for x in (self._trees.start, self._trees.goal)])
+            if self._margin.is_unknown:
+                self._margin.begin_between(
+                    [tree.bubbles()[0] for tree in (self._trees.start, self._trees.goal)]
+                )
             for current_goal in self._headings(other):
                 path = self._expand(tree, other, current_goal, ptc)
                 if path is not None:
@@ -244,7 +246,7 @@ class BubblePlanner(WeighingPlanner):
 
     def _expand(self, tree: VolumeTree, other: VolumeTree, goal: FloatArray, ptc: Any) -> FloatArray | None:
         """Close the most promising point of Open(1): once, or guided as long as the tree comes nearer to the goal."""
-        progress = _Progress()
+        progress = Progress()
         while len(tree.open) and not ptc():
             x = tree.take(int(self._f(tree, goal).argmin()))
             bubble = Bubble.around(
@@ -364,12 +366,7 @@ class BubblePlanner(WeighingPlanner):
         costs = cost.values(points)
         if not self._normalized:
             return costs
-        usual, slope = cost.usual_value, self._task.slope
-        if not (usual > 0 and slope > 0):
-            return costs * 0.0
-        metres = float(np.sqrt(np.mean(self._checker.robot.arm_rates**2))) / slope
-        scaled: FloatArray = metres * usual * np.log1p(costs / usual)
-        return scaled
+        return self._danger.in_metres(costs, self._checker.robot.arm_rates)
 
     # -------------------------------------------------------------------------------------------- the trees
 
@@ -384,18 +381,3 @@ class BubblePlanner(WeighingPlanner):
         self._turns = self._places = 0
         self._patience.reset()
         self._margin.reset()
-
-
-class _Progress:
-    """Judges whether a tree that heads for a goal still comes nearer to it."""
-
-    def __init__(self) -> None:
-        self._left: float | None = None
-        self._best = 0.0
-
-    def goes_on(self, before: float, after: float) -> bool:
-        """Take the distances from the goal before and after a step; return whether the gain was worth it."""
-        gain = (before if self._left is None else self._left) - after
-        worthwhile = gain >= max(_LEAST_GAIN, _GAIN_SHARE * self._best)
-        self._left, self._best = after, max(self._best, gain)
-        return worthwhile

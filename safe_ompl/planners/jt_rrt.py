@@ -12,7 +12,7 @@ from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.danger.field import DangerField
 from safe_ompl.inputs import flag, fraction, number
 from safe_ompl.planners.parts.approach import Approach
-from safe_ompl.planners.parts.goal_step import printed_step, shortened
+from safe_ompl.planners.parts.goal_step import GoalStep
 from safe_ompl.planners.parts.growing import Extension, SafeStep
 from safe_ompl.planners.parts.margin import AdaptiveMargin
 from safe_ompl.planners.parts.selection import SafeSelection
@@ -20,16 +20,11 @@ from safe_ompl.planners.parts.threshold import AdaptiveThreshold, FixedThreshold
 from safe_ompl.planners.parts.trees import Trees
 from safe_ompl.planners.weighing import WeighingPlanner
 from safe_ompl.plugins.goals import WorkspaceGoal
-from safe_ompl.robot.inverse_kinematics import (
-    Place,
-    StepLimits,
-    limited_step,
-    pseudoinverse_step,
-    transpose_step,
-)
+from safe_ompl.robot.inverse_kinematics import Place
 
 _log = logging.getLogger(__name__)
 
+_LEAST_MARGIN = 0.01  # [m]; how narrow it is at the goal is not known: little is tried before the margin ends
 _STALLED = 0.995  # a step that leaves more than this share of the distance makes no progress
 _SAME_SLOPE = 4  # steps for which the gradient of the danger, the dearest part of a step, is kept
 
@@ -144,7 +139,7 @@ class SafeJTRRT(WeighingPlanner):
         super().__init__(si, name)
         self._selection = SafeSelection(self._danger)
         self._threshold = AdaptiveThreshold(self._danger)
-        self._margin: AdaptiveMargin = AdaptiveMargin(self._task, self._danger)
+        self._margin: AdaptiveMargin = AdaptiveMargin(self._task, self._danger, _LEAST_MARGIN)
         self._fixed_threshold = FixedThreshold(self._task, self._margin.motion_is_free)
         self._random_step = SafeStep(
             self._bridge,
@@ -153,9 +148,9 @@ class SafeJTRRT(WeighingPlanner):
             self._threshold,
             self._fixed_threshold.random_motion_is_free,
         )
+        self._step = GoalStep(self._task)
         self._goal: Any = None
         self._place: Place
-        self._limits: StepLimits
         self._forget()
         self.setRange(range)
         self.setAlpha(alpha)
@@ -201,11 +196,11 @@ class SafeJTRRT(WeighingPlanner):
 
     def setStep(self, step: float) -> None:
         """Set the largest length of one step towards the goal [rad]."""
-        self._step = number("step", step, above=0)
+        self._step.largest = number("step", step, above=0)
 
     def getStep(self) -> float:
         """Return the largest length of one step towards the goal [rad]."""
-        return self._step
+        return self._step.largest
 
     def setGoalBias(self, share: float) -> None:
         """Set the share p_g in [0, 1] of extensions towards the goal."""
@@ -217,11 +212,11 @@ class SafeJTRRT(WeighingPlanner):
 
     def setNullSpaceGain(self, k1: float) -> None:
         """Set the gain k₁ of the posture motion; 0 leaves the posture alone."""
-        self._null_space_gain = number("null_space_gain", k1, at_least=0)
+        self._step.null_space_gain = number("null_space_gain", k1, at_least=0)
 
     def getNullSpaceGain(self) -> float:
         """Return the gain k₁ of the posture motion."""
-        return self._null_space_gain
+        return self._step.null_space_gain
 
     def setDangerThreshold(self, danger: float) -> None:
         """Set the danger from which on no node is added; `math.inf` for none."""
@@ -234,27 +229,27 @@ class SafeJTRRT(WeighingPlanner):
 
     def setTranspose(self, transpose: bool) -> None:
         """Set whether to take Jᵀ in place of J†, without posture motion."""
-        self._transpose = flag("transpose", transpose)
+        self._step.transpose = flag("transpose", transpose)
 
     def getTranspose(self) -> bool:
         """Return whether Jᵀ takes the place of J†."""
-        return self._transpose
+        return self._step.transpose
 
     def setRawGains(self, raw: bool) -> None:
         """Set whether k₁ and k₂ are taken as they are."""
-        self._raw_gains = flag("raw_gains", raw)
+        self._step.has_raw_gains = flag("raw_gains", raw)
 
     def getRawGains(self) -> bool:
         """Return whether k₁ and k₂ are taken as they are."""
-        return self._raw_gains
+        return self._step.has_raw_gains
 
     def setGain(self, k2: float) -> None:
         """Set the gain k₂ of a step; it acts where the gains are raw."""
-        self._gain = number("gain", k2, above=0)
+        self._step.gain = number("gain", k2, above=0)
 
     def getGain(self) -> float:
         """Return the gain k₂ of a step."""
-        return self._gain
+        return self._step.gain
 
     def setRandomStarts(self, share: float) -> None:
         """Set the share in [0, 1] of extensions towards the goal that begin at any node."""
@@ -293,12 +288,15 @@ class SafeJTRRT(WeighingPlanner):
             return
         tree = self._trees.start
         for k in count():
-            if k % _SAME_SLOPE == 0 and not self._raw_gains:
-                downhill = self._downhill(old)
-            q_old = tree.configurations[old]
-            step = self._printed_step(q_old) if self._raw_gains else self._step_towards_goal(old, downhill)
+            if k % _SAME_SLOPE == 0 and not self._step.has_raw_gains:
+                downhill = self._step.downhill(tree, old)
+            q_old, distance = tree.configurations[old], self._approach.distances[old]
+            if self._step.has_raw_gains:
+                step = self._step.printed(q_old, self._field)
+            else:
+                step = self._step.at(q_old, distance, downhill)
             q_new = self._bridge.inside(q_old + step)
-            if self._place.distance(q_new) > _STALLED * self._approach.distances[old]:
+            if self._place.distance(q_new) > _STALLED * distance:
                 return
             # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
             if not self._fixed_threshold.motion_is_free(q_old, q_new):
@@ -323,46 +321,12 @@ class SafeJTRRT(WeighingPlanner):
         weight = self._danger.weight * (1.0 if self._danger.is_raw else self._place.lever)
         return self._approach.best(self._trees.start, weight, self._random_starts, self._rng)
 
-    def _printed_step(self, q: FloatArray) -> FloatArray:
-        """Return Δq at `q: (n,)` with the paper's own gains, no longer than the largest step."""
-        field = getattr(self.getProblemDefinition().getOptimizationObjective(), "field", None)
-        step = printed_step(
-            self._place,
-            q,
-            self._null_space_gain,
-            self._gain,
-            field if isinstance(field, DangerField) else None,
-            transpose=self._transpose,
-        )
-        return shortened(step, self._step)
-
-    def _step_towards_goal(self, old: int, downhill: FloatArray | None) -> FloatArray:
-        """Return Δq = k₂ [J†Δx + (I − J†J)Δq₀] at node `old`; classical: JᵀΔx.
-
-        Δq₀ goes to zero together with the way that the tip has left, or the tip would not come to rest:
-        motions in the null space move it to second order.
-        """
-        rule = transpose_step if self._transpose else pseudoinverse_step
-        wanted = self._null_space_gain * self._approach.distances[old] / self._place.lever
-        posture = None if downhill is None else wanted * downhill
-        return limited_step(
-            rule, self._place, self._trees.start.configurations[old], self._limits, self._step, posture
-        )
-
-    def _downhill(self, old: int) -> FloatArray | None:
-        """Return the direction (n,) in which the danger falls at node `old`, short if it hardly does.
-
-        None where there is nothing to gain: no null space, no danger, or no gain k₁.
-        """
-        if self._transpose or not (self._null_space_gain and self._place.redundancy):
-            return None
-        if not (self._task.cost.has_gradients and self._task.slope):
-            return None
-        slope = self._trees.start.gradient(old) / self._task.slope
-        steepness = float(np.sqrt(slope @ slope))
-        return -slope / max(1.0, steepness) if steepness < np.inf else None
-
     # ---------------------------------------------------------------------------------------- tree and goal
+
+    @property
+    def _field(self) -> DangerField | None:
+        field = getattr(self.getProblemDefinition().getOptimizationObjective(), "field", None)
+        return field if isinstance(field, DangerField) else None
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the place from the problem; no goal configurations are drawn."""
@@ -374,9 +338,9 @@ class SafeJTRRT(WeighingPlanner):
     def _aim(self, goal: WorkspaceGoal) -> None:
         """Turn to another goal; the tree stays, and all of its nodes may be tried for it."""
         self._goal, self._place = goal, goal.place
-        self._limits = StepLimits.of_motion(self._place.robot)
+        self._step.aim(goal.place)
         self._approach = Approach(self._goal)
-        if not self._place.redundancy and not self._transpose:
+        if not self._place.redundancy and not self._step.transpose:
             _log.info(
                 "%s: the goal takes all %d joints and leaves no null space: on the way to it the posture "
                 "cannot turn from danger",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
 from safe_ompl.planners.parts.task import Task
 from safe_ompl.plugins.objective import StateCost
 
@@ -50,6 +53,23 @@ class WeightedDanger:
         if self.is_raw:
             return alpha
         return alpha / self.slope if self.slope else 0.0
+
+    def in_metres(self, costs: FloatArray, rates: FloatArray) -> FloatArray:
+        """Return dangers (K,) as lengths [m]: by their usual slope, and on a logarithmic scale; 0 without a scale.
+
+        Parameters
+        ----------
+        costs : ndarray, shape (K,)
+            Dangers.
+        rates : ndarray, shape (n,)
+            How far a unit of each joint moves the arm [m/rad].
+        """
+        usual, slope = self._task.cost.usual_value, self._task.slope
+        if not (usual > 0 and slope > 0):
+            return costs * 0.0
+        metres = float(np.sqrt(np.mean(rates**2))) / slope
+        scaled: FloatArray = metres * usual * np.log1p(costs / usual)
+        return scaled
 
     def prepare(self) -> None:
         """Measure the slope if it will be needed, so that planning need not."""

@@ -60,9 +60,14 @@ class Margin:
 
     def begin_between(self, ends: Sequence[FloatArray]) -> None:
         """Take the margin that one of each of the `ends: (R, n)` allows; nothing is done where that is known."""
-        if self.level is None and self.largest and self._danger.weight:
+        if self.is_unknown:
             self._take(self._allowed_by([Q[:_LOOKED_AT] for Q in ends if len(Q)]))
             self.allowed = self.level or 0.0
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether there is to be a margin, and start and goal were not looked at."""
+        return self.level is None and self.largest > 0 and self._danger.weight > 0
 
     def yield_some(self) -> None:
         """Let the margin fall to 60 %, and vanish where little is left."""
@@ -113,7 +118,7 @@ class AdaptiveMargin(Margin):
 
     def begin(self, trees: Trees) -> None:
         """Take the margin that starts and goals allow; nothing is done where that is known."""
-        if self.level is None:
+        if self.is_unknown:
             self.begin_between([tree.roots for tree in (trees.start, trees.goal)])
 
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
