@@ -1,6 +1,10 @@
 """Safety-oriented robot arm motion planning for OMPL (Lacevic & Rocco, Robotica 2013)."""
 
-from safe_ompl.benchmark.benchmark import Benchmark
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
 from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
@@ -16,11 +20,6 @@ from safe_ompl.errors import (
     StaleSceneError,
     UnknownNameError,
 )
-from safe_ompl.exchange.files import load, save
-from safe_ompl.exchange.joint_path import JointPath
-from safe_ompl.live.replanner import Replanner
-from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.simplifier import simplify_danger
 from safe_ompl.people.tracking import Tracker
@@ -56,6 +55,24 @@ from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import PathTimer, time_path
 from safe_ompl.trajectories.trajectory import Trajectory
 from safe_ompl.version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from safe_ompl.benchmark.benchmark import Benchmark
+    from safe_ompl.exchange.files import load, save
+    from safe_ompl.exchange.joint_path import JointPath
+    from safe_ompl.live.replanner import Replanner
+    from safe_ompl.paths.certificate.issue import certificate
+    from safe_ompl.paths.certificate.verify import verify
+
+_LATER = {  # what planning does without is imported when it is first asked for
+    "Benchmark": "safe_ompl.benchmark.benchmark",
+    "JointPath": "safe_ompl.exchange.joint_path",
+    "Replanner": "safe_ompl.live.replanner",
+    "certificate": "safe_ompl.paths.certificate.issue",
+    "load": "safe_ompl.exchange.files",
+    "save": "safe_ompl.exchange.files",
+    "verify": "safe_ompl.paths.certificate.verify",
+}
 
 __all__ = [
     "Benchmark",
@@ -122,3 +139,17 @@ __all__ = [
     "time_path",
     "verify",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """Import one of the names in `_LATER`, and keep it."""
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found: object = getattr(import_module(_LATER[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """Return all public names, those not yet imported too."""
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,206 @@
+"""What compiling the kernels and importing the package cost: python bench/compilation.py [--rows N] [--imports N].
+
+In a process of its own, with an empty cache, a plan, its simplification, danger of all kinds, a motion in time, a tick of
+live driving and some calls without a purpose ask for all kernels; those that nothing asked for are named. Printed are
+CPU times: of all, and of the kernels and parts that took longest, without what they call, with the number of signatures
+that each was compiled for. Bar: 10 s for all.
+
+The import is that of `import safe_ompl` after its dependencies, the median of N fresh processes. Bar: 0.1 s.
+
+Both are compared with a loop of five million additions in pure Python, which tells how busy the machine is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from importlib import import_module
+from pkgutil import iter_modules
+from time import process_time
+from typing import Any
+
+import numpy as np
+from numba.core import event
+
+DEPENDENCIES = "numpy, yaml, plyfile, coal, pinocchio, numba, numba.core.event, ompl.base, ompl.geometric, ompl.tools, ompl.util"
+IMPORT = f"""import {DEPENDENCIES}
+from time import process_time
+begin = process_time()
+import safe_ompl
+print(process_time() - begin)"""
+START, GOAL = [-1.2, 0, 0, -2.0, 0, 2.2, 0.785], [1.2, 0, 0, -2.0, 0, 2.2, 0.785]
+
+
+class Compilation(event.Listener):  # type: ignore[misc]
+    """Counts what Numba compiles, and for how long: of each function without those that it calls."""
+
+    def __init__(self) -> None:
+        self.seconds, self.signatures = Counter[str](), Counter[str]()
+        self._open: list[list[float]] = []
+        event.register("numba:compile", self)
+
+    def on_start(self, event: Any) -> None:
+        """Take note that something is compiled."""
+        self._open.append([process_time(), 0.0])
+
+    def on_end(self, event: Any) -> None:
+        """Take note of how long that took."""
+        begin, inner = self._open.pop()
+        taken = process_time() - begin
+        function = event.data["dispatcher"]
+        room = "kernels" if function.__module__.startswith("safe_ompl") else "numba"
+        name = f"{room} {function.__module__.rsplit('.', 1)[-1]}.{function.__name__}"
+        self.seconds[name] += taken - inner
+        self.signatures[name] += 1
+        if self._open:
+            self._open[-1][1] += taken
+
+
+def plan_and_simplify() -> None:
+    """Ask for what a plan needs, danger of all kinds, and a motion in time."""
+    from safe_ompl import (
+        Box,
+        CertifiedDanger,
+        DangerField,
+        Obstacle,
+        Person,
+        Pose,
+        RateLimits,
+        Robot,
+        SafeSetup,
+        Scene,
+    )
+    from safe_ompl.maths.neighbours import NearestNode
+
+    robot = Robot.from_example("panda")
+    person = Obstacle("person", Person(), Pose((0.95, 0.3, -0.85)))
+    setup = SafeSetup(robot, Scene((person, Obstacle("box", Box((0.2, 0.2, 0.2)), Pose((0.6, -0.5, 0.2))))))
+    setup.setConfigurations(START, GOAL)
+    result = setup.plan("SafeRRTConnect", seed=0, simplify=0.5)
+    result.timed(RateLimits.of(robot, acceleration=10.0), max_danger=1e3)
+    CertifiedDanger(setup.field).of_path([START, GOAL])
+    rng = np.random.default_rng(0)
+    for number in (10, 1000):
+        for aggregate in ("max", "mean", "softmax"):
+            field = DangerField(robot, rng.uniform(1.0, 2.0, (number, 3)), aggregate=aggregate)
+            values = field.values_and_gradients([START])[0]
+            field.contributions(field.aggregated(values[:, None])[:, None], rng.uniform(size=(1, 3)))
+            field.push(START)
+            field.moving.value(START, GOAL)
+            field.moving.values_and_gradients([START], [GOAL])
+    nodes, rows = NearestNode(np.zeros(7, bool)), rng.uniform(size=(500, 7))
+    nodes.find(rows, rows[3], 0.1, rows[:, 0].copy())
+    nodes.find(rows[:10], rows[3])
+
+
+def drive() -> None:
+    """Ask for what live driving needs."""
+    from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Robot, Scene, Tracker, time_path
+    from safe_ompl.people.body import TrackedBody
+    from safe_ompl.people.skeletons import find_skeleton
+
+    robot, skeleton = Robot.from_example("panda"), find_skeleton("recording12")
+    scene = Scene((Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.1))),))
+    replanner = Replanner(robot, scene, {"anna": Tracker(skeleton, TrackedBody())}, people=People(speed=1.6))
+    replanner.start(
+        time_path([START, GOAL], robot, RateLimits.of(robot, acceleration=10.0), motion=replanner.motion)
+    )
+    keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3)) + [1.5, 0.0, 0.2]
+    for tick in range(2):
+        replanner.update({"anna": keypoints}, {}, 0.05 * tick)
+        replanner.command(0.05 * tick + 0.02)
+        replanner.think()
+
+
+def call_the_rest() -> None:
+    """Call kernels whose rooms would have to be furnished first."""
+    from safe_ompl.maths.kernels import field, stopping, triangles
+
+    ones = np.ones((2, 2))
+    stopping.stopping_speeds(np.ones(2), np.ones(2), ones, ones, np.ones(2), np.array([1, 1]))
+    triangles.nearest_triangles(np.eye(3), np.array([[0, 1, 2]]), 4, 4)
+    triangles.lit_shares(ones, np.ones(2), ones, np.ones((2, 4, 4), np.float32), 0.0)
+    links, places = np.array([[0, 1]]), np.arange(6.0).reshape(1, 2, 3)
+    field.pulls(places, links, np.ones((1, 3, 2)), ones[:1].copy(), False)
+
+
+def kernels() -> dict[str, Any]:
+    """Return all kernels and parts by their names."""
+    import safe_ompl.maths.kernels as room
+
+    found = {}
+    for module in iter_modules(room.__path__):
+        for name, value in vars(import_module(f"{room.__name__}.{module.name}")).items():
+            if hasattr(value, "py_func") and value.__module__.endswith(f".{module.name}"):
+                found[f"{module.name}.{name}"] = value
+    return found
+
+
+def busy() -> float:
+    """Return the CPU time of a loop in pure Python [s]."""
+    begin, total = process_time(), 0
+    for k in range(5_000_000):
+        total += k
+    return process_time() - begin
+
+
+def measure() -> None:
+    """Compile everything and print what it took; with an empty cache in an environment variable."""
+    compilation = Compilation()
+    plan_and_simplify()
+    drive()
+    call_the_rest()
+    left = sorted(name for name, kernel in kernels().items() if not kernel.signatures)
+    rows = [
+        (name, seconds, compilation.signatures[name]) for name, seconds in compilation.seconds.most_common()
+    ]
+    print(json.dumps({"rows": rows, "left": left, "busy": busy()}))
+    sys.stdout.flush()
+    os._exit(0)  # without the farewell of OMPL's bindings
+
+
+def main() -> None:
+    """Print both."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rows", type=int, default=12)
+    parser.add_argument("--imports", type=int, default=5)
+    parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.measure:
+        return measure()
+    with tempfile.TemporaryDirectory() as folder:
+        cached = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": folder}
+        imports = [
+            float(subprocess.check_output([sys.executable, "-c", IMPORT], env=cached, text=True))
+            for _ in range(options.imports + 1)
+        ]
+        command = [sys.executable, __file__, "--measure"]
+        answer = subprocess.check_output(
+            command, env={**cached, "NUMBA_CACHE_DIR": folder}, text=True, stderr=subprocess.DEVNULL
+        )
+    found = json.loads(answer.splitlines()[-1])
+    from _timing import print_table
+
+    total = sum(seconds for _, seconds, _ in found["rows"])
+    print_table(
+        ("compiled", "CPU [ms]", "signatures"),
+        [(name, 1e3 * seconds, count) for name, seconds, count in found["rows"][: options.rows]],
+    )
+    print(
+        f"\nall {len(found['rows'])}: {total:.1f} s, or {total / found['busy']:.0f} loops of {found['busy']:.2f} s"
+    )
+    if found["left"]:
+        print(f"nothing asked for {', '.join(found['left'])}")
+    own = float(np.median(imports[1:]))
+    print(f"import safe_ompl: {own:.3f} s beyond its dependencies, or {own / found['busy']:.2f} loops")
+
+
+if __name__ == "__main__":
+    main()
