@@ -232,7 +232,7 @@ class DangerField(RobotField):
         points, charges = self._prepared(Q)
         if not points.size:
             return np.zeros(len(Q)), np.zeros(Q.shape)
-        return self._sloped(Q, points, charges, self._groups)
+        return self._sloped(Q, points, charges, self.groups)
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return the terms of the danger that are above a level at `Q: (B, n)`.
@@ -398,8 +398,8 @@ class DangerField(RobotField):
         if not points.size:
             return np.zeros(len(Q))
         values = plain(self.robot.coupling.values(Q))
-        if self._groups is not None:
-            return self._peak(values, self._groups, self._no_gradients)
+        if self.groups is not None:
+            return self._peak(values, self.groups, self._no_gradients)
         return self._evaluated(values, points, charges, self._no_gradients)
 
     def _sloped(
@@ -414,8 +414,8 @@ class DangerField(RobotField):
         return dangers, self.robot.coupling.columns(gradients)
 
     @property
-    def _groups(self) -> PointGroups | None:
-        """The danger points in groups, where a maximum is sought."""
+    def groups(self) -> PointGroups | None:
+        """The danger points in groups, where there are many of which a maximum is sought; else None."""
         return self._danger_points.groups if self.aggregate == "max" else None
 
     def _peak(self, values: FloatArray, groups: PointGroups, gradients: FloatArray) -> FloatArray:
