@@ -415,6 +415,11 @@ class DangerField(RobotField):
         return self._evaluation.values(Q, points, charges)
 
     @property
+    def groups(self) -> PointGroups | None:
+        """The danger points in groups, where there are many of which a maximum is sought; else None."""
+        return self._danger_points.groups if self.aggregate == "max" else None
+
+    @property
     def _groups(self) -> PointGroups | None:
         """The danger points in groups, where not all of them need be looked at."""
         exact = self.aggregate != "max" and self.tolerance == 0.0

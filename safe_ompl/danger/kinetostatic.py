@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.arguments import configuration, configurations
-from safe_ompl.danger.moving_skeleton import JointMotions, MovingSkeleton
+from safe_ompl.danger.point_groups import PointGroups
 from safe_ompl.inputs import finite_array, number
 from safe_ompl.maths import kinetostatic as maths
+from safe_ompl.maths.kernels import joint_motions as motion_kernel
+from safe_ompl.maths.kernels import kinetostatic_peak as peak_kernel
+from safe_ompl.robot.joints.kinematic_tree import plain
 
 if TYPE_CHECKING:
     from safe_ompl.danger.field import DangerField
@@ -76,22 +78,10 @@ class KinetostaticField:
     def values(self, Q: ArrayLike, Qd: ArrayLike) -> FloatArray:
         """Return the danger (B,) at `Q: (B, n)` while the joints move at `Qd: (B, n)`."""
         Q, Qd = self._states(Q, Qd)
-        field, points = self.field, self.field.points_at(Q)
-        skeleton = MovingSkeleton.of(self._joints, Q, Qd)
-        if field.aggregate != "max" or not points.shape[-2]:
-            return field.aggregated(self._fields(skeleton, points))
-        field.count(skeleton.keypoints, points)
-        highest = maths.highest(
-            skeleton.keypoints,
-            skeleton.velocities,
-            field.segments,
-            points,
-            np.ones(points.shape[-2]) if field.weights is None else field.weights,
-            self.lead,
-            self.lead * self.gamma,
-            weighting=field.weighting,
-        )
-        return field.k1 * highest
+        groups = self.field.groups
+        if groups is None:
+            return self.field.aggregated(self._fields(*self._motions(Q, Qd), self.field.points_at(Q)))
+        return self._highest(Q, Qd, groups)[0]
 
     def gradients(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the gradients (B, n) of the danger by the configuration and by the joint velocities.
@@ -103,32 +93,69 @@ class KinetostaticField:
     def values_and_gradients(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) by configuration and by joint velocities."""
         Q, Qd = self._states(Q, Qd)
-        field, points = self.field, self.field.points_at(Q)
-        skeleton = MovingSkeleton.of(self._joints, Q, Qd)
-        fields = self._fields(skeleton, points)
-        if not fields.size:
-            return np.zeros(len(Q)), np.zeros(Q.shape), np.zeros(Q.shape)
-        levels = fields if field.weights is None else fields * field.weights
-        chosen, rates = field.contributions(levels, points)
+        field, groups = self.field, self.field.groups
+        if groups is not None:
+            dangers, best, (places, velocities) = self._highest(Q, Qd, groups)
+            chosen, rates = groups.columns[0].T[best][:, None], groups.charges[0][best][:, None]
+        else:
+            points = field.points_at(Q)
+            places, velocities = self._motions(Q, Qd)
+            fields = self._fields(places, velocities, points)
+            if not fields.size:
+                return np.zeros(len(Q)), np.zeros(Q.shape), np.zeros(Q.shape)
+            levels = fields if field.weights is None else fields * field.weights
+            chosen, rates = field.contributions(levels, points)
+            dangers, rates = field.aggregated(fields), field.k1 * rates
         pulls = maths.gradients(
-            skeleton.keypoints,
-            skeleton.velocities,
+            places,
+            velocities,
             field.segments,
             chosen,
-            field.k1 * rates,
+            rates,
             self.lead,
             self.lead * self.gamma,
             weighting=field.weighting,
         )
-        return field.aggregated(fields), *skeleton.pull_back(*pulls)
+        return dangers, *self._pulled_back(Q, Qd, np.array(pulls))
 
-    def _fields(self, skeleton: MovingSkeleton, points: FloatArray) -> FloatArray:
+    def _highest(
+        self, Q: FloatArray, Qd: FloatArray, groups: PointGroups
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Return the largest danger (B,) of all points, of which one, and key points (2, B, K, 3)."""
+        field, tree = self.field, self.field.robot.kinematics
+        coupling = field.robot.coupling
+        field.count(Q, groups.charges.T)
+        return peak_kernel.highest(
+            tree.joints,
+            tree.keypoints,
+            field.segments.pairs,
+            plain(coupling.values(Q)),
+            plain(coupling.motions(Qd)),
+            *groups,
+            field.weighting == "length",
+            self.lead,
+            self.lead * self.gamma,
+        )
+
+    def _motions(self, Q: FloatArray, Qd: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return places and velocities (B, K, 3) of the key points."""
+        places, velocities, _ = self.field.robot.keypoint_motions(Q, Qd)
+        return places, velocities
+
+    def _pulled_back(self, Q: FloatArray, Qd: FloatArray, pulls: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return gradients (B, n) by Q and by Qd from those by key points and their velocities (2, B, K, 3)."""
+        tree, coupling = self.field.robot.kinematics, self.field.robot.coupling
+        values, rates = plain(coupling.values(Q)), plain(coupling.motions(Qd))
+        by_q, by_qd = motion_kernel.pull_back(tree.joints, tree.keypoints, values, rates, pulls)
+        return coupling.columns(by_q), coupling.columns(by_qd)
+
+    def _fields(self, keypoints: FloatArray, velocities: FloatArray, points: FloatArray) -> FloatArray:
         """Return KDF(p_m), (B, M)."""
         field = self.field
-        field.count(skeleton.keypoints, points)
+        field.count(keypoints, points)
         part = maths.terms(
-            skeleton.keypoints,
-            skeleton.velocities,
+            keypoints,
+            velocities,
             field.segments,
             points,
             weighting=field.weighting,
@@ -141,7 +168,3 @@ class KinetostaticField:
         n = self.field.robot.n
         Q = configurations(Q, n)
         return Q, finite_array(Qd, Q.shape, "joint velocities")
-
-    @cached_property
-    def _joints(self) -> JointMotions:
-        return JointMotions(self.field.robot)

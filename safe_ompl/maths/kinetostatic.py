@@ -18,7 +18,6 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels import kinetostatic as kernel
-from safe_ompl.maths.kernels import kinetostatic_peak as kernel_peak
 from safe_ompl.maths.segments import Segments, Weighting, check_weighting
 
 _ZERO = 1e-30
@@ -112,38 +111,6 @@ def gradients(
         weighting == "length",
     )
     return found[0], found[1]
-
-
-def highest(
-    keypoints: FloatArray,
-    velocities: FloatArray,
-    segments: Segments,
-    points: FloatArray,
-    weights: FloatArray,
-    ahead: float,
-    spread: float,
-    *,
-    weighting: Weighting = "unit",
-) -> FloatArray:
-    """Return max_m w_m (static + ahead·directional + spread·isotropic)_m, (B,); parameters as `gradients`.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (M,)
-        w, one at least.
-    """
-    check_weighting(weighting)
-    found: FloatArray = kernel_peak.highest(
-        np.ascontiguousarray(keypoints),
-        np.ascontiguousarray(velocities),
-        *_ends(segments),
-        _rows(points),
-        np.ascontiguousarray(weights),
-        float(ahead),
-        float(spread),
-        weighting == "length",
-    )
-    return found
 
 
 def isotropic_bracket(

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.danger.joint_motions import JointMotions
 from safe_ompl.danger.kinetostatic import KinetostaticField
-from safe_ompl.danger.moving_skeleton import JointMotions, MovingSkeleton
 from safe_ompl.errors import InputError
 from safe_ompl.maths.kernels.kinetostatic_cells import cell_bounds
 from safe_ompl.trajectories.body_speeds import acceleration_bounds
@@ -92,19 +92,19 @@ class MovingDanger:
         robot, points = field.robot, field.points
         assert points is not None
         place = curve.at(spans.centres)
-        skeleton = MovingSkeleton.of(self._joints, place.q, place.slope)
+        keypoints, velocities, _ = robot.keypoint_motions(place.q, place.slope)
         steps, bends = (robot.coupling.reach(bound) for bound in (spans.slopes, spans.bends))
         sliding = self._joints.prismatic
         accelerations = acceleration_bounds(
             robot.joint_keypoint_radii, robot.joint_keypoint_support, sliding, steps, bends
         )
-        speeds = np.linalg.norm(skeleton.velocities, axis=2) + spans.halves[:, None] * accelerations
+        speeds = np.linalg.norm(velocities, axis=2) + spans.halves[:, None] * accelerations
         weights = np.ones(len(points)) if field.weights is None else field.weights
         start, end = np.ascontiguousarray(field.segments.pairs.T)
-        field.count(skeleton.keypoints, points)
+        field.count(keypoints, points)
         level, push = cell_bounds(
-            np.ascontiguousarray(skeleton.keypoints),
-            np.ascontiguousarray(skeleton.velocities),
+            np.ascontiguousarray(keypoints),
+            np.ascontiguousarray(velocities),
             start,
             end,
             np.ascontiguousarray(points),

@@ -5,7 +5,6 @@ import pytest
 
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.kinetostatic import KinetostaticField
-from safe_ompl.danger.moving_skeleton import JointMotions, MovingSkeleton
 from safe_ompl.errors import InputError
 
 POINTS = [[0.6, 0.4, 0.5], [-0.5, 0.3, 0.2], [0.1, -0.7, 0.9]]
@@ -17,16 +16,6 @@ def states(robot, number, seed=0):
     spread = np.minimum(robot.upper, 2.0) - np.maximum(robot.lower, -2.0)
     middle = (np.minimum(robot.upper, 2.0) + np.maximum(robot.lower, -2.0)) / 2
     return middle + 0.4 * spread * rng.uniform(-1, 1, (number, robot.n)), rng.normal(size=(number, robot.n))
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_velocities_of_key_points_are_those_of_pinocchio(robot_named, name):
-    robot = robot_named(name)
-    Q, Qd = states(robot, 5)
-    moving = MovingSkeleton.of(JointMotions(robot), Q, Qd)
-    expected = robot.keypoint_motions(Q, Qd)
-    np.testing.assert_allclose(moving.keypoints, expected[0], atol=1e-12)
-    np.testing.assert_allclose(moving.velocities, expected[1], atol=1e-12)
 
 
 @pytest.mark.parametrize("aggregate", ["max", "mean", "softmax"])
