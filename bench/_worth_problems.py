@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from _scenes import scattered
@@ -27,6 +28,24 @@ ROOM = 0.35  # [m] between the person and the robot at start and goal
 APART = 2.5  # [rad] between start and goal, at least
 
 
+class WorthSetups(NamedTuple):
+    """What plans a problem, ours with danger and OMPL's without, and its start (n,) and goals (G, n)."""
+
+    safe: SafeSetup
+    plain: SafeSetup
+    start: np.ndarray
+    goals: np.ndarray
+
+    @property
+    def bound(self) -> float:
+        """The time [s] that no motion goes below: that of the slowest joint, alone, from rest to rest."""
+        limits = self.safe.timer.limits
+        v, a = limits.velocity, limits.acceleration
+        ways = np.abs(self.safe.robot.difference(np.broadcast_to(self.start, self.goals.shape), self.goals))
+        times = np.where(ways > v * v / a, ways / v + v / a, 2 * np.sqrt(ways / a))
+        return float(times.max(axis=1).min())
+
+
 @dataclass(frozen=True)
 class WorthProblem:
     """A problem by its name; what it takes is made when it is asked for.
@@ -39,13 +58,13 @@ class WorthProblem:
 
     name: str
 
-    def setups(self) -> tuple[SafeSetup, SafeSetup]:
-        """Return a setup with danger, for our planners, and one without, for OMPL's."""
+    def setups(self) -> WorthSetups:
+        """Return the setups of the problem."""
         if self.name in NAMED:
             return _named(self.name)
         robot, scene, start, goal = random_scene(int(self.name.removeprefix("random ")))
         with_danger, without = (_setup(robot, scene, start, goal[None], danger=d) for d in (True, False))
-        return with_danger, without
+        return WorthSetups(with_danger, without, start, goal[None])
 
 
 def problems(number: int) -> Iterator[WorthProblem]:
@@ -54,14 +73,15 @@ def problems(number: int) -> Iterator[WorthProblem]:
     yield from (WorthProblem(f"random {seed}") for seed in range(number))
 
 
-def _named(name: str) -> tuple[SafeSetup, SafeSetup]:
+def _named(name: str) -> WorthSetups:
     scenario = Scenario.load(find_scenario(name))
     robot = scenario.build_robot()
     scenario = replace(
         scenario, people=PEOPLE, motion=MotionLimits(acceleration=ACCELERATIONS[name.partition("_")[0]])
     )
     ends = scenario.start_configuration(robot), scenario.goal_configurations(robot)
-    return setup_scenario(scenario, robot), _setup(robot, scenario.scene, *ends, danger=False)
+    plain = _setup(robot, scenario.scene, *ends, danger=False)
+    return WorthSetups(setup_scenario(scenario, robot), plain, *ends)
 
 
 def _setup(robot: Robot, scene: Scene, start: np.ndarray, goals: np.ndarray, *, danger: bool) -> SafeSetup:

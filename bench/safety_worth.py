@@ -8,6 +8,7 @@ safest      SafeRRTConnect, optimised for danger and length for S seconds
 fastest     SafeRRTConnect, optimised for duration for S seconds
 RRTConnect  OMPL's, with OMPL's simplifier until it ends
 BIT*        OMPL's, for the length of the path, for S seconds
+bound       no path: what the slowest joint takes alone, with nobody there; no motion is shorter
 
 Seconds of search are those of the process, which a busy machine does not falsify. A path "may not move" if somewhere on
 it the person is so near that no speed is proven to stop in time. It counts as taking for ever: a ratio with it below
@@ -31,12 +32,11 @@ from typing import TypeAlias
 import numpy as np
 from _problems import positions
 from _timing import print_table
-from _worth_problems import NAMED, WorthProblem, problems
+from _worth_problems import NAMED, WorthProblem, WorthSetups, problems
 from ompl import util as ou
 
 from safe_ompl.cli.values import names
 from safe_ompl.maths.kernels import compiled
-from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.trajectories.faster import duration_of
 from safe_ompl.trajectories.timing import CELLS
 
@@ -45,8 +45,9 @@ LOOKS = {
     "safest": ("o", "#0b62b4", "ours, safest"),
     "RRTConnect": ("s", "#c2611f", "RRTConnect + simplifier"),
     "BIT*": ("^", "#3a444f", "BIT*"),
+    "bound": ("_", "#00000080", "no motion is shorter"),
 }
-METHODS = ("safest", "fastest", "RRTConnect", "BIT*")
+METHODS = ("safest", "fastest", "RRTConnect", "BIT*", "bound")
 STANDSTILL = "may not move"  # in files, in the place of a duration
 
 Runs: TypeAlias = dict[
@@ -109,12 +110,15 @@ def _missing(
         if methods:
             setups = problem.setups()
             for method in methods:
-                yield (problem.name, seed, method), duration(*setups, method, seed, options.seconds)
+                yield (problem.name, seed, method), duration(setups, method, seed, options.seconds)
 
 
-def duration(safe: SafeSetup, plain: SafeSetup, method: str, seed: int, seconds: float) -> float:
+def duration(setups: WorthSetups, method: str, seed: int, seconds: float) -> float:
     """Return how long the path of a method takes [s]; +inf where nothing allows motion, NaN where there is no path."""
+    safe, plain, _, _ = setups
     match method:
+        case "bound":
+            return setups.bound
         case "safest":
             result = safe.plan(seed=seed, optimise=seconds, report=False)
         case "fastest":
@@ -180,7 +184,7 @@ def report(runs: Runs) -> None:
                 )
             )
     print_table(("duration [s], medians", *NAMED, "all runs", STANDSTILL, "unsolved"), lines)
-    for method in ("safest", "RRTConnect", "BIT*"):
+    for method in ("safest", "RRTConnect", "BIT*", "bound"):
         print(compared(*pairs(runs, "fastest", method), f"fastest/{method}"))
 
 
@@ -250,8 +254,10 @@ def draw(runs: Runs, file: Path) -> None:
             continue
         values = medians[method][order]
         stuck = np.isinf(values)
-        beside = places + 0.12 * (k - 1.5)  # so that marks at the same height are seen
-        style = {"ls": "none", "marker": mark, "ms": 5.5, "zorder": 5 - k}
+        beside = places + (
+            0.12 * (k - 1.5) if mark != "_" else 0
+        )  # so that marks at the same height are seen
+        style = {"ls": "none", "marker": mark, "ms": 8 if mark == "_" else 5.5, "zorder": 5 - k}
         axes.plot(beside[~stuck], values[~stuck], color=colour, label=label, **style)
         axes.plot(
             places[stuck], np.full(stuck.sum(), top * (1.035 + 0.05 * k)), mfc="white", mec=colour, **style
@@ -260,7 +266,14 @@ def draw(runs: Runs, file: Path) -> None:
     axes.set_xticks(places, [_short(names[k]) for k in order], rotation=90, fontsize=7)
     axes.set(ylabel="duration beside a person [s]", ylim=(0, 1.22 * top), xlim=(-1, len(names)))
     axes.set_xlabel("problem (numbers: random scenes), by the duration of our fastest path")
-    axes.legend(ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, handletextpad=0.1)
+    axes.legend(
+        ncols=5,
+        columnspacing=1.2,
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        frameon=False,
+        handletextpad=0.1,
+    )
     axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(file, bbox_inches="tight", dpi=160)
     plt.close(figure)

@@ -14,6 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
 import safety_worth
 from safety_worth import as_rows, compared, loaded, pairs
 
+from safe_ompl.trajectories.timing import PathTimer
+
 RUNS = {
     ("panda_shelf", 0, "fastest"): 2.0,
     ("panda_shelf", 0, "RRTConnect"): np.inf,
@@ -52,18 +54,25 @@ def test_it_goes_on_where_it_stopped_and_draws(
 ) -> None:
     class Problem(safety_worth.WorthProblem):
         def setups(self):  # type: ignore[no-untyped-def]
-            return None, None
+            return None
 
     done = tmp_path / "done.json"
     done.write_text(json.dumps(as_rows(RUNS)), encoding="utf-8")
     ran = []
     monkeypatch.setattr(safety_worth, "problems", lambda _: [Problem("panda_shelf"), Problem("random 0")])
-    monkeypatch.setattr(safety_worth, "duration", lambda *given: (ran.append(given[2:4]), float(len(ran)))[1])
+    monkeypatch.setattr(safety_worth, "duration", lambda *given: (ran.append(given[1:3]), float(len(ran)))[1])
     monkeypatch.setattr(safety_worth, "clock_of_the_process", lambda: None)
     new, picture = tmp_path / "new.json", tmp_path / "figure.png"
     safety_worth.main([*("--seeds", "1", "--also", str(done), "--json", str(new), "--figure", str(picture))])
-    assert ran == 2 * [("safest", 0), ("BIT*", 0)]
-    assert set(loaded(new).values()) == {1.0, 2.0, 3.0, 4.0}
+    assert ran == 2 * [("safest", 0), ("BIT*", 0), ("bound", 0)]
+    assert set(loaded(new).values()) == {1.0, 2.0, 3.0, 4.0, 5.0, 6.0}
     assert picture.stat().st_size > 1000
     said = capsys.readouterr().out
     assert "2 problems, 2 runs of each method; 1 that are not complete are left out" in said
+
+
+def test_no_motion_is_shorter_than_the_bound() -> None:
+    setups = safety_worth.WorthProblem("panda_shelf").setups()
+    straight = np.array([setups.start, setups.goals[0]])
+    alone = PathTimer(setups.safe.robot, setups.safe.timer.limits)
+    assert 0.5 < setups.bound / alone.time(straight).duration <= 1.0
