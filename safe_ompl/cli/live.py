@@ -15,7 +15,7 @@ from safe_ompl.cli.arguments import add_run_options, load_scenario
 from safe_ompl.cli.console import error_console, output_console, progress_bar
 from safe_ompl.cli.files import json_line, make_folder
 from safe_ompl.cli.live_cast import CLIP, Cast, cast, clearance_of_movers, limits_of_still
-from safe_ompl.cli.values import count, limit, seconds
+from safe_ompl.cli.values import count, finite, limit, noise, seconds, share
 from safe_ompl.cli.view import check_page
 from safe_ompl.live.replanner import Replanner
 from safe_ompl.live.simulation import Simulation
@@ -80,17 +80,17 @@ def add_command(commands: Any) -> None:
     add_run_options(parser, usual_time="the scenario's")
     group = parser.add_argument_group("faults")
     group.add_argument(
-        "--noise", type=float, default=0.0, metavar="M", help="errors of key points [m], promised"
+        "--noise", type=noise, default=0.0, metavar="M", help="errors of key points [m], promised"
     )
     group.add_argument(
-        "--drops", type=float, default=0.0, metavar="SHARE", help="of the frames that are lost"
+        "--drops", type=share, default=0.0, metavar="SHARE", help="of the frames that are lost"
     )
     group.add_argument(
-        "--late", type=float, default=0.0, metavar="SHARE", help="of the ticks without an answer"
+        "--late", type=share, default=0.0, metavar="SHARE", help="of the ticks without an answer"
     )
     group.add_argument(
         "--faster",
-        type=seconds,
+        type=limit,
         default=1.0,
         metavar="FACTOR",
         help="how many times as fast as recorded, or as promised, they move",
@@ -203,7 +203,7 @@ def _with_progress(simulation: Simulation, seconds: float, tick: float) -> Itera
 def _place(text: str) -> Pose:
     parts = text.split(",")
     try:
-        x, y, z, yaw = (float(part) for part in parts)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be four numbers X,Y,Z,YAW") from None
+        x, y, z, yaw = (finite(part) for part in parts)
+    except (ValueError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(f"must be four finite numbers X,Y,Z,YAW, not {text!r}") from None
     return Pose((x, y, z), (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))

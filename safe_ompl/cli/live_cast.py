@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -136,6 +137,11 @@ def _free_name(word: str, taken: tuple[str, ...]) -> str:
 
 def _recorded(scenario: Scenario, options: argparse.Namespace) -> tuple[str, Playback]:
     """Return who plays the recording, and how she moves."""
+    if not Path(options.people).is_file():
+        raise InputError(
+            f"must be a file of recordings, {RANDOM} or {RANDOM}:N, and there is no file {options.people!r}",
+            "--people",
+        )
     recording = Recording.load(options.people, options.clip or CLIP)
     persons = _persons(scenario)
     body = _body_of(persons)

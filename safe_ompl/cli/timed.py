@@ -8,7 +8,8 @@ from typing import Any
 from safe_ompl.cli.console import output_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, json_line, opened
 from safe_ompl.cli.pictures import check_picture
-from safe_ompl.cli.values import seconds
+from safe_ompl.cli.values import limit
+from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.pictures.plots import plot_motion
@@ -25,7 +26,7 @@ def add_timed_options(parser: Any) -> None:
     group = parser.add_argument_group("time", "the motion in time; limits and people are the scenario's")
     group.add_argument("--timed", action="store_true", help="time the path within the limits of the joints")
     group.add_argument(
-        "--rate", type=seconds, metavar="HZ", default=RATE, help="points per second; default: %(default)g"
+        "--rate", type=limit, metavar="HZ", help=f"points per second of the trajectory; default: {RATE:g}"
     )
     group.add_argument(
         "--trajectory",
@@ -46,6 +47,8 @@ def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -
     check_writable(options.trajectory, "--trajectory")
     check_picture(options.timed_plot, "--timed-plot")
     if not (options.timed or options.trajectory or options.timed_plot):
+        if options.rate is not None:
+            raise InputError("is for a path in time: give --trajectory FILE, or --timed", "--rate")
         return None
     return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk)
 
@@ -76,7 +79,7 @@ def show_timed(
         plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
     if options.trajectory:
         with opened(options.trajectory) as stream:
-            print(json_line(_saved(trajectory, result, options.rate)), file=stream)
+            print(json_line(_saved(trajectory, result, options.rate or RATE)), file=stream)
 
 
 def _saved(trajectory: Trajectory, result: PlanResult, rate: float) -> dict[str, Any]:

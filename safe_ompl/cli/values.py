@@ -32,6 +32,26 @@ def limit(text: str) -> float:
     return _number(float, text, lambda value: 0 < value < math.inf, "a positive number")
 
 
+def finite(text: str) -> float:
+    """Read a finite number."""
+    return _number(float, text, math.isfinite, "a finite number")
+
+
+def noise(text: str) -> float:
+    """Read how large errors are, 0 for none."""
+    return _number(float, text, lambda value: 0 <= value < math.inf, "a finite number >= 0")
+
+
+def share(text: str) -> float:
+    """Read a share."""
+    return _number(float, text, lambda value: 0 <= value <= 1, "a share in [0, 1]")
+
+
+def port(text: str) -> int:
+    """Read the port of a server."""
+    return _number(int, text, lambda value: 1 <= value < 2**16, "a port in [1, 65535]")
+
+
 def degrees(text: str) -> float:
     """Read an angle in degrees; return it in radians."""
     return math.radians(_number(float, text, lambda value: 0 < value <= 180, "an angle in (0, 180] degrees"))

@@ -15,7 +15,7 @@ from safe_ompl.cli.arguments import add_run_options, load_scenario
 from safe_ompl.cli.console import error_console
 from safe_ompl.cli.files import check_writable
 from safe_ompl.cli.pictures import how_to_get_pictures
-from safe_ompl.cli.values import count, names
+from safe_ompl.cli.values import finite, names, port
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.files import load
 from safe_ompl.exchange.form import read_json
@@ -60,7 +60,10 @@ def add_command(commands: Any) -> None:
         "--html", metavar="FILE", help="write one file that opens offline, with a play bar (.html)"
     )
     parser.add_argument(
-        "--slice", type=float, metavar="Z", help="with --html: a slice of the danger field at this height [m]"
+        "--slice",
+        type=finite,
+        metavar="Z",
+        help="with --html: a slice of the danger field at this height [m]",
     )
     parser.add_argument(
         "--animation",
@@ -68,7 +71,7 @@ def add_command(commands: Any) -> None:
         help="write the motions side by side as one moving picture (.webp or .gif)",
     )
     parser.add_argument(
-        "--port", type=count, default=8080, metavar="N", help="default: %(default)s, or the next free"
+        "--port", type=port, default=8080, metavar="N", help="default: %(default)s, or the next free"
     )
     parser.add_argument(
         "--no-browser", action="store_true", help="do not open the browser, only say the address"
@@ -191,10 +194,11 @@ def _loaded(files: Sequence[str]) -> Exhibit:
     motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]
     if motions and len(motions) == len(files):
         return Exhibit.of_motions(motions, title=title)
+    if motions and all(isinstance(thing, TimedMotion | PlanResult) for thing in loaded):
+        raise InputError(f"either results or trajectories, not both: {', '.join(files)}")
     for file, thing in zip(files, loaded, strict=True):
-        if not isinstance(thing, PlanResult):
-            also = ", together with trajectories only" if motions else ""
+        if not isinstance(thing, TimedMotion | PlanResult):
             raise InputError(
-                f"must be a result, a certificate or a trajectory{also}, not a {type(thing).__name__}", file
+                f"must be a result, a certificate or a trajectory, not a {type(thing).__name__}", file
             )
     return Exhibit.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -170,15 +170,28 @@ class TimedMotion:
         return cls(
             about.robot,
             about.scene,
-            np.array([document.require(point, "time_from_start") for point in points], dtype=float),
-            np.array([document.require(point, "positions") for point in points], dtype=float),
-            np.array(document.require(data, "speeds"), dtype=float),
-            {name: _with_infinity(values) for name, values in bounds.items()},
-            tuple(document.require(data, "binding")),
+            *_points(points, about.robot.n),
+            np.array(document.numbers("speeds", document.require(data, "speeds"))),
+            {name: _with_infinity(f"bounds.{name}", values) for name, values in bounds.items()},
+            tuple(document.sequence("binding", document.require(data, "binding"))),
             about.danger,
             str(data.get("planner") or ""),
         )
 
 
-def _with_infinity(values: Any) -> FloatArray:
-    return np.array([np.inf if value is None else value for value in values], dtype=float)
+def _points(points: Sequence[Any], n: int) -> tuple[FloatArray, FloatArray]:
+    """Return instants (T,) and configurations (T, n) of the points of a trajectory."""
+    times, configurations = [], []
+    for k, point in enumerate(points):
+        with document.within(f"points[{k}]"):
+            held = document.mapping("point", point)
+            times.append(document.number("time_from_start", document.require(held, "time_from_start")))
+            configurations.append(document.numbers("positions", document.require(held, "positions"), n))
+    return np.array(times), np.array(configurations).reshape(-1, n)
+
+
+def _with_infinity(key: str, values: Any) -> FloatArray:
+    """Return numbers (T,), +inf where a file has null."""
+    return np.array(
+        [np.inf if v is None else document.number(key, v) for v in document.sequence(key, values)]
+    )

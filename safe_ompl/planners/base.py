@@ -16,6 +16,7 @@ from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import number, whole_number
+from safe_ompl.planners.graphs.data_request import UnansweredRequest
 from safe_ompl.planners.graphs.planner_graph import PlannerGraph
 from safe_ompl.planners.parts.goals import first_goals, later_goals
 from safe_ompl.planners.parts.task import Task
@@ -167,6 +168,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             starts,
             goals,
         )
+
+    getPlannerData = UnansweredRequest()
 
     def fillPlannerData(self, data: Any) -> None:
         """Append what the planner has built to an `ob.PlannerData`, as `plannerGraph` orders it.

@@ -232,7 +232,7 @@ def planner_data(planner: Any) -> Any:
     OMPL's bindings let no planner in Python answer `getPlannerData`: under a plain `og.SimpleSetup` that stays empty.
     """
     data = ob.PlannerData(planner.getSpaceInformation())
-    fill = getattr(planner, "fillPlannerData", planner.getPlannerData)
+    fill = getattr(planner, "fillPlannerData", None) or planner.getPlannerData
     fill(data)
     return data
 

@@ -513,6 +513,7 @@ def assert_refused(outcome: tuple[int, str, str], *words: str) -> None:
         assert word in err
 
 
+DRIVE = ["test.yaml", "--out", "drive"]
 BAD_OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     "no scenario": (["plan"], ["SCENARIO"]),
     "unknown command": (["fly"], ["fly", "plan"]),
@@ -562,6 +563,19 @@ BAD_OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     "unknown family": (["mbm", "problems.json", *ARM, "--families", "odd"], ["--families", "'odd'", "easy"]),
     "no such problems": (["mbm", "problems.json", *ARM, "--problems", "9:"], ["--problems"]),
     "problems backwards": (["mbm", "problems.json", *ARM, "--problems", "5:2"], ["--problems", "'5:2'"]),
+    "points of no trajectory": (["plan", "test.yaml", "--rate", "100"], ["--rate", "--trajectory"]),
+    "no points": (["plan", "test.yaml", "--timed", "--rate", "0"], ["--rate", "a positive number, not '0'"]),
+    "no recording": (["live", *DRIVE, "--people", "stroll:3"], ["--people", "random:N", "'stroll:3'"]),
+    "nobody at random": (["live", *DRIVE, "--people", "random:0"], ["--people", "'random:0'"]),
+    "a place of two": (["live", *DRIVE, "--place", "1,2"], ["--place", "X,Y,Z,YAW", "'1,2'"]),
+    "a place nowhere": (["live", *DRIVE, "--place", "1,2,nan,0"], ["--place", "finite", "'1,2,nan,0'"]),
+    "more frames lost than there are": (["live", *DRIVE, "--drops", "2"], ["--drops", "[0, 1]", "'2'"]),
+    "answers that are late": (["live", *DRIVE, "--late", "nan"], ["--late", "[0, 1]", "'nan'"]),
+    "errors that are none": (["live", *DRIVE, "--noise", "-1"], ["--noise", ">= 0", "'-1'"]),
+    "slower than not at all": (
+        ["live", *DRIVE, "--faster", "-1"],
+        ["--faster", "a positive number, not '-1'"],
+    ),
     "unwritable lines": (["mbm", "problems.json", *ARM, "--json", "no/x"], ["--json", "'no/x'"]),
 }
 

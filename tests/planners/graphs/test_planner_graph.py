@@ -8,12 +8,15 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from ompl import base as ob
+from ompl import geometric as og
 
 from safe_ompl.planners.graphs.planner_graph import PlannerGraph, two_trees
 from safe_ompl.planners.registry import is_ours, make_planner, needs_place, planner_names
+from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.setup.wiring import planner_data
 
 OURS = [name for name in planner_names() if is_ours(name)]
 MARK = "{http://graphml.graphdrawing.org/xmlns}"
@@ -115,3 +118,22 @@ def test_two_trees_that_meet_share_a_vertex() -> None:
     np.testing.assert_array_equal(edges, [[0, 1], [3, 2], [1, 3]])
     np.testing.assert_array_equal(starts, [0])
     np.testing.assert_array_equal(goals, [2])
+
+
+def test_where_ompl_asks_in_vain_one_warning_says_so(
+    setup: SafeSetup, caplog: pytest.LogCaptureFixture
+) -> None:
+    planner = SafeRRTConnect(setup.getSpaceInformation())
+    plain = og.SimpleSetup(setup.getSpaceInformation())
+    plain.setPlanner(planner)
+    planner_data(planner)  # also before there is anything
+    setup.setPlanner(planner)
+    setup.getPlannerData(ob.PlannerData(setup.getSpaceInformation()))
+    assert not caplog.records, "these fill it"
+    for _ in range(2):
+        data = ob.PlannerData(setup.getSpaceInformation())
+        plain.getPlannerData(data)
+        assert data.numVertices() == 0
+    planner.getPlannerData(data)
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "safe_ompl.planner_data(planner)" in caplog.text
