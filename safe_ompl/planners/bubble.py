@@ -73,8 +73,8 @@ class BubblePlanner(WeighingPlanner):
     clearance : float
         Points that are nearer to obstacles, dangerous or not, than this margin [m] wait as if they were 0.5 m farther
         from the goal, and what contracts and slides keeps it. It is no more than 80 % of what start and goal keep; for
-        points it falls to 60 % after every twelve of them. It is in force where danger is; the path keeps it where
-        there is a `CertifiedMotionValidator`. 0 for none.
+        points it falls to 60 % after every twelve of them, and ends below 20 mm. It is in force where danger is, and
+        needs a `CertifiedMotionValidator`. 0 for none.
     iterations : int
         k_max: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up.
 

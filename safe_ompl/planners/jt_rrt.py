@@ -66,8 +66,8 @@ class SafeJTRRT(WeighingPlanner):
         planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
     clearance : float
         Motions keep a margin [m] from obstacles, dangerous or not: at first this one, but no more than 80 % of what
-        the start keeps; after every twelve trapped steps it falls to 60 %. It is in force where danger is, and
-        needs a `CertifiedMotionValidator`. 0 for none.
+        the start keeps; after every twelve trapped steps it falls to 60 %, and it ends below 10 mm. It is in force
+        where danger is, and needs a `CertifiedMotionValidator`. 0 for none.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative; the tip's metres and the joints' radians are
         weighed alike.

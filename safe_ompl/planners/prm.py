@@ -59,8 +59,8 @@ class SafePRM(WeighingPlanner):
     clearance : float
         Edges that do not keep this margin [m] from obstacles, dangerous or not, wait as if they were longer by four
         times the range; if they do not keep 30 % of it either, by twice that. The margin is no more than 80 % of what
-        start and goal keep, and falls to 60 % each time when samples do not suffice. It is in force where danger and
-        `lazy` are, and needs a `CertifiedMotionValidator`. 0 for none.
+        start and goal keep, falls to 60 % each time when samples do not suffice, and ends below 20 mm. It is in force
+        where danger and `lazy` are, and needs a `CertifiedMotionValidator`. 0 for none.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.
     taxicab : bool

@@ -99,8 +99,8 @@ class EndPoint(NamedTuple):
         The closed bubble that it is in; `ROOT` for roots.
     path_length : float
         g, from the root.
-    cost : float
-        Its danger.
+    cost, diversity : float
+        Its danger, and how far it is from the nearest closed configuration.
     toll : float
         What it has paid for being near to obstacles.
     """
@@ -109,6 +109,7 @@ class EndPoint(NamedTuple):
     parent: int
     path_length: float
     cost: float
+    diversity: float
     toll: float
 
 
@@ -162,14 +163,14 @@ class VolumeTree:
     def take(self, row: int) -> EndPoint:
         """Remove an end point from Open and return it."""
         rows = self.open
-        numbers = (float(rows[name][row]) for name in ("path_length", "cost", "toll"))
+        numbers = (float(rows[name][row]) for name in ("path_length", "cost", "diversity", "toll"))
         point = EndPoint(rows["q"][row].copy(), int(rows["parent"][row]), *numbers)
         rows.remove(row)
         return point
 
     def put_back(self, point: EndPoint, toll: float) -> None:
         """Return an end point to Open, where it waits as if it were farther from the goal by a toll."""
-        self.open.extend(1, **point._asdict() | {"toll": toll}, diversity=0.0)
+        self.open.extend(1, **point._replace(toll=toll)._asdict())
 
     def close(self, point: EndPoint, weights: FloatArray) -> int:
         """Add the bubble of an end point to Closed and return its index."""

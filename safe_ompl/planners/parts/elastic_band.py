@@ -74,12 +74,14 @@ class ElasticBand:
         return [*before, middle, *after]
 
     def _farthest(self, path: FloatArray, at: int, ptc: Any, margin: float) -> int:
-        """Return the way point to which a straight motion from way point `at` does what the path between does."""
+        """Return the way point to which a straight motion from way point `at` does what the path between does.
+
+        The motion keeps the margin [m].
+        """
         end = len(path) - 1
         while end > at + 1 and not ptc():
-            if self._is_as_safe(path[at : end + 1]) and self._task.motion_is_free(
-                path[at], path[end], margin
-            ):
+            is_as_safe = self._is_as_safe(path[at : end + 1])
+            if is_as_safe and self._task.motion_is_free(path[at], path[end], margin):
                 return end
             end = (at + end) // 2
         return at + 1
