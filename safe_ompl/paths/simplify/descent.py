@@ -14,7 +14,7 @@ from safe_ompl.paths.simplify.cost import QuadraticModel
 LARGEST = 0.4  # [rad] a way point moves no farther in one step
 _MEMORY = 6  # pairs of steps and changes of the gradient that are remembered
 _SUFFICIENT = 1e-4  # share of the fall that the gradient promises which a step must bring (Armijo)
-_GROWTH = 1.5  # a step may be longer than the last one by this factor,
+_GROWTH = 2.0  # a step may be longer than the last one by this factor,
 _SHORTEST, _LONGEST = 0.1, 0.5  # and one that fails is shortened to between these shares of it
 _TRIALS = 6
 

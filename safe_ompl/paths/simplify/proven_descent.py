@@ -103,7 +103,7 @@ class ProvenDescent:
         seen, descent = self.path, Descent(self._cost, self.path, self._terms.feasible)
         largest, round_ = LARGEST, 0
         while largest >= _SMALLEST:
-            self._step(descent, largest, _ROUNDS[round_])
+            settled = self._step(descent, largest, _ROUNDS[round_])
             if self._stop():
                 break
             if descent.path is self.path:
@@ -117,7 +117,13 @@ class ProvenDescent:
                 largest, round_ = _CAUTION * largest, 0
                 descent.restart(self.path, back)
             elif gain < self._terms.precision * self.price.total:
-                break
+                if settled:
+                    break
+                largest, round_ = (
+                    _CAUTION * largest,
+                    0,
+                )  # the witnesses promised more: they hold for smaller steps
+                descent.restart(self.path)
             else:
                 largest, round_ = min(LARGEST, largest / _CAUTION), min(round_ + 1, len(_ROUNDS) - 1)
                 if float(np.abs(self.path - seen).max()) > _FAR:
@@ -127,16 +133,17 @@ class ProvenDescent:
                 descent.resume(self.path)
         return True
 
-    def _step(self, descent: Descent, largest: float, most: int) -> None:
-        """Take so many steps at most, as long as they are worthwhile."""
+    def _step(self, descent: Descent, largest: float, most: int) -> bool:
+        """Take so many steps at most, as long as they are worthwhile; return whether they are no longer."""
         idle = 0
         for _ in range(most):
             before = descent.value
             if self._stop() or not descent.step(largest):
-                return
+                return True
             idle = idle + 1 if before - descent.value < _IDLE * self._terms.precision * before else 0
             if idle == _PATIENCE:
-                return
+                return True
+        return False
 
     def _take(self, path: FloatArray) -> tuple[float, BoolArray]:
         """Go on from as much of a path (N, n) as is proven, if that is cheaper.

@@ -11,7 +11,7 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.paths.simplify.constraints import FeasibleSet
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 
-RETREAT_STEP = 0.04  # [rad]
+RETREAT_STEP = 0.02  # [rad]
 _LONGEST = 1.0  # [rad]
 _LEFT = 0.3  # a retreat is over when this share of the cost of its end is left
 _EXCESS = 600.0  # weight of danger: at 1.4 times that of the end it costs what a contact costs
@@ -52,7 +52,7 @@ def retreat(
     Returns
     -------
     ndarray, shape (K, n)
-        `end` first, steps of 0.04 rad. Not yet proven free.
+        `end` first, steps of 0.02 rad. Not yet proven free.
     """
     reference = field.value(end)
     q, way, enough = end, [end], None

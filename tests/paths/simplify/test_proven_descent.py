@@ -24,19 +24,19 @@ class Falling:
 
 
 @pytest.mark.parametrize(
-    ("shares", "steps"),
+    ("shares", "steps", "settled"),
     [
-        ([0.1] * 12, 10),  # no more than it may take
-        ([0.1, 0.0001, 0.1, 0.0001, 0.1], 5),  # a kink between steps that gain
-        ([0.1, 0.0001, 0.0001, 0.1], 3),
-        ([], 0),
+        ([0.1] * 12, 10, False),  # no more than it may take
+        ([0.1, 0.0001, 0.1, 0.0001, 0.1], 5, True),  # kinks between steps that gain; then none is found
+        ([0.1, 0.0001, 0.0001, 0.1], 3, True),
+        ([], 0, True),
     ],
 )
-def test_a_round_ends_with_two_idle_steps_in_a_row(shares, steps):
+def test_a_round_ends_with_two_idle_steps_in_a_row(shares, steps, settled):
     descent = ProvenDescent.__new__(ProvenDescent)
     descent._stop, descent._terms = lambda: False, SimpleNamespace(precision=0.03)
     falling = Falling(shares)
-    descent._step(falling, 0.4, 10)
+    assert descent._step(falling, 0.4, 10) is settled
     assert falling.steps == steps
 
 
