@@ -1,18 +1,24 @@
 """The pictures of the pages in docs/, by one command: `python bench/pages.py`, some minutes.
 
-That of the viewer is a picture of the browser's window, taken by hand; those of `panda_shelf` are made by
-`safe-ompl view --animation` and `safe-ompl compare`, as the README says.
+That of the viewer is a picture of a headless Chromium's window (selenium, `chromium` and `chromium-driver`); those of
+`panda_shelf` are made by `safe-ompl view --animation` and `safe-ompl compare`, as the README says.
 """
 
 from __future__ import annotations
 
+import io
+import shutil
 import tempfile
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
 
 from safe_ompl import (
     Box,
@@ -26,6 +32,7 @@ from safe_ompl import (
     SafeSetup,
     Scenario,
     Scene,
+    plan,
 )
 from safe_ompl.cli.main import main
 from safe_ompl.exchange.timed_motion import TimedMotion
@@ -35,13 +42,14 @@ from safe_ompl.pictures.render import choose_camera, render_comparison, render_p
 from safe_ompl.scenario.scenario import find_scenario
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.viewer.recordings import read_recording
+from safe_ompl.viewer import Exhibit, read_recording, save_page
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "pictures"
 WORKER = Obstacle("worker", Person(height=1.75), Pose((1.0, 0.0, -0.8), (0.0, 0.0, 1.0, 0.0)))
 LEFT, RIGHT = [0.9, -1.6, 1.6, -1.6, -1.57, 0.0], [-0.9, -1.6, 1.6, -1.6, -1.57, 0.0]
 SIZE = (760, 480)
+_PATIENCE, _SETTLED = 120.0, 20.0  # [s] for a page to load, and to be drawn without a graphics card
 
 
 def own_robot() -> None:
@@ -177,6 +185,42 @@ def draw_moments(ticks: str) -> None:
     save_strip(images, words, OUT / "live.png")
 
 
+def viewer() -> None:
+    """Photograph the page of a motion in time, as the browser shows it half-way; needs Chromium and its driver."""
+    scenario = Scenario.load(find_scenario("panda_shelf"))
+    result = plan(scenario, seed=0, simplify=True)
+    limits = RateLimits.of(result.robot, acceleration=[8.0] * result.robot.n)
+    trajectory = result.timed(limits, people=scenario.people)
+    motion = TimedMotion.of(
+        trajectory, result.robot, result.scene, danger=result.danger, name="SafeRRTConnect"
+    )
+    options = webdriver.ChromeOptions()
+    options.binary_location = shutil.which("chromium") or ""
+    for option in (
+        *("headless", "no-sandbox", "use-angle=swiftshader", "enable-unsafe-swiftshader"),
+        *("window-size=1000,720", "lang=en-US"),
+    ):
+        options.add_argument(f"--{option}")
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "view.html"
+        save_page(Exhibit.of_motions([motion]), page)
+        driver = webdriver.ChromeService(shutil.which("chromedriver"))
+        with webdriver.Chrome(options=options, service=driver) as browser:
+            browser.get(page.as_uri())
+            bar = WebDriverWait(browser, _PATIENCE).until(
+                lambda b: b.find_element("css selector", "input[inputmode=decimal]")
+            )
+            bar.find_element("xpath", "./preceding::button[1]").click()  # it stands still for its picture
+            bar.send_keys(Keys.CONTROL, "a")
+            bar.send_keys(f"{0.45 * motion.duration:.2f}", Keys.ENTER)
+            sleep(_SETTLED)
+            for notice in browser.find_elements("css selector", ".mantine-Notification-closeButton"):
+                notice.click()  # that it is drawn without a graphics card
+            sleep(1.0)
+            picture = Image.open(io.BytesIO(browser.get_screenshot_as_png()))
+            picture.convert("RGB").quantize(256).save(OUT / "viewer.png", optimize=True)
+
+
 def robots() -> None:
     """Draw four arms of example-robot-data."""
     postures = {
@@ -243,7 +287,7 @@ def save_strip(images: list, words: list, file: Path) -> None:
 
 PICTURES = (
     *(own_robot, simplification, planar, scenes, a_start_in_collision, profiles, people_and_time),
-    *(a_drive, robots, region, architecture),
+    *(a_drive, viewer, robots, region, architecture),
 )
 
 if __name__ == "__main__":

@@ -90,12 +90,15 @@ class Booth:
         nearest = [Nearest(exhibit.robot, group) for group in (people, things)]
         self.lines = ClearanceLines(view, f"{self.node}/clearance", nearest)
         tips = np.asarray(exhibit.robot.keypoints_batch(self.samples)[:, -1])
+        self._label: Any = None
         if colour is not None:
             if self.motion is None:
                 add_trace(view, f"{self.node}/trace", tips, colour)
             else:
                 add_timed_trace(view, f"{self.node}/trace", self.motion)
-            view.add_label(f"{self.node}/name", name, position=self._above(), anchor="bottom-center")
+            self._label = view.add_label(
+                f"{self.node}/name", name, position=self._above(), anchor="bottom-center"
+            )
         self.proof = None
         if exhibit.proof is not None:
             dense = exhibit.along(name, np.linspace(0.0, 1.0, 10 * SAMPLES))
@@ -139,6 +142,9 @@ class Booth:
         """Add a board with the speed against time, if the motion has times, see `SpeedBoard`."""
         if self.motion is not None:
             self.board = SpeedBoard(self._view, f"{self.node}/speed", self.motion, centre, width, facing)
+            if self._label is not None and self.board.has_title:
+                self._label.remove()  # pages that are written do not hide it
+                self._label = None
 
     def add_floor(self, stage: Stage) -> None:
         """Add the floor of a stage, and a pedestal where the robot would hang in the air."""

@@ -42,6 +42,11 @@ class SpeedBoard:
         [m]
     facing : (3,) array
         A level direction from which it is seen.
+
+    Attributes
+    ----------
+    has_title : bool
+        Whether it says the motion's name: it does where there is Matplotlib.
     """
 
     def __init__(
@@ -54,6 +59,7 @@ class SpeedBoard:
         self._size = np.array([width, width * BOARD_SHAPE])
         self._corner = centre - 0.5 * (self._size[0] * self._right + self._size[1] * up) + _BEFORE * normal
         image = _picture(motion)
+        self.has_title = image is not None
         if image is not None:
             turn = np.column_stack([self._right, -up, -normal])  # viser's y goes down the rows
             view.add_image(

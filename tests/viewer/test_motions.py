@@ -137,6 +137,7 @@ def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
     try:
         assert list(view.exhibit.paths) == ["SafeRRTConnect", "SafeRRTConnect, 2"]
         board = view.booths[0].board
+        assert view.booths[0]._label is None, "the board says who it is"
         view.go_to(0.5)
         cursor = np.array(board._cursor.points)
         assert "bounded by" in view.facts()[0]
