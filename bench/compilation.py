@@ -1,7 +1,7 @@
 """What compiling the kernels and importing the package cost: python bench/compilation.py [--rows N] [--imports N].
 
-In a process of its own, with an empty cache, a plan, its simplification, danger of all kinds, a motion in time, a tick of
-live driving and some calls without a purpose ask for all kernels; those that nothing asked for are named. Printed are
+In a process of its own, with an empty cache, a plan, its simplification, danger of all kinds, a motion in time, live
+driving and some calls without a purpose ask for all kernels; those that nothing asked for are named. Printed are
 CPU times: of all, and of the kernels and parts that took longest, without what they call, with the number of signatures
 that each was compiled for. Bar: 10 s for all.
 
@@ -25,9 +25,13 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from _timing import print_table
 from numba.core import event
 
-DEPENDENCIES = "numpy, yaml, plyfile, coal, pinocchio, numba, numba.core.event, ompl.base, ompl.geometric, ompl.tools, ompl.util"
+DEPENDENCIES = (
+    "numpy, yaml, plyfile, coal, pinocchio, numba, numba.core.event, "
+    "ompl.base, ompl.geometric, ompl.tools, ompl.util"
+)
 IMPORT = f"""import {DEPENDENCIES}
 from time import process_time
 begin = process_time()
@@ -81,7 +85,7 @@ def plan_and_simplify() -> None:
     person = Obstacle("person", Person(), Pose((0.95, 0.3, -0.85)))
     setup = SafeSetup(robot, Scene((person, Obstacle("box", Box((0.2, 0.2, 0.2)), Pose((0.6, -0.5, 0.2))))))
     setup.setConfigurations(START, GOAL)
-    result = setup.plan("SafeRRTConnect", seed=0, simplify=0.5)
+    result = setup.plan("SafeRRTConnect", seed=0, simplify=True)
     result.timed(RateLimits.of(robot, acceleration=10.0), max_danger=1e3)
     CertifiedDanger(setup.field).of_path([START, GOAL])
     rng = np.random.default_rng(0)
@@ -110,7 +114,7 @@ def drive() -> None:
     replanner.start(
         time_path([START, GOAL], robot, RateLimits.of(robot, acceleration=10.0), motion=replanner.motion)
     )
-    keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3)) + [1.5, 0.0, 0.2]
+    keypoints = np.random.default_rng(0).uniform(-0.3, 0.3, (12, 3)) + np.array([1.5, 0.0, 0.2])
     for tick in range(2):
         replanner.update({"anna": keypoints}, {}, 0.05 * tick)
         replanner.command(0.05 * tick + 0.02)
@@ -174,7 +178,7 @@ def main() -> None:
     parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.measure:
-        return measure()
+        measure()
     with tempfile.TemporaryDirectory() as folder:
         cached = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": folder}
         imports = [
@@ -186,8 +190,6 @@ def main() -> None:
             command, env={**cached, "NUMBA_CACHE_DIR": folder}, text=True, stderr=subprocess.DEVNULL
         )
     found = json.loads(answer.splitlines()[-1])
-    from _timing import print_table
-
     total = sum(seconds for _, seconds, _ in found["rows"])
     print_table(
         ("compiled", "CPU [ms]", "signatures"),

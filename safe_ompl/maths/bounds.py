@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from safe_ompl.arrays import FloatArray
 from safe_ompl.maths.kernels import chords as kernel
 
@@ -55,4 +57,5 @@ def chords(
     ndarray, shape (2, M)
         The lines at the beginning and at the end; +inf where a segment may reach the point.
     """
-    return kernel.chords(*first, *last, duration, speed, acceleration, lengths)
+    moves = np.ascontiguousarray(speed), np.ascontiguousarray(acceleration)
+    return kernel.chords(*first, *last, duration, *moves, lengths)

@@ -62,8 +62,8 @@ def terms(
     """
     check_weighting(weighting)
     found = kernel.link_terms(
-        np.ascontiguousarray(keypoints),
-        np.ascontiguousarray(velocities),
+        _plain(keypoints),
+        _plain(velocities),
         *_ends(segments),
         _rows(points),
         weighting == "length",
@@ -101,11 +101,11 @@ def gradients(
     """
     check_weighting(weighting)
     found = kernel.pulls(
-        np.ascontiguousarray(keypoints),
-        np.ascontiguousarray(velocities),
+        _plain(keypoints),
+        _plain(velocities),
         *_ends(segments),
         _rows(points),
-        np.ascontiguousarray(weights),
+        _plain(weights),
         float(ahead),
         float(spread),
         weighting == "length",
@@ -155,6 +155,11 @@ def isotropic_bracket(
     return np.maximum(integral(lower), 0.0), integral(upper)
 
 
+def _plain(array: FloatArray) -> FloatArray:
+    """Return the array, C-contiguous and writable: kernels are compiled anew for any other sort."""
+    return np.require(array, np.float64, ["C", "W"])
+
+
 def _ends(segments: Segments) -> tuple[IntArray, IntArray]:
     start, end = np.ascontiguousarray(segments.pairs.T)
     return start, end
@@ -162,4 +167,4 @@ def _ends(segments: Segments) -> tuple[IntArray, IntArray]:
 
 def _rows(points: FloatArray) -> FloatArray:
     """Return points (M, 3) or (B, M, 3) as (1 or B, M, 3), in C order."""
-    return np.ascontiguousarray(points if points.ndim == 3 else points[None])
+    return _plain(points if points.ndim == 3 else points[None])

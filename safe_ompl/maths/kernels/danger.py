@@ -13,7 +13,7 @@ import numpy as np
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.compiled import compiled, part
 from safe_ompl.maths.kernels.field import add_pull, potentials
-from safe_ompl.maths.kernels.groups import MAXIMUM, MEAN, danger_of_groups
+from safe_ompl.maths.kernels.groups import MAXIMUM, MEAN, highest_level, most_points, total_level
 from safe_ompl.maths.kernels.joints import place_joints, place_keypoints, pull
 
 
@@ -106,6 +106,8 @@ def dangers(
     out, levels, share = np.empty(B), np.empty(M), np.empty(M)
     rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     places, forces = np.empty((len(keys), 3)), np.empty((len(keys), 3))
+    fields, known = np.empty((len(links), len(balls))), np.empty((2, len(balls)))
+    some = np.empty((1, most_points(balls)))
     sloped = len(gradients) > 0
     for b in range(B):
         place_joints(joints, values[b], rotation, origin, axis)
@@ -113,9 +115,18 @@ def dangers(
         own, charge = points[b if len(points) > 1 else 0], charges[b if len(charges) > 1 else 0]
         forces[:] = 0.0
         if len(balls) > 0:
-            out[b] = danger_of_groups(
-                places, links, own, charge, balls, by_length, kind, sharpness, tolerance, forces, sloped
-            )
+            base = 0.0
+            if kind != MEAN:
+                base = highest_level(
+                    places, links, own, charge, balls, by_length, fields, known, some, forces,
+                    sloped and kind == MAXIMUM,
+                )  # fmt: skip
+            out[b] = base
+            if kind != MAXIMUM:
+                out[b] = total_level(
+                    places, links, own, charge, balls, by_length, kind, sharpness, tolerance, base, fields, known,
+                    some, forces, sloped,
+                )  # fmt: skip
         else:
             potentials(places, links, own, 0, M, by_length, levels.reshape(1, M))
             for k in range(M):

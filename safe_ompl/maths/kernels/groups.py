@@ -86,36 +86,12 @@ def _look(
 
 
 @part
-def danger_of_groups(
-    places: FloatArray,
-    links: IntArray,
-    points: FloatArray,
-    charges: FloatArray,
-    balls: Any,
-    by_length: bool,
-    kind: int,
-    sharpness: float,
-    tolerance: float,
-    forces: FloatArray,
-    sloped: bool,
-) -> float:
-    """Return the danger of `points: (3, M + balls)`, and add its gradient by the key points to `forces: (K, 3)`.
-
-    The gradient of what was taken by its centre is that of the field there; `sloped` says whether it is wanted.
-    """
-    most = balls[0].begin
-    for g in range(balls[0].begin, len(balls)):
+def most_points(balls: Any) -> int:
+    """Return how many points the largest group has; 0 without groups."""
+    most = 0
+    for g in range(balls[0].begin if len(balls) > 0 else 0, len(balls)):
         most = max(most, balls[g].number)
-    fields, known = np.empty((len(links), len(balls))), np.empty((2, len(balls)))
-    levels = np.empty((1, most))
-    if kind == MAXIMUM:
-        return _highest(
-            places, links, points, charges, balls, by_length, fields, known, levels, forces, sloped
-        )
-    return _total(
-        places, links, points, charges, balls, by_length, kind, sharpness, tolerance, fields, known, levels, forces,
-        sloped,
-    )  # fmt: skip
+    return most
 
 
 # -------------------------------------------------------------------------------------------------- maximum
@@ -133,7 +109,7 @@ def _bound(balls: Any, begin: int, end: int, known: FloatArray) -> int:
 
 
 @part
-def _highest(
+def highest_level(
     places: FloatArray,
     links: IntArray,
     points: FloatArray,
@@ -146,9 +122,11 @@ def _highest(
     forces: FloatArray,
     sloped: bool,
 ) -> float:
-    """Return the largest level; exact.
+    """Return the largest level of `points: (3, M + balls)`; exact.
 
-    Of the blocks, and of the groups in a block, the one with the highest bound comes first, the others in turn.
+    Its gradient by the key points is added to `forces: (K, 3)` if `sloped`. Of the blocks, and of the groups in a
+    block, the one with the highest bound comes first, the others in turn. Room for the work: `fields: (L, balls)`,
+    `known: (2, balls)`, and `levels: (1, ·)` for the points of a group.
     """
     blocks, best, peak = balls[0].begin, 0, -inf
     _look(places, links, points, balls, 0, blocks, by_length, MAXIMUM, fields, known)
@@ -233,7 +211,7 @@ def _allowed(kind: int, sharpness: float, tolerance: float, base: float, sure: f
 
 
 @part
-def _total(
+def total_level(
     places: FloatArray,
     links: IntArray,
     points: FloatArray,
@@ -243,22 +221,22 @@ def _total(
     kind: int,
     sharpness: float,
     tolerance: float,
+    base: float,
     fields: FloatArray,
     known: FloatArray,
     levels: FloatArray,
     forces: FloatArray,
     sloped: bool,
 ) -> float:
-    """Return the mean or the softmax of the levels, no more than the tolerance off."""
+    """Return the mean or the softmax of the levels, no more than the tolerance off.
+
+    `base` is the highest level, from which a softmax counts. The rest is as for `highest_level`. The gradient of what
+    is taken by its centre is that of the field there.
+    """
     blocks, M = balls[0].begin, len(charges)
     centre = points.shape[1] - len(balls)
-    base = 0.0
-    if kind == SOFTMAX:
-        base = _highest(
-            places, links, points, charges, balls, by_length, fields, known, levels, forces, False
-        )
-        if base == inf:
-            return inf
+    if base == inf:
+        return inf
     _look(places, links, points, balls, 0, blocks, by_length, kind, fields, known)
     sure = _bracket(balls, 0, blocks, kind, sharpness, base, known)
     limit = _narrow(known, 0, blocks, _FAR * _allowed(kind, sharpness, tolerance, base, sure))
