@@ -103,3 +103,33 @@ def test_the_maximum_is_that_of_all_points_though_few_are_evaluated(panda, weigh
     alone = [DangerField(panda, p[None], w[None], aggregate="mean", **kind).moving for p, w in pairs]
     expected = np.max([one.values(Q, Qd) for one in alone], axis=0)
     np.testing.assert_allclose(field.moving.values(Q, Qd), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("weighting", ["unit", "length"])
+def test_a_danger_point_on_a_link_or_at_its_end_is_found_among_many(panda, weighting):
+    points = np.random.default_rng(3).uniform(-0.9, 0.9, (80, 3))
+    Q, Qd = states(panda, 4)
+    for q, qd in zip(Q, Qd, strict=True):
+        keys = panda.keypoints(q)
+        a, b = keys[panda.segments[3]]
+        for touching in (a, b, (a + b) / 2):
+            field = DangerField(panda, np.vstack([points, touching]), weighting=weighting)
+            alone = DangerField(panda, [touching], weighting=weighting).moving
+            for rates in (0 * qd, qd):
+                assert field.moving.value(q, rates) >= alone.value(q, rates) * (1 - 1e-12)
+            assert field.moving.value(q, 0 * qd) == pytest.approx(field.value(q), rel=1e-9)
+
+
+def test_gradients_of_the_most_dangerous_of_many_points_are_those_of_that_point_alone(panda):
+    rng = np.random.default_rng(4)
+    points, weights = rng.uniform(-0.9, 0.9, (80, 3)), rng.uniform(0.2, 3.0, 80)
+    moving = DangerField(panda, points, weights, k1=2.0).moving
+    Q, Qd = states(panda, 8)
+    for q, qd, value, *slopes in zip(Q, Qd, *moving.values_and_gradients(Q, Qd), strict=True):
+        pairs = zip(points, weights, strict=True)
+        alone = [DangerField(panda, p[None], w[None], k1=2.0).moving for p, w in pairs]
+        most = max(alone, key=lambda one: one.value(q, qd))
+        assert value == pytest.approx(most.value(q, qd), rel=1e-12)
+        np.testing.assert_allclose(
+            slopes, np.concatenate(most.gradients(q[None], qd[None])), rtol=1e-9, atol=1e-9
+        )

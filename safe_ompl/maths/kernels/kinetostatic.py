@@ -24,35 +24,13 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.compiled import compiled, part
+from safe_ompl.maths.kernels.link import cross_norm, dot, half_gap
 
 _ZERO = 1e-30  # [m] stands for a length of zero
 _BESIDE = 3e-5  # floor of h, in distances from the segment
 _TURNING = 1e-10  # floor of c₂, in squared speeds
 _SHARP = 1e-9  # floor of g
 _SERIES = 0.01  # (ℓ/S)² below which κ is summed as a series
-
-
-@part
-def _cross_norm(u: FloatArray, v: FloatArray) -> float:
-    x = u[1] * v[2] - u[2] * v[1]
-    y = u[2] * v[0] - u[0] * v[2]
-    z = u[0] * v[1] - u[1] * v[0]
-    return sqrt(x * x + y * y + z * z)
-
-
-@part
-def _dot(u: FloatArray, v: FloatArray) -> float:
-    return float(u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
-
-
-@part
-def _half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
-    """(S² − ℓ²)/2 without cancellation."""
-    dot = _dot(u, v)
-    if dot >= 0:
-        return float(d1 * d2 + dot)
-    area = _cross_norm(u, v)
-    return float(area * area / (d1 * d2 - dot))
 
 
 @part
@@ -82,18 +60,18 @@ def _isotropic(
     u: FloatArray, w: FloatArray, va: FloatArray, D: FloatArray
 ) -> tuple[float, float, float, float, float, float, float, float, float, float, float]:
     """I, the moments M_k = ∫ t^k/(X·((t−s)²+h²)) dt for k = 0, 1, 2, and s, h, c₀, c₁, c₂, X(0), X(1)."""
-    squared = max(_dot(w, w), _ZERO)
-    s = _dot(u, w) / squared
-    h = _cross_norm(u, w) / squared
+    squared = max(dot(w, w), _ZERO)
+    s = dot(u, w) / squared
+    h = cross_norm(u, w) / squared
     beyond = max(-s, s - 1.0, 0.0)
     h = max(h, _BESIDE * hypot(beyond, h), _ZERO)
-    c0, c1 = _dot(va, va), _dot(va, D)
-    turning = _dot(D, D)
+    c0, c1 = dot(va, va), dot(va, D)
+    turning = dot(D, D)
     c2 = max(turning, _TURNING * c0)
     if c2 <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, s, h, 0.0, 0.0, 0.0, 0.0, 0.0
     sigma = -c1 / c2
-    area = _cross_norm(va, D)
+    area = cross_norm(va, D)
     g = max(sqrt(area * area + c0 * (c2 - turning)) / c2, _SHARP)
     x0, x1 = -sigma / g, (1.0 - sigma) / g
     r0, r1 = sqrt(x0 * x0 + 1), sqrt(x1 * x1 + 1)
@@ -141,15 +119,15 @@ def link_parts(
     isotropic: bool,
 ) -> tuple[float, float, float]:
     """Return φ, φ̇ and I (0 unless wanted) of one link, u = p − a and v = p − b; +inf on the link."""
-    d1, d2 = sqrt(_dot(u, u)), sqrt(_dot(v, v))
-    half = _half_gap(u, v, d1, d2)
+    d1, d2 = sqrt(dot(u, u)), sqrt(dot(v, v))
+    half = half_gap(u, v, d1, d2)
     if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
         return inf, inf, inf
-    length = max(sqrt(_dot(w, w)), _ZERO)
+    length = max(sqrt(dot(w, w)), _ZERO)
     S, c = d1 + d2, 1 / half
     phi = log1p(length * (S + length) * c) / length
     kappa = _stretch(S, length, c, phi)[0]
-    rate = c * (_dot(u, va) / d1 + _dot(v, vb) / d2) + kappa * _dot(w, D)
+    rate = c * (dot(u, va) / d1 + dot(v, vb) / d2) + kappa * dot(w, D)
     return phi, rate, _isotropic(u, w, va, D)[0] if isotropic else 0.0
 
 
@@ -175,7 +153,7 @@ def link_terms(
             for x in range(3):
                 w[x] = keypoints[b, j, x] - keypoints[b, i, x]
                 D[x] = vb[x] - va[x]
-            scale = max(sqrt(_dot(w, w)), _ZERO) if by_length else 1.0
+            scale = max(sqrt(dot(w, w)), _ZERO) if by_length else 1.0
             for p in range(M):
                 for x in range(3):
                     u[x] = fields[p, x] - keypoints[b, i, x]
@@ -212,14 +190,14 @@ def pulls(
             for x in range(3):
                 w[x] = keypoints[b, j, x] - keypoints[b, i, x]
                 D[x] = vb[x] - va[x]
-            length = max(sqrt(_dot(w, w)), _ZERO)
+            length = max(sqrt(dot(w, w)), _ZERO)
             scale = length if by_length else 1.0
             for p in range(M):
                 for x in range(3):
                     u[x] = fields[p, x] - keypoints[b, i, x]
                     v[x] = fields[p, x] - keypoints[b, j, x]
-                d1, d2 = sqrt(_dot(u, u)), sqrt(_dot(v, v))
-                half = _half_gap(u, v, d1, d2)
+                d1, d2 = sqrt(dot(u, u)), sqrt(dot(v, v))
+                half = half_gap(u, v, d1, d2)
                 if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
                     continue
                 weight = scale * weights[b, p]
@@ -227,8 +205,8 @@ def pulls(
                 phi = log1p(length * (S + length) * c) / length
                 kappa, kappa_S, kappa_length = _stretch(S, length, c, phi)
                 # φ̇ and, as the Hessian is symmetric, its gradient: how ∂φ/∂a, ∂φ/∂b change while the ends move
-                speed1, speed2 = -_dot(u, va) / d1, -_dot(v, vb) / d2
-                growth = _dot(w, D) / length
+                speed1, speed2 = -dot(u, va) / d1, -dot(v, vb) / d2
+                growth = dot(w, D) / length
                 c_rate = -c * c * (S * (speed1 + speed2) - length * growth)
                 kappa_rate = kappa_S * (speed1 + speed2) + kappa_length * growth
                 rate = -c * (speed1 + speed2) + kappa * length * growth

@@ -29,6 +29,7 @@ from safe_ompl.maths.kernels.link import ZERO
 
 _SLACK = 1 + 1e-7  # of rounding in the bounds
 _LOST = 1e-7  # (S² − ℓ²)/S² below which too many digits of it are lost: then the bound is infinite
+_SHORT = 1e-6  # [m] links that are as good as a point
 _RIGID = 1e-9  # relative: links that become no longer than this do not
 
 
@@ -46,56 +47,70 @@ def _bound(
     ahead: float,
     spread: float,
     by_length: bool,
-    fields: FloatArray,
+    room: FloatArray,
     bounds: FloatArray,
 ) -> None:
-    """Write for each of a run of balls a level that none of its points exceeds; `fields` is room for the work.
+    """Write for each of a run of balls, or of points where `radii` is empty, a level that it does not exceed.
 
-    Their centres are columns of `points: (3, ·)`, that of ball 0 the one at `offset`.
+    Their centres are columns of `points: (3, ·)`, that of ball 0 the one at `offset`. `room: (L + 2K, ·)` is for the
+    work: fields of the links; distances of the key points, and ρ·v/‖ρ‖ there.
     """
-    potentials(places, links, points, offset + begin, offset + end, by_length, fields)
+    fields, K = room[: len(links)], len(places)
+    distances, heading = room[len(links) : len(links) + K], room[len(links) + K :]
+    first_column = offset + begin
+    potentials(places, links, points, first_column, offset + end, by_length, fields)
+    for k in range(K):
+        x, y, z = places[k, 0], places[k, 1], places[k, 2]
+        vx, vy, vz = velocities[k, 0], velocities[k, 1], velocities[k, 2]
+        for g in range(end - begin):
+            c = first_column + g
+            ux, uy, uz = points[0, c] - x, points[1, c] - y, points[2, c] - z
+            distance = sqrt(ux * ux + uy * uy + uz * uz)
+            distances[k, g] = distance
+            heading[k, g] = (ux * vx + uy * vy + uz * vz) / distance
     bounds[begin:end] = 0.0
     for k in range(len(links)):
         i, j = links[k, 0], links[k, 1]
-        ax, ay, az = places[i, 0], places[i, 1], places[i, 2]
-        wx, wy, wz = places[j, 0] - ax, places[j, 1] - ay, places[j, 2] - az
-        px, py, pz = velocities[i, 0], velocities[i, 1], velocities[i, 2]
-        qx, qy, qz = velocities[j, 0], velocities[j, 1], velocities[j, 2]
-        squared = max(wx * wx + wy * wy + wz * wz, ZERO)
-        length = sqrt(squared)
-        first, last = sqrt(px * px + py * py + pz * pz), sqrt(qx * qx + qy * qy + qz * qz)
-        swift = max(first, last)
-        growth = wx * (qx - px) + wy * (qy - py) + wz * (qz - pz)
-        growth = growth / squared if abs(growth) > _RIGID * length * swift else 0.0
-        scale = length if by_length else 1.0
-        per_length, per_square, faster = 1.0 / scale, 1.0 / squared, last - first
-        for g in range(begin, end):
-            c = offset + g
-            ux, uy, uz = points[0, c] - ax, points[1, c] - ay, points[2, c] - az
-            vx, vy, vz = ux - wx, uy - wy, uz - wz
-            along, square = ux * wx + uy * wy + uz * wz, ux * ux + uy * uy + uz * uz
-            d1, d2 = sqrt(square), sqrt(vx * vx + vy * vy + vz * vz)
+        squared = growth = first = last = 0.0
+        for x in range(3):
+            w = places[j, x] - places[i, x]
+            squared += w * w
+            growth += w * (velocities[j, x] - velocities[i, x])
+            first += velocities[i, x] * velocities[i, x]
+            last += velocities[j, x] * velocities[j, x]
+        first, last, length = sqrt(first), sqrt(last), sqrt(max(squared, ZERO))
+        swift, per_square = max(first, last), 1.0 / max(squared, ZERO)
+        if length < _SHORT:
+            first, last, growth, per_square = swift, swift, 0.0, 0.0
+        stretches = abs(growth) > _RIGID * length * swift
+        scale, faster = length if by_length else 1.0, last - first
+        for g in range(end - begin):
+            d1, d2 = distances[i, g], distances[j, g]
+            phi, S = fields[k, g] / scale, d1 + d2
+            half = 0.5 * (S - length) * (S + length)
+            level = phi + ahead * (heading[i, g] + heading[j, g]) / half
+            if stretches:
+                level += ahead * growth * (S / half - phi) * per_square
+            bounds[begin + g] += scale * level if half > _LOST * S * S else inf
+        if not len(radii) and spread == 0.0:
+            continue
+        for g in range(end - begin):
+            d1, d2, phi = distances[i, g], distances[j, g], fields[k, g] / scale
+            along = 0.5 * (d1 * d1 + squared - d2 * d2)
             s = along * per_square
             t = min(max(s, 0.0), 1.0)
-            nx, ny, nz = ux - t * wx, uy - t * wy, uz - t * wz
-            distance = sqrt(nx * nx + ny * ny + nz * nz)
-            room = distance - radii[g]
-            S, product = d1 + d2, d1 * d2
-            half = product + square - along
-            phi = fields[k, g - begin] * per_length
-            towards = (ux * px + uy * py + uz * pz) * d2 + (vx * qx + vy * qy + vz * qz) * d1
-            away = 1.0 / (room * distance)
-            level = phi * distance * distance * away
-            rate = towards / (product * half)
-            isotropic = (first * phi + faster * ((d2 - d1) * per_square + s * phi)) * (room * away)
-            turned = 2.0 * radii[g] * swift * level * (distance * away) ** 2
-            if growth != 0.0:
-                rate += growth * (S / half - phi)
-            level += ahead * (rate + turned) + spread * (isotropic + turned)
-            sure = room > 0.0 and half > _LOST * S * S
-            bounds[g] += scale * level if sure else inf
+            distance = sqrt(max(d1 * d1 - t * (2.0 * along - t * squared), 0.0))
+            level = spread * (first * phi + faster * ((d2 - d1) * per_square + s * phi)) / distance
+            if len(radii):
+                radius = radii[begin + g]
+                near = distance - radius
+                far = radius / near
+                level += phi * far + 2.0 * (ahead + spread) * swift * phi * distance * far / (near * near)
+                level = level if near > 0.0 else inf
+            bounds[begin + g] += scale * level
     for g in range(begin, end):
-        bounds[g] = max(bounds[g], 0.0) * tops[g] * _SLACK
+        level = max(bounds[g], 0.0) * tops[g] * _SLACK
+        bounds[g] = level if level == level else inf  # ∞ − ∞ or 0·∞ where a point may be on a link
 
 
 @part
@@ -166,9 +181,11 @@ def highest(
     own, charge, blocks = points[0], charges[0], balls[0].begin
     M, N = len(charge), len(balls)
     radii, tops, bounds = np.empty(N), np.empty(N), np.empty(N)
+    levels, alone, most = np.empty(M), np.empty(0), max(blocks, N - blocks)
     for g in range(N):
         radii[g], tops[g] = balls[g].radius, balls[g].heaviest
-    levels, alone, fields = np.empty(M), np.zeros(M), np.empty((len(links), max(M, N)))
+        most = max(most, balls[g].end - balls[g].begin)
+    room = np.empty((len(links) + 2 * len(keys), most))
     rotation, origin, axis, twists = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6))
     for b in range(B):
         places, velocities = motions[0, b], motions[1, b]
@@ -177,14 +194,30 @@ def highest(
         move_joints(joints, rates[b], origin, axis, twists)
         move_keypoints(keys, twists, places, velocities)
         best, peak = 0, -inf
-        for stage in range(-1, blocks):
-            # first the balls of all blocks, then block by block: their groups, and the points of these
-            begin, end, block = 0, blocks, stage
-            if stage >= 0:
-                block = _highest(bounds, 0, blocks)
-                if bounds[block] <= peak:
-                    break
-                begin, end = balls[block].begin, balls[block].end
+        if blocks == 1:
+            bounds[0] = inf
+        else:
+            _bound(
+                places,
+                velocities,
+                links,
+                own,
+                M,
+                radii,
+                tops,
+                0,
+                blocks,
+                ahead,
+                spread,
+                by_length,
+                room,
+                bounds,
+            )
+        while True:
+            block = _highest(bounds, 0, blocks)
+            if bounds[block] <= peak:
+                break
+            begin, end = balls[block].begin, balls[block].end
             _bound(
                 places,
                 velocities,
@@ -198,11 +231,9 @@ def highest(
                 ahead,
                 spread,
                 by_length,
-                fields,
+                room,
                 bounds,
             )
-            if stage < 0:
-                continue
             bounds[block] = -inf
             while True:
                 group = _highest(bounds, begin, end)
@@ -223,7 +254,7 @@ def highest(
                     ahead,
                     spread,
                     by_length,
-                    fields,
+                    room,
                     levels,
                 )
                 while True:
