@@ -55,7 +55,7 @@ class SafeRRTConnect(WeighingPlanner):
         planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
     clearance : float
         Motions keep a margin [m] from obstacles, dangerous or not: at first this one, but no more than 80 % of what
-        start and goal keep; after every six refused steps it falls to 60 %. It is in force where danger is, and
+        start and goal keep; after every twelve trapped steps it falls to 60 %. It is in force where danger is, and
         needs a `CertifiedMotionValidator`. 0 for none.
     raw_alpha : bool
         Take α as it is, in length per danger, instead of relative.

@@ -11,7 +11,7 @@ from safe_ompl.planners.parts.task import Task
 from safe_ompl.planners.parts.trees import Trees
 
 _SHARE = 0.8  # of what start and goal keep; at all of it no motion could leave them
-_PATIENCE = 6  # refusals before the margin falls …
+_PATIENCE = 12  # refusals before the margin falls …
 _FALL = 0.6  # … to this share of itself
 _LEAST = 5e-4  # [m]; below this there is none
 _LOOKED_AT = 5  # starts, and goals

@@ -62,8 +62,8 @@ def test_it_falls_with_the_refusals_and_vanishes(shelf):
     for _ in range(200):
         assert not margin.motion_is_free(q, outside)
         levels.append(margin.level)
-    assert levels[5] == 0.02
-    assert levels[6] == pytest.approx(0.012)
+    assert levels[11] == 0.02
+    assert levels[12] == pytest.approx(0.012)
     assert levels[-1] == 0.0
     assert min(level for level in levels if level) >= 5e-4
 
