@@ -143,7 +143,7 @@ class Booth:
         if self.motion is not None:
             self.board = SpeedBoard(self._view, f"{self.node}/speed", self.motion, centre, width, facing)
             if self._label is not None and self.board.has_title:
-                self._label.remove()  # pages that are written do not hide it
+                self._label.remove()  # the board says it
                 self._label = None
 
     def add_floor(self, stage: Stage) -> None:
