@@ -93,7 +93,7 @@ class SafeRRTConnect(WeighingPlanner):
         threshold_rise: float = 0.05,
         short_steps: bool = True,
         raw_alpha: bool = False,
-        patience: float = 70,
+        patience: float = 100,
         clearance: float = 0.05,
         iterations: int = 0,
     ) -> None:
