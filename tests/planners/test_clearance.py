@@ -7,7 +7,7 @@ from safe_ompl.errors import InputError
 from safe_ompl.planners.parts.margin import AdaptiveMargin, TollMargin
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.safe_setup import setup_scenario
+from safe_ompl.setup.from_scenario import setup_scenario
 
 SAFE = ("SafeRRTConnect", "SafePRM", "SafeJTRRT", "BubblePlanner")
 CLASSICAL = ("ClassicRRTConnect", "ClassicPRM", "ClassicJTRRT", "ClassicBubble")
