@@ -37,6 +37,7 @@ _RRT_CONNECT_AS_PRINTED = {
     "patience": 0.0,
     "clearance": 0.0,
     "short_steps": False,
+    "balanced": False,
     "raw_alpha": True,
 }
 _PRM_AS_PRINTED = {

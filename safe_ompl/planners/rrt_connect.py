@@ -14,6 +14,7 @@ from safe_ompl.planners.parts.short_steps import ShortSteps
 from safe_ompl.planners.parts.threshold import AdaptiveThreshold
 from safe_ompl.planners.parts.tree import Tree
 from safe_ompl.planners.parts.trees import Trees
+from safe_ompl.planners.parts.turns import Turns
 from safe_ompl.planners.weighing import WeighingPlanner
 
 
@@ -50,6 +51,9 @@ class SafeRRTConnect(WeighingPlanner):
         Where the step towards a random configuration is trapped, try a shorter one, of 5 to 100 % of the range: it
         leads out of narrow places. While danger is heeded only nodes whose last step was trapped, too, get
         one: elsewhere short steps double the checks, and make for paths that graze obstacles.
+    balanced : bool
+        Once a tree has more than 64 nodes, the smaller one has eight of nine turns: it is in a narrow place, from
+        which the larger one does not help it. Otherwise the trees alternate.
     patience : float
         After so many turns half of them ignore danger, after three times as many nearly all: where danger keeps the
         planner out of a narrow place, it yields, and costs no more than about that many turns. 0: it never does.
@@ -71,6 +75,8 @@ class SafeRRTConnect(WeighingPlanner):
     * a share of the choices ignores danger (`nearest_fraction`): no passage stays closed;
     * steps slide and keep to a threshold (`slide`, `threshold_rise`): lower danger;
     * a shorter step is tried (`short_steps`): fewer nodes in narrow places, more checks elsewhere;
+    * a tree that lags has most of the turns (`balanced`; all of them in [3], §5.5.3): a narrow place around a start or
+      a goal is left sooner;
     * motions keep a margin, as long as they can (`clearance`): what is not dangerous is not grazed, either;
     * danger yields where no path is found (`patience`): no solution is lost for its sake;
     * α is relative (`raw_alpha`): one default for all robots.
@@ -79,6 +85,7 @@ class SafeRRTConnect(WeighingPlanner):
     ----------
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.4.
     .. [2] J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
+    .. [3] S. LaValle: Planning Algorithms. Cambridge University Press, 2006.
     """
 
     def __init__(
@@ -92,6 +99,7 @@ class SafeRRTConnect(WeighingPlanner):
         slide: float = 0.8,
         threshold_rise: float = 0.05,
         short_steps: bool = True,
+        balanced: bool = True,
         raw_alpha: bool = False,
         patience: float = 100,
         clearance: float = 0.05,
@@ -102,6 +110,7 @@ class SafeRRTConnect(WeighingPlanner):
         self._threshold = AdaptiveThreshold(self._danger)
         self._margin: AdaptiveMargin = AdaptiveMargin(self._task, self._danger)
         self._short_steps = ShortSteps(self._bridge, self._danger)
+        self._turns = Turns()
         self._step = SafeStep(
             self._bridge, self._danger, self._slide, self._threshold, self._margin.motion_is_free
         )
@@ -112,6 +121,7 @@ class SafeRRTConnect(WeighingPlanner):
         self.setSlide(slide)
         self.setThresholdRise(threshold_rise)
         self.setShortSteps(short_steps)
+        self.setBalanced(balanced)
         self.setRawAlpha(raw_alpha)
         self.setPatience(patience)
         self.setClearance(clearance)
@@ -148,6 +158,14 @@ class SafeRRTConnect(WeighingPlanner):
     def getShortSteps(self) -> bool:
         """Return whether a shorter step is tried where a whole one is trapped."""
         return self._short_steps.allowed
+
+    def setBalanced(self, balanced: bool) -> None:
+        """Set whether a tree that lags behind a large one has most of the turns."""
+        self._turns.balanced = flag("balanced", balanced)
+
+    def getBalanced(self) -> bool:
+        """Return whether a tree that lags behind a large one has most of the turns."""
+        return self._turns.balanced
 
     def setRawAlpha(self, raw: bool) -> None:
         """Set whether α is taken as it is, in length per danger."""
@@ -189,7 +207,8 @@ class SafeRRTConnect(WeighingPlanner):
                 outcome, met = self._connect(other, self._select(other, q_new), q_new, ptc)
                 if outcome is Extension.REACHED:
                     return self._trees.path(tree, new, other, met)  # RETURN_PATH
-            tree, other = other, tree  # SWAP
+            if not self._turns.again(tree, other):
+                tree, other = other, tree  # SWAP
         return None
 
     def _select(self, tree: Tree, q: FloatArray) -> int:
@@ -218,3 +237,4 @@ class SafeRRTConnect(WeighingPlanner):
         self._threshold.reset()
         self._margin.reset()
         self._patience.reset()
+        self._turns.reset()

@@ -69,10 +69,16 @@ class Transcription:
         return rows[::-1]
 
 
-def task_of(name, seed, **parameters):
+def task_of(name, seed, forbidden=wall_with_a_gap, **parameters):
     return PlaneProblem(
-        lambda si: make_planner(name, si, {"range": RANGE, **parameters}), wall_with_a_gap, HotSpot, seed=seed
+        lambda si: make_planner(name, si, {"range": RANGE, **parameters}), forbidden, HotSpot, seed=seed
     )
+
+
+def goal_in_a_pocket(x, y):
+    """Forbid a thick wall around the goal, but for an opening that looks away from the start."""
+    across = max(abs(x - GOAL[0]), abs(y - GOAL[1]))
+    return 0.06 < across < 0.15 and (x < GOAL[0] or abs(y) > 0.03)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -88,6 +94,14 @@ def test_safe_rrt_connect_is_the_papers(seed, alpha):
 def test_rrt_connect_is_kuffners(seed):
     task = task_of("PaperRRTConnect", seed)
     assert task.solve() == EXACT
+    np.testing.assert_allclose(task.path, Transcription(task, 0.0, seed).rrt_connect(START, GOAL), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [10, 11])
+def test_trees_take_turns_also_where_one_hardly_grows(seed):
+    task = task_of("PaperRRTConnect", seed, goal_in_a_pocket)
+    assert task.solve() == EXACT
+    assert len(task.planner._trees.start) > 200 > 10 > len(task.planner._trees.goal)
     np.testing.assert_allclose(task.path, Transcription(task, 0.0, seed).rrt_connect(START, GOAL), atol=1e-12)
 
 
@@ -107,7 +121,7 @@ def test_alpha_makes_a_difference():
     assert plain.path.shape != safe.path.shape or (plain.path != safe.path).any()
 
 
-@pytest.mark.parametrize("key", ["slide", "nearest_fraction", "threshold_rise"])
+@pytest.mark.parametrize("key", ["slide", "nearest_fraction", "threshold_rise", "balanced"])
 def test_what_is_ours_cannot_be_switched_on(key):
     with pytest.raises(InputError, match=f"{key!r} of PaperSafeRRTConnect is fixed"):
         task_of("PaperSafeRRTConnect", 0, **{key: 0.5})
