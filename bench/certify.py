@@ -267,8 +267,7 @@ class Subdivision:
                 return True
         if not self.checker.pairs.within_margins(q, margins):
             return False
-        results = enumerate(queries.data.collisionResults)
-        self.blocker = next((k for k, result in results if result.isCollision()), None)
+        self.blocker = queries.touching
         return True
 
 

@@ -99,7 +99,7 @@ class CollisionChecker:
         moves = np.array([self._names[part.index] in self.movable for part in parts], dtype=bool)
         self._approaches = Approaches(list(reaches.values()), parts, moves)
         self._touching = self._placed.with_pairs(self._nearer_than(DISTANCE_ERROR))
-        self._contact = Queries(robot, self._touching, len(parts), margin=0.0)
+        self._contact = Queries(robot.shared.model, self._touching)
         self._pair_sets: dict[float, PairSet] = {}  # by the reach that they are of
         self.pairs = self.pairs_within(0.0)
 
@@ -172,16 +172,15 @@ class CollisionChecker:
             If anything else differs, or a movable obstacle would have other parts than before, such as a small cloud
             with another number of points. Then nothing moves.
         """
-        moved, replaced = self._placed.move(scene)
+        moved = self._placed.move(scene)
         self.scene = scene
         if not moved:
             return
         self.revision += 1
         self._measure_from_axes(moved)
-        if replaced:
-            self._contact.take_new_shapes()
+        self._contact.follow()
         for pairs in set(self._pair_sets.values()):
-            pairs.follow(self._obstacle_radii, new_shapes=replaced)
+            pairs.follow(self._obstacle_radii)
 
     def _measure_from_axes(self, parts: Sequence[PlacedPart]) -> None:
         """Note how far parts of obstacles are from the joints' axes at most; the robot's own are infinitely far."""

@@ -71,25 +71,22 @@ class PairSet:
         self.revision = 0
         self._take_radii(obstacle_radii)
         self._counts = counts
-        self._queries = Queries(robot, geometry, len(geometry.geometryObjects) - links)
+        self._queries = Queries(robot.shared.model, geometry)
 
     def _take_radii(self, obstacle_radii: FloatArray) -> None:
         self._joint_radii = _pair_radii(self._robot.joint_radii, self.bodies, obstacle_radii)
         self.radii: FloatArray = self._robot.coupling.radii(self._joint_radii)
         self.radii.setflags(write=False)
 
-    def follow(self, obstacle_radii: FloatArray, *, new_shapes: bool) -> None:
+    def follow(self, obstacle_radii: FloatArray) -> None:
         """Renew what follows from the places of obstacles, which have moved; for `CollisionChecker`.
 
         Parameters
         ----------
         obstacle_radii : ndarray, shape (G, m)
             As above, for the places that all have now.
-        new_shapes : bool
-            Whether a shape is another object now.
         """
-        if new_shapes:
-            self._queries.take_new_shapes()
+        self._queries.follow()
         self._take_radii(obstacle_radii)
         vars(self).pop("bounds", None)
         self.revision += 1

@@ -44,20 +44,18 @@ class PlacedPart:
         """Points and a radius that enclose it, in the world."""
         return self._hull.moved(self.world)
 
-    def measured_anew(self, shape: coal.CollisionGeometry, local: pin.SE3) -> bool:
-        """Take another shape of the same kind; return whether that is another object now.
+    def measure_anew(self, shape: coal.CollisionGeometry, local: pin.SE3) -> None:
+        """Take another shape of the same kind.
 
         A capsule takes the other's length, so that whoever holds it sees that; anything else is replaced.
         """
         self.local = local
-        replaced = not isinstance(self.shape, _KEPT)
-        if replaced:
+        if not isinstance(self.shape, _KEPT):
             self.shape = shape
         elif isinstance(self.shape, coal.Capsule):
             self.shape.halfLength = shape.halfLength
             self.shape.computeLocalAABB()
         self._hull = bounding_hull(self.shape)
-        return replaced
 
     def write(self, geometry: pin.GeometryModel) -> None:
         """Put the part where it is into a geometry model, and what it is."""
@@ -144,8 +142,8 @@ class PlacedBodies:
         """The parts of all obstacles."""
         return [part for parts in self._parts for part in parts]
 
-    def move(self, scene: Scene) -> tuple[list[PlacedPart], bool]:
-        """Take the places of another scene; return what has moved, and whether a shape is another object now.
+    def move(self, scene: Scene) -> list[PlacedPart]:
+        """Take the places of another scene; return what has moved.
 
         Raises
         ------
@@ -153,11 +151,11 @@ class PlacedBodies:
             If anything but the place of a movable obstacle differs. Then nothing moves.
         """
         moves = self._moves(scene)
-        moved, replaced = list[PlacedPart](), False
+        moved = list[PlacedPart]()
         for k, obstacle, shapes in moves:
             pose = obstacle.pose.se3
             for part, shape in zip(self._parts[k], shapes, strict=False):
-                replaced |= part.measured_anew(shape.geometry, shape.placement)
+                part.measure_anew(shape.geometry, shape.placement)
             for part in self._parts[k]:
                 part.world = pose * part.local
                 moved.append(part)
@@ -165,7 +163,7 @@ class PlacedBodies:
             for part in moved:
                 part.write(model)
         self._scene = scene
-        return moved, replaced
+        return moved
 
     def _moves(self, scene: Scene) -> list[tuple[int, Obstacle, list[Part]]]:
         """Return which obstacles are elsewhere, and their parts where these were measured anew, else none."""

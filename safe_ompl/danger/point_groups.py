@@ -9,7 +9,7 @@ import numpy as np
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.groups import BALL
 
-_GROUP = 64  # points in a group
+_GROUP = 48  # points in a group
 _BLOCK = 32  # groups in a block
 _LEVELS = 12  # halvings of each side of the points' box in the curve that goes through them
 

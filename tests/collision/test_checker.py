@@ -1,14 +1,12 @@
 """Collision, margin and distance queries against plain coal calls over every pair."""
 
 import gc
-import logging
 import weakref
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision import checker as collision
 from safe_ompl.collision.checker import DISTANCE_ERROR, Clearance, CollisionChecker
 from safe_ompl.counts import Counts
 from safe_ompl.errors import InputError
@@ -318,26 +316,9 @@ def test_pairs_that_cannot_meet_still_have_a_distance(ur5):
 # ----------------------------------------------------------------------------------------------- the broad phase
 
 
-def test_a_broad_phase_that_lies_is_not_used(clutter, monkeypatch, caplog, plain_check, rng):
-    honest, ur5 = pin.computeCollisions, Robot.from_example("ur5")  # one that has not been looked at
-
-    def lying(model, data, *rest):
-        return len(rest) == 4 and honest(model, data, *rest)
-
-    monkeypatch.setattr(collision.pin, "computeCollisions", lying)
-    checker = CollisionChecker(ur5, clutter)
-    assert "disagrees with coal; not used" in caplog.text
-    plain = plain_check(ur5, clutter)
-    for q in configurations(ur5, rng, 20):
-        assert checker.in_collision(q) == (plain.nearest(q) < 0)
-
-
-def test_bodies_without_volume_are_not_overlooked(panda, plain_check, rng, caplog):
-    # Pinocchio's managers overlook nine in ten contacts with them.
+def test_bodies_without_volume_are_not_overlooked(panda, plain_check, rng):
     scene = Scene((Obstacle("sheet", Box((2.0, 2.0, 5e-324)), Pose((0.0, 0.0, 0.5))),))
-    with caplog.at_level(logging.INFO):
-        checker = CollisionChecker(panda, scene)
-    assert "overlooks bodies without volume: obstacle:sheet" in caplog.text
+    checker = CollisionChecker(panda, scene)
     plain, hits = plain_check(panda, scene), 0
     for q in configurations(panda, rng, 100):
         nearest = plain.nearest(q)
@@ -348,14 +329,12 @@ def test_bodies_without_volume_are_not_overlooked(panda, plain_check, rng, caplo
 
 
 @pytest.mark.parametrize("number", [10, 120])
-def test_the_broad_phase_of_small_and_large_scenes_is_in_use(ur5, plain_check, rng, caplog, number):
+def test_the_broad_phase_of_small_and_large_scenes_is_right(ur5, plain_check, rng, number):
     balls = [
         Obstacle(f"ball{k}", Sphere(0.02), Pose(tuple(place)))
         for k, place in enumerate(rng.uniform(-0.7, 0.7, (number, 3)))
     ]
-    with caplog.at_level(logging.WARNING):
-        checker = CollisionChecker(ur5, Scene(tuple(balls)))
-    assert "disagrees" not in caplog.text
+    checker = CollisionChecker(ur5, Scene(tuple(balls)))
     plain = plain_check(ur5, Scene(tuple(balls)))
     index = pairs_to_check(checker, plain)
     margins = rng.uniform(0, 0.05, len(index))
@@ -400,7 +379,7 @@ def test_answers_do_not_depend_on_what_was_asked_before(ur5, clutter, rng):
 def test_queries_are_counted(panda, clutter):
     counts = Counts()
     checker = CollisionChecker(panda, clutter, counts)
-    assert counts == Counts(), "proving the broad phase is not planning"
+    assert counts == Counts()
     q = np.zeros(7)
     checker.in_collision(q)
     checker.colliding_pair(q)

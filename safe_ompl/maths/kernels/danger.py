@@ -106,7 +106,7 @@ def dangers(
     out, levels, share = np.empty(B), np.empty(M), np.empty(M)
     rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     places, forces = np.empty((len(keys), 3)), np.empty((len(keys), 3))
-    fields, known = np.empty((len(links), len(balls))), np.empty((2, len(balls)))
+    fields, known = np.empty((len(links), len(balls))), np.empty((3, len(balls)))
     some = np.empty((1, most_points(balls)))
     sloped = len(gradients) > 0
     for b in range(B):

@@ -164,7 +164,8 @@ def add_pull(
     ∂φ/∂a = c e₁ − κ (b − a),  ∂φ/∂b = c e₂ + κ (b − a); by arc length ℓ times that, and ∓φ (b − a)/ℓ.
     """
     L = len(links)
-    pulls, u, v = np.empty((L, 2, 3)), np.empty(3), np.empty(3)
+    room = np.empty((L + 1, 2, 3))
+    pulls, u, v = room[:L], room[L, 0], room[L, 1]
     for k in range(L):
         start, end = links[k, 0], links[k, 1]
         for x in range(3):

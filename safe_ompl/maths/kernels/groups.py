@@ -58,9 +58,10 @@ def _look(
 ) -> None:
     """Write for each of a run of balls the field Σφ at its centre, and how far that of its points may be from it.
 
-    `known: (2, balls)` takes both; of their mean if `kind` is `MEAN`. `fields: (L, ·)` is room for the work.
+    `known: (3, balls)` takes both; of their mean if `kind` is `MEAN`. Its last row, and `fields: (L, ·)`, are room for
+    the work.
     """
-    first, away = points.shape[1] - len(balls), np.empty(end - begin)
+    first, away = points.shape[1] - len(balls), known[2]
     potentials(places, links, points, first + begin, first + end, by_length, fields)
     for g in range(begin, end):
         known[0, g] = known[1, g] = 0.0
@@ -126,7 +127,7 @@ def highest_level(
 
     Its gradient by the key points is added to `forces: (K, 3)` if `sloped`. Of the blocks, and of the groups in a
     block, the one with the highest bound comes first, the others in turn. Room for the work: `fields: (L, balls)`,
-    `known: (2, balls)`, and `levels: (1, ·)` for the points of a group.
+    `known: (3, balls)`, and `levels: (1, ·)` for the points of a group.
     """
     blocks, best, peak = balls[0].begin, 0, -inf
     _look(places, links, points, balls, 0, blocks, by_length, MAXIMUM, fields, known)
@@ -194,7 +195,7 @@ def _narrow(known: FloatArray, begin: int, end: int, allowed: float) -> float:
             total += known[1, g] if known[1, g] <= limit else 0.0
         if total <= allowed:
             return limit
-        limit *= 0.5
+        limit *= 0.7
     return 0.0
 
 
