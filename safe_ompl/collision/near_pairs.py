@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.near_boxes import near_boxes
+
+_PROBE = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.5, 0.7), np.array([1.0, 2.0, 3.0]))
 
 
 class NearPairs:
@@ -51,9 +54,21 @@ class NearPairs:
 
 
 def _places(data: pin.GeometryData) -> FloatArray:
-    """Return the places of all bodies as a view (G, 12): rotation, column by column, and translation."""
-    if not len(data.oMg):
+    """Return the places of all bodies as a view (G, 12): rotation, column by column, and translation.
+
+    Raises
+    ------
+    RuntimeError
+        If Pinocchio keeps them in memory otherwise than the view takes for granted.
+    """
+    number = len(data.oMg)
+    if not number:
         return np.empty((0, 12))
-    first = data.oMg[0].rotation
-    view: FloatArray = np.lib.stride_tricks.as_strided(first, (len(data.oMg), 12), (12 * 8, 8))
+    view: FloatArray = as_strided(data.oMg[0].rotation, (number, 12), (12 * 8, 8))
+    kept = data.oMg[number - 1].copy()
+    data.oMg[number - 1] = _PROBE
+    as_read = view[-1].copy()
+    data.oMg[number - 1] = kept
+    if not np.array_equal(as_read, [*_PROBE.rotation.T.ravel(), *_PROBE.translation]):
+        raise RuntimeError("this version of Pinocchio keeps the places of bodies in another layout")
     return view
