@@ -107,6 +107,7 @@ class RaceCost:
         self._density = cost.densities[0]
         least = self._density.field.minimum / self._density.reference
         self.minimum = 1.0 + self._density.weight * least**self._density.exponent
+        self.revision = self._density.field.revision  # nothing moves here
 
     def value(self, q: FloatArray) -> float:
         """Return the density at `q: (n,)`."""

@@ -1,6 +1,7 @@
 """Robots and an independent collision check for the tests; robots are frozen, so all tests share them."""
 
 import os
+import signal
 from functools import cache
 from math import ceil
 from pathlib import Path
@@ -20,6 +21,9 @@ from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
 
 os.environ["SAFE_OMPL_CACHE"] = "off"  # tests neither read nor leave anything in the user's cache
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what runs in the background
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 DATA = Path(__file__).parent / "data"
 
