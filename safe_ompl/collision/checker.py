@@ -172,15 +172,15 @@ class CollisionChecker:
             If anything else differs, or a movable obstacle would have other parts than before, such as a small cloud
             with another number of points. Then nothing moves.
         """
-        moved = self._placed.move(scene)
+        moved, measured = self._placed.move(scene)
         self.scene = scene
         if not moved:
             return
         self.revision += 1
         self._measure_from_axes(moved)
-        self._contact.follow()
+        self._contact.take_shapes(measured)
         for pairs in set(self._pair_sets.values()):
-            pairs.follow(self._obstacle_radii)
+            pairs.follow(self._obstacle_radii, measured)
 
     def _measure_from_axes(self, parts: Sequence[PlacedPart]) -> None:
         """Note how far parts of obstacles are from the joints' axes at most; the robot's own are infinitely far."""

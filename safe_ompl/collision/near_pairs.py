@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
@@ -37,13 +39,14 @@ class NearPairs:
         self._near = np.empty(len(pairs), dtype=np.intp)
         self.margins: FloatArray = np.zeros(len(pairs))
         self._boxes: FloatArray = np.empty((len(self._places), 6))
-        self.take_shapes()
+        self.take_shapes(range(len(self._boxes)))
 
-    def take_shapes(self) -> None:
-        """Take the boxes about the shapes that the bodies have now."""
-        for row, body in zip(self._boxes, self._geometry.geometryObjects, strict=True):
-            body.geometry.computeLocalAABB()
-            box = body.geometry.aabb_local
+    def take_shapes(self, bodies: Iterable[int]) -> None:
+        """Take the boxes about the shapes that some bodies have now."""
+        for index in bodies:
+            row, shape = self._boxes[index], self._geometry.geometryObjects[index].geometry
+            shape.computeLocalAABB()
+            box = shape.aabb_local
             row[:3], row[3:] = (box.max_ + box.min_) / 2, (box.max_ - box.min_) / 2
 
     def found(self) -> list[int]:

@@ -78,15 +78,17 @@ class PairSet:
         self.radii: FloatArray = self._robot.coupling.radii(self._joint_radii)
         self.radii.setflags(write=False)
 
-    def follow(self, obstacle_radii: FloatArray) -> None:
+    def follow(self, obstacle_radii: FloatArray, measured: Sequence[int]) -> None:
         """Renew what follows from the places of obstacles, which have moved; for `CollisionChecker`.
 
         Parameters
         ----------
         obstacle_radii : ndarray, shape (G, m)
             As above, for the places that all have now.
+        measured : sequence of int
+            Bodies whose shapes, or the sizes of these, are others now.
         """
-        self._queries.follow()
+        self._queries.take_shapes(measured)
         self._take_radii(obstacle_radii)
         vars(self).pop("bounds", None)
         self.revision += 1

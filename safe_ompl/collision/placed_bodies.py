@@ -142,8 +142,8 @@ class PlacedBodies:
         """The parts of all obstacles."""
         return [part for parts in self._parts for part in parts]
 
-    def move(self, scene: Scene) -> list[PlacedPart]:
-        """Take the places of another scene; return what has moved.
+    def move(self, scene: Scene) -> tuple[list[PlacedPart], list[int]]:
+        """Take the places of another scene; return what has moved, and the indices of what was measured anew.
 
         Raises
         ------
@@ -151,11 +151,12 @@ class PlacedBodies:
             If anything but the place of a movable obstacle differs. Then nothing moves.
         """
         moves = self._moves(scene)
-        moved = list[PlacedPart]()
+        moved, measured = list[PlacedPart](), list[int]()
         for k, obstacle, shapes in moves:
             pose = obstacle.pose.se3
             for part, shape in zip(self._parts[k], shapes, strict=False):
                 part.measure_anew(shape.geometry, shape.placement)
+                measured.append(part.index)
             for part in self._parts[k]:
                 part.world = pose * part.local
                 moved.append(part)
@@ -163,7 +164,7 @@ class PlacedBodies:
             for part in moved:
                 part.write(model)
         self._scene = scene
-        return moved
+        return moved, measured
 
     def _moves(self, scene: Scene) -> list[tuple[int, Obstacle, list[Part]]]:
         """Return which obstacles are elsewhere, and their parts where these were measured anew, else none."""

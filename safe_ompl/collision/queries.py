@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from functools import cache
 
 import coal
@@ -55,9 +56,9 @@ class Queries:
         self.set_margins(self.no_margins)
         self.touching: int | None = None
 
-    def follow(self) -> None:
-        """Look at the bodies anew: their shapes, or the sizes of these, are others now."""
-        self._near.take_shapes()
+    def take_shapes(self, bodies: Sequence[int]) -> None:
+        """Look at some bodies anew: their shapes, or the sizes of these, are others now."""
+        self._near.take_shapes(bodies)
 
     def touches(self, q: FloatArray, margins: FloatArray) -> bool:
         """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`."""
@@ -70,11 +71,6 @@ class Queries:
                 return True
         self.touching = None
         return False
-
-    def touches_plainly(self, q: FloatArray, margins: FloatArray) -> bool:
-        """Return the same as `touches`, without the broad phase."""
-        self.set_margins(margins)
-        return bool(pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, True))
 
     def all_contacts(self, q: FloatArray, margins: FloatArray) -> BoolArray:
         """Return for each pair (P,) whether it is nearer than its margin (P,) [m] at Pinocchio's `q: (nq,)`."""

@@ -417,7 +417,7 @@ class DangerField(RobotField):
     @property
     def groups(self) -> PointGroups | None:
         """The danger points in groups, where there are many of which a maximum is sought; else None."""
-        return self._danger_points.groups if self.aggregate == "max" else None
+        return self._groups if self.aggregate == "max" else None
 
     @property
     def _groups(self) -> PointGroups | None:

@@ -202,7 +202,8 @@ class SafePRM(WeighingPlanner):
         while not ptc():
             self._take_goals(ptc)
             self._patience.fade()
-            self._margin.begin_between([self._roadmap.configurations[ends] for ends in self._ends])
+            ends = self._roadmap.starts, self._roadmap.goals
+            self._margin.begin_between([self._roadmap.configurations[of] for of in ends])
             graph = Graph(len(self._roadmap), self._roadmap.starts, from_start=True)
             other = Graph(len(self._roadmap), self._roadmap.goals, from_start=False)
             path = self._safe_prm_planner(graph, other, ptc)
@@ -344,10 +345,6 @@ class SafePRM(WeighingPlanner):
         if isinstance(validity, CollisionFreeValidity):
             return LinkMetric(validity.checker.robot)
         return SpaceMetric(self._bridge)
-
-    @property
-    def _ends(self) -> tuple[list[int], list[int]]:
-        return self._roadmap.starts, self._roadmap.goals
 
     @property
     def _grown(self) -> Roadmap:

@@ -12,12 +12,8 @@ from safe_ompl.trajectories.estimate import DurationEstimate
 
 _LARGEST, _SMALLEST = 0.6, 0.01  # [rad] of a change
 _LONGER, _SHORTER = 1.5, 0.9  # what a success and a failure make of its size
-_REMOVALS, _CUTS, _STRAIGHTER, _AWAY = (
-    0.1,
-    0.05,
-    0.2,
-    0.25,
-)  # shares of the kinds of change; the rest is random
+_REMOVALS, _CUTS = 0.1, 0.05  # shares of the changes that take one way point out, or several
+_STRAIGHTER, _AWAY = 0.2, 0.25  # shares of the directions that are not random
 _NOISE = 0.5  # of a direction that is no random one
 _WIDTHS = (0.4, 1.0, 2.0)  # how many way points beside the moved one move with it: Gaussian,
 _LITTLE = 0.05  # and none by less than this share

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import TypeAlias
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.inputs import finite_array, number
+from safe_ompl.notices import warn_once
 from safe_ompl.robot.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -108,7 +108,7 @@ class RateLimits:
         if unsaid and (acceleration is None or isinstance(acceleration, Mapping)):
             values = dict(zip(robot.joint_names, default.tolist(), strict=True))
             joints = "its joints" if len(unsaid) == robot.n else ", ".join(unsaid)
-            _say_default(robot.name, joints, tuple(values[name] for name in unsaid))
+            warn_once(_log, _default_said(robot.name, joints, [values[name] for name in unsaid]))
         return cls(robot.joint_names, velocities, accelerations, _jerks(robot, jerk))
 
     def as_dict(self) -> dict[str, dict[str, float]]:
@@ -153,14 +153,10 @@ def _chosen(robot: Robot, given: LimitByJoint | None, default: FloatArray, kind:
     return finite_array(given, (robot.n,), f"{kind} limits")
 
 
-@cache
-def _say_default(robot: str, joints: str, accelerations: tuple[float, ...]) -> None:
-    """Warn of the default accelerations, once."""
-    _log.warning(
-        "%s: nobody says how fast %s may accelerate: taken is what reaches the velocity limit in %g s, %s; "
-        "give accelerations",
-        robot,
-        joints,
-        _RISE,
-        " to ".join(f"{a:g}" for a in sorted({min(accelerations), max(accelerations)})),
+def _default_said(robot: str, joints: str, accelerations: list[float]) -> str:
+    """Return what is said of default accelerations."""
+    values = " to ".join(f"{a:g}" for a in sorted({min(accelerations), max(accelerations)}))
+    return (
+        f"{robot}: nobody says how fast {joints} may accelerate: taken is what reaches the velocity limit in "
+        f"{_RISE:g} s, {values}; give accelerations"
     )

@@ -9,25 +9,11 @@ from safe_ompl.errors import InputError
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.goal import Goal
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
-from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Sphere
 from safe_ompl.setup.from_scenario import plan, setup_scenario
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
 IN_BALL = START * [0, 1, 1, 1, 1, 1]
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return Scene(
-        (
-            Obstacle("ball", Sphere(0.15), Pose((0.45, 0.1, 0.55)), weight=1.0),
-            Obstacle("shelf", Box((0.3, 0.6, 0.02)), Pose((0.5, 0.0, 0.1))),
-        )
-    )
 
 
 @pytest.fixture

@@ -10,11 +10,10 @@ from safe_ompl.paths.certificate.recipe import recipe
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.trajectories.limits import RateLimits, _say_default
+from safe_ompl.trajectories.limits import RateLimits
 
 
 def test_velocities_come_from_the_urdf_and_the_default_accelerations_are_said_aloud_once(panda, caplog):
-    _say_default.cache_clear()
     with caplog.at_level(logging.WARNING):
         limits = RateLimits.of(panda)
         RateLimits.of(panda)
@@ -68,7 +67,6 @@ def test_accelerations_that_the_robot_knows(panda, caplog):
     assert robot.accelerations == {first: 15.0, second: 7.5}
     assert robot.with_accelerations({first: 3.0}).accelerations == {first: 3.0, second: 7.5}
     assert panda.accelerations == {}
-    _say_default.cache_clear()
     assert RateLimits.of(robot).acceleration[:2].tolist() == [15.0, 7.5]
     assert first not in caplog.text
     assert panda.joint_names[2] in caplog.text

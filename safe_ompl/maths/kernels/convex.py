@@ -24,6 +24,8 @@ from safe_ompl.maths.kernels.simplex import nearest_in_simplex
 Records: TypeAlias = Any  # a structured array, or a row of one
 Vector = tuple[float, float, float]
 
+_NO_LENGTH = 1e-9  # [m]
+
 BODY = np.dtype(
     [
         ("joint", np.intp),  # number of the joint that carries it; 0: the world
@@ -127,6 +129,14 @@ def from_box(body: Records, pose: Records, point: FloatArray) -> Vector:
         R[1, 0] * a + R[1, 1] * b + R[1, 2] * c,
         R[2, 0] * a + R[2, 1] * b + R[2, 2] * c,
     )
+
+
+@part
+def begin_axis(axis: FloatArray, u: float, v: float, w: float, x: float, y: float, z: float) -> None:
+    """Write a first separating axis (3,): the way (u, v, w) between box and ball, or else that between the centres."""
+    if u * u + v * v + w * w < _NO_LENGTH**2:
+        u, v, w = x, y, z + _NO_LENGTH
+    axis[0], axis[1], axis[2] = u, v, w
 
 
 @compiled

@@ -24,11 +24,10 @@ import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.maths.kernels.compiled import compiled, part
-from safe_ompl.maths.kernels.convex import POSE, Records, distance_bounds, from_box, place_bodies
+from safe_ompl.maths.kernels.convex import POSE, Records, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.maths.kernels.joints import place_joints
 
 _ROUNDING = 1e-12  # of the length of an interval, and of rates
-_NO_LENGTH = 1e-9  # [m]
 
 
 class Pairs(NamedTuple):
@@ -119,9 +118,7 @@ def _half_length(
         if lower >= enough:
             continue
         if not known[p]:
-            if u * u + v * v + w * w < _NO_LENGTH**2:
-                u, v, w = x, y, z + _NO_LENGTH
-            axes[p, 0], axes[p, 1], axes[p, 2] = u, v, w
+            begin_axis(axes[p], u, v, w, x, y, z)
         found, _ = distance_bounds(
             bodies[A],
             poses[A],

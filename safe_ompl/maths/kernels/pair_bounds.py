@@ -9,10 +9,8 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.maths.kernels.compiled import compiled
-from safe_ompl.maths.kernels.convex import POSE, Records, distance_bounds, from_box, place_bodies
+from safe_ompl.maths.kernels.convex import POSE, Records, begin_axis, distance_bounds, from_box, place_bodies
 from safe_ompl.maths.kernels.joints import place_joints
-
-_NO_LENGTH = 1e-9  # [m]
 
 
 @compiled
@@ -65,9 +63,7 @@ def pair_bounds(
                 lower = max(lower, sqrt(u * u + v * v + w * w) - bodies[A].reach)
                 if lower < enough:
                     if not known[p]:
-                        if u * u + v * v + w * w < _NO_LENGTH**2:
-                            u, v, w = x, y, z + _NO_LENGTH
-                        axes[p, 0], axes[p, 1], axes[p, 2] = u, v, w
+                        begin_axis(axes[p], u, v, w, x, y, z)
                         known[p] = True
                     found, _ = distance_bounds(
                         bodies[A],

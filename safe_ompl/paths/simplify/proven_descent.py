@@ -119,10 +119,8 @@ class ProvenDescent:
             elif gain < self._terms.precision * self.price.total:
                 if settled:
                     break
-                largest, round_ = (
-                    _CAUTION * largest,
-                    0,
-                )  # the witnesses promised more: they hold for smaller steps
+                # The witnesses promised more: they hold for smaller steps.
+                largest, round_ = _CAUTION * largest, 0
                 descent.restart(self.path)
             else:
                 largest, round_ = min(LARGEST, largest / _CAUTION), min(round_ + 1, len(_ROUNDS) - 1)

@@ -18,9 +18,8 @@ class Room:
     """
 
     def __init__(self) -> None:
-        self._source: tuple[PairSet, int, float] | None = (
-            None  # pairs, their revision, how good bounds are [m]
-        )
+        # Pairs, their revision, and how good bounds are [m].
+        self._source: tuple[PairSet, int, float] | None = None
         self._bounds: dict[bytes, float] = {}
 
     def is_enough(self, motion: CertifiedMotion, q: FloatArray, margin: float) -> bool:
