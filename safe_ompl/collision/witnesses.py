@@ -9,7 +9,7 @@ import numpy as np
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray, positive
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pair_distances import PairDistances
-from safe_ompl.maths.kernels import path_cost as kernel
+from safe_ompl.maths.kernels import hinge_costs as kernel
 from safe_ompl.robot.joints.kinematic_tree import plain
 from safe_ompl.robot.robot import Robot
 
