@@ -126,7 +126,7 @@ def _way_out(robot: Robot, checker: CollisionChecker, rng: np.random.Generator) 
     """Return configurations (N, n) from outside to inside: the hand is drawn back along its last link."""
     q = rng.uniform(robot.lower, robot.upper)
     tip = robot.tip_pose(q)
-    reach = float(robot.keypoint_reaches(np.zeros((1, 3))).max())
+    reach = float(robot.bounds.keypoint_reaches(np.zeros((1, 3))).max())
     out = float(np.hypot(*tip.translation[:2]))
     if not (0.25 * reach < out < 0.6 * reach and 0.1 < tip.translation[2] < 0.7 * reach):
         return None

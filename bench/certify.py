@@ -217,7 +217,7 @@ class Subdivision:
             first_reach,
             last_pair,
         )
-        bodies = checker.robot.displacement_radii
+        bodies = checker.robot.bounds.displacement_radii
         pairs = np.array([(pair.first, pair.second) for pair in checker.geometry.collisionPairs], dtype=int)
         moves = np.vstack(
             [bodies, np.zeros((len(checker.geometry.geometryObjects) - len(bodies), checker.robot.n))]

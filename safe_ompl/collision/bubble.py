@@ -56,7 +56,7 @@ class Bubble:
         if distances.min(initial=np.inf) <= least:
             return None
         radii, form = checker.pair_radii_at(q), bubbles.BUBBLE_SHAPES[shape]
-        own = checker.robot.displacement_radii_at(q) if form.enclosing else radii
+        own = checker.robot.bounds.displacement_radii_at(q) if form.enclosing else radii
         return cls(q, form.weights(own, distances), radii, distances)
 
     def vertices(self, lower: FloatArray, upper: FloatArray, circular: BoolArray) -> FloatArray:

@@ -91,10 +91,10 @@ class CollisionChecker:
         self._names, parts = self._placed.names, self._placed.parts
         self.links = tuple(self._names[: len(bodies.geometryObjects)])
         self.revision = 0
-        self._obstacle_radii = np.full((len(self._names), robot.joint_radii.shape[1]), np.inf)
+        self._obstacle_radii = np.full((len(self._names), robot.bounds.joint_radii.shape[1]), np.inf)
         self._measure_from_axes(parts)
 
-        reaches = robot.body_reaches
+        reaches = robot.bounds.body_reaches
         self._apart_pairs = [(body, part.index) for part in parts for body in reaches]
         moves = np.array([self._names[part.index] in self.movable for part in parts], dtype=bool)
         self._approaches = Approaches(list(reaches.values()), parts, moves)
@@ -255,7 +255,7 @@ class CollisionChecker:
         They hold for motions that start at `q` (`docs/mathematics.md` §3).
         """
         bodies = np.zeros((len(self._names), self.robot.n))
-        bodies[: len(self.links)] = self.robot.displacement_radii_at(configuration(q, self.robot.n))
+        bodies[: len(self.links)] = self.robot.bounds.displacement_radii_at(configuration(q, self.robot.n))
         first, second = self.pairs.bodies.T
         both: FloatArray = bodies[first] + bodies[second]
         return np.minimum(both, self.pairs.radii)

@@ -77,11 +77,11 @@ class DistanceBounds:
         radii: FloatArray,
         counts: Counts,
     ) -> None:
-        own = robot.convex_bodies
+        own = robot.bounds.convex_bodies
         links = len(own.bodies)
         bodies = own.joined(ConvexBodies.of(list(geometry.geometryObjects)[links:]))
-        moved = np.zeros((len(bodies.bodies), robot.joint_radii.shape[1]), dtype=bool)
-        moved[:links] = robot.joint_radii > 0
+        moved = np.zeros((len(bodies.bodies), robot.bounds.joint_radii.shape[1]), dtype=bool)
+        moved[:links] = robot.bounds.joint_radii > 0
         self._bodies = bodies.bodies
         self._data = (
             robot.kinematics.joints,

@@ -60,7 +60,7 @@ class PairSet:
         obstacle_radii: FloatArray,
         counts: Counts,
     ) -> None:
-        pairs, links = indices(geometry), len(robot.joint_radii)
+        pairs, links = indices(geometry), len(robot.bounds.joint_radii)
         self.geometry = geometry
         self.names = tuple((names[a], names[b]) for a, b in pairs)
         self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
@@ -74,7 +74,7 @@ class PairSet:
         self._queries = Queries(robot.shared.model, geometry)
 
     def _take_radii(self, obstacle_radii: FloatArray) -> None:
-        self._joint_radii = _pair_radii(self._robot.joint_radii, self.bodies, obstacle_radii)
+        self._joint_radii = _pair_radii(self._robot.bounds.joint_radii, self.bodies, obstacle_radii)
         self.radii: FloatArray = self._robot.coupling.radii(self._joint_radii)
         self.radii.setflags(write=False)
 

@@ -301,7 +301,7 @@ class DangerField(RobotField):
             return 0.0
         if self.weighting == "length" and self._segments.lengths is None:
             return 0.0
-        ends = self.robot.keypoint_reaches(self.points)[self.robot.segments]
+        ends = self.robot.bounds.keypoint_reaches(self.points)[self.robot.segments]
         farthest = ends.max(axis=1)  # (L, M): no point of a segment is farther away than both of its ends
         lengths = self._segments.lengths if self.weighting == "length" else None
         charges = np.ones(len(farthest)) if lengths is None else lengths

@@ -35,7 +35,7 @@ class KeypointRates:
         base and j: Σ r_j, Σ r_j (2W_j + w_j), Σ r_j (3W_j² + 3W_j w_j + w_j²).
         """
         steps = np.abs(robot.coupling.motions(deltas))[:, None, :]
-        moved = steps * robot.joint_keypoint_radii
+        moved = steps * robot.bounds.joint_keypoint_radii
         turn = np.where(robot.joint_keypoint_support & ~robot.joint_prismatic, steps, 0.0)
         below = np.cumsum(turn, axis=2) - turn  # Pinocchio counts joints from the base
         return cls(

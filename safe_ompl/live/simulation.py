@@ -190,7 +190,7 @@ class Simulation:
             if self.judge is None:
                 continue
             if i:
-                way = float(np.abs(state.q - first_q) @ robot.displacement_radii.max(axis=0))
+                way = float(np.abs(state.q - first_q) @ robot.bounds.displacement_radii.max(axis=0))
                 way += max(
                     (float(np.linalg.norm(a - b, axis=1).max()) for a, b in zip(ends, first, strict=True)),
                     default=0.0,

@@ -366,7 +366,7 @@ class BubblePlanner(WeighingPlanner):
         costs = cost.values(points)
         if not self._normalized:
             return costs
-        return self._danger.in_metres(costs, self._checker.robot.arm_rates)
+        return self._danger.in_metres(costs, self._checker.robot.bounds.arm_rates)
 
     # -------------------------------------------------------------------------------------------- the trees
 
@@ -375,7 +375,7 @@ class BubblePlanner(WeighingPlanner):
         return self._trees
 
     def _forget(self) -> None:
-        rates = self._checker.robot.arm_rates if self._normalized else np.ones(self._bridge.n)
+        rates = self._checker.robot.bounds.arm_rates if self._normalized else np.ones(self._bridge.n)
         self._metric = JointMetric(self._bridge, rates, taxicab=not self._normalized)
         self._trees = VolumeTrees(self._bridge, self._metric, diverse=self._beta > 0)
         self._turns = self._places = 0

@@ -18,12 +18,21 @@ from safe_ompl.robot.forward_kinematics import ForwardKinematics
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
 
 
-class DisplacementBounds(ForwardKinematics):
+class DisplacementBounds:
     """Displacement radii of a robot's bodies and key points, and how far these can be from anything.
 
     Radii are known for each of the m joints of Pinocchio's model (`joint_…`), and from these for the n planned ones.
     Where the bodies of a pair are moved by a joint and by one that mimics it, only the former say how they approach.
+
+    Parameters
+    ----------
+    kinematics : ForwardKinematics
+        The robot.
     """
+
+    def __init__(self, kinematics: ForwardKinematics) -> None:
+        self._robot = kinematics
+        self._chain = kinematics.shared.chain
 
     @cached_property
     def displacement_radii(self) -> FloatArray:
@@ -31,7 +40,7 @@ class DisplacementBounds(ForwardKinematics):
 
         Rows follow `collision_model.geometryObjects`. See `safe_ompl.robot.bodies.reach`.
         """
-        return _frozen(self.coupling.radii(self.joint_radii))
+        return _frozen(self._robot.coupling.radii(self.joint_radii))
 
     @cached_property
     def joint_radii(self) -> FloatArray:
@@ -40,7 +49,7 @@ class DisplacementBounds(ForwardKinematics):
             self._chain.radii(part.parentJoint, bounding_hull(part.geometry).moved(part.placement))
             for part in self._bodies
         ]
-        return _frozen(np.array(radii).reshape(-1, self._model.nv))
+        return _frozen(np.array(radii).reshape(-1, self._robot.shared.model.nv))
 
     @cached_property
     def body_reaches(self) -> dict[int, ReachCylinder]:
@@ -59,21 +68,24 @@ class DisplacementBounds(ForwardKinematics):
     @cached_property
     def keypoint_radii(self) -> FloatArray:
         """Proven radii R̄ (K, n) of the key points of the skeleton; otherwise like `displacement_radii`."""
-        return _frozen(self.coupling.radii(self.joint_keypoint_radii))
+        return _frozen(self._robot.coupling.radii(self.joint_keypoint_radii))
 
     @cached_property
     def joint_keypoint_radii(self) -> FloatArray:
         """The radii R̄ (K, m) of the key points by the joints of Pinocchio's model."""
-        keys = zip(self._key_joints, self._key_offsets, strict=True)
         return _frozen(
-            np.array([self._chain.radii(int(joint), Hull(offset[None], 0.0)) for joint, offset in keys])
+            np.array(
+                [self._chain.radii(int(joint), Hull(offset[None], 0.0)) for joint, offset in self._key_points]
+            )
         )
 
     def keypoint_reaches(self, points: ArrayLike) -> FloatArray:
         """Return how far (K, M) [m] each key point can ever be from fixed `points: (M, 3)`, at most; proven."""
         points = finite_array(points, (None, 3), "points")
-        reaches = np.empty((len(self._key_joints), len(points)))
-        for k, (joint, offset) in enumerate(zip(self._key_joints, self._key_offsets, strict=True)):
+        reaches = np.empty((len(self._key_points), len(points)))
+        for k, (joint, offset) in enumerate(
+            zip(self._robot.skeleton.joints, self._robot.skeleton.offsets, strict=True)
+        ):
             if joint == 0:
                 reaches[k] = np.linalg.norm(points - offset, axis=1)
             else:
@@ -81,32 +93,19 @@ class DisplacementBounds(ForwardKinematics):
                 reaches[k] = [region.farthest(Hull(point[None], 0.0)) for point in points]
         return reaches
 
-    @cached_property
-    def keypoint_support(self) -> BoolArray:
-        """Which of the planned joints move each key point, (K, n)."""
-        return _frozen(self.coupling.radii(self._support.astype(np.float64)) > 0)
-
-    @property
-    def joint_keypoint_support(self) -> BoolArray:
-        """Which of the joints of Pinocchio's model move each key point, (K, m)."""
-        return self._support
-
-    @property
-    def joint_prismatic(self) -> BoolArray:
-        """Which of the joints of Pinocchio's model slide, (m,)."""
-        return self._chain.prismatic
-
     def displacement_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.
 
         Tighter than `displacement_radii`, and dearer. Between `q` and q + Δ no point of body g moves more than
         Σ_i R_gi·|Δ_i| (`docs/mathematics.md` §3: the radii at the centre are enough).
         """
-        return self.coupling.radii(self.joint_radii_at(self._checked(q)))
+        return self._robot.coupling.radii(self.joint_radii_at(self._robot.configuration(q)))
 
     def joint_radii_at(self, q: FloatArray) -> FloatArray:
         """Return the radii R (G, m) at `q: (n,)` by the joints of Pinocchio's model."""
-        rotation, origins, axes = (frames[0] for frames in self.kinematics.frames(self._values(q[None])))
+        rotation, origins, axes = (
+            frames[0] for frames in self._robot.kinematics.frames(self._robot.model_values(q[None]))
+        )
         joints, corners, pads, support = self._body_corners
         fixed = (joints == 0)[:, None, None]  # to the base: no joint moves them
         carried = np.einsum("gij,gpj->gpi", rotation[joints - 1], corners) + origins[joints - 1][:, None]
@@ -115,13 +114,13 @@ class DisplacementBounds(ForwardKinematics):
         along = np.einsum("gipc,ic->gip", arms, axes)
         squared = np.einsum("gipc,gipc->gip", arms, arms) - along**2
         radii = np.sqrt(np.maximum(squared, 0).max(axis=2)) + pads[:, None]
-        return np.where(self._sliding, 1.0, radii) * support
+        return np.where(self._robot.joint_prismatic, 1.0, radii) * support
 
     @cached_property
     def arm_rates(self) -> FloatArray:
         """How far (n,) the joints move the arm at most, on an average over configurations [m/rad]."""
-        sides = self.upper - self.lower
-        spread = [self.lower + sides * halton_point(k, self.n) for k in _RATE_SAMPLES]
+        sides = self._robot.upper - self._robot.lower
+        spread = [self._robot.lower + sides * halton_point(k, self._robot.n) for k in _RATE_SAMPLES]
         rates: FloatArray = np.mean([self.displacement_radii_at(q).max(axis=0) for q in spread], axis=0)
         rates.setflags(write=False)
         return rates
@@ -132,11 +131,22 @@ class DisplacementBounds(ForwardKinematics):
         hulls = [bounding_hull(part.geometry, coarse=True).moved(part.placement) for part in parts]
         corners = np.array([np.resize(hull.points, (8, 3)) for hull in hulls]).reshape(-1, 8, 3)
         joints = np.array([part.parentJoint for part in parts], dtype=np.intp)
-        return joints, corners, np.array([hull.radius for hull in hulls]), self._supporting_joints(joints)
+        return (
+            joints,
+            corners,
+            np.array([hull.radius for hull in hulls]),
+            self._robot.supporting_joints(joints),
+        )
+
+    @cached_property
+    def _key_points(self) -> list[tuple[int, FloatArray]]:
+        """Pinocchio's joint that carries each key point, and its place there [m]."""
+        skeleton = self._robot.skeleton
+        return list(zip(skeleton.joints.tolist(), skeleton.offsets, strict=True))
 
     @cached_property
     def _bodies(self) -> list[pin.GeometryObject]:
-        return list(self.shared.collision_model.geometryObjects)
+        return list(self._robot.shared.collision_model.geometryObjects)
 
 
 _Array = TypeVar("_Array", FloatArray, BoolArray)

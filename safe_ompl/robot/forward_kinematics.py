@@ -30,6 +30,15 @@ class ForwardKinematics:
     ----------
     parts : RobotParts
         Pinocchio's models of the robot.
+
+    Attributes
+    ----------
+    skeleton : Skeleton
+        Key points and link segments.
+    joint_prismatic : ndarray of bool, shape (m,)
+        Which of the joints of Pinocchio's model slide.
+    joint_keypoint_support : ndarray of bool, shape (K, m)
+        Which of the joints of Pinocchio's model move each key point.
     """
 
     def __init__(self, parts: RobotParts) -> None:
@@ -62,7 +71,7 @@ class ForwardKinematics:
         skeleton = Skeleton.from_model(model, parts.link_ends, parts.tips)
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names
-        self._key_joints, self._key_offsets = skeleton.joints, skeleton.offsets
+        self.skeleton = skeleton
         self.kinematics = KinematicTree(
             self._chain.parents,
             self._chain.placements,
@@ -71,9 +80,17 @@ class ForwardKinematics:
             skeleton.joints,
             skeleton.offsets,
         )
-        self._support = self._supporting_joints(skeleton.joints)
+        self.joint_prismatic: BoolArray = self._sliding
+        self.joint_keypoint_support = self.supporting_joints(skeleton.joints)
         self._scratch = _Scratch(model)
-        for array in (self.lower, self.upper, self.segments, self.continuous, self.prismatic, self._support):
+        for array in (
+            self.lower,
+            self.upper,
+            self.segments,
+            self.continuous,
+            self.prismatic,
+            self.joint_keypoint_support,
+        ):
             array.setflags(write=False)
 
     # ---------------------------------------------------------------------------------------- configurations
@@ -151,7 +168,7 @@ class ForwardKinematics:
 
     def keypoints_batch(self, Q: ArrayLike) -> FloatArray:
         """Return the key points (B, K, 3) [m] for a batch of configurations `Q: (B, n)`."""
-        return self.kinematics.places(self._values(Q))
+        return self.kinematics.places(self.model_values(Q))
 
     def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
         """Map gradients with respect to the key points to gradients with respect to the joints, Σ_k J_kᵀ g_k.
@@ -167,13 +184,15 @@ class ForwardKinematics:
         -------
         ndarray, shape (B, n)
         """
-        return self.coupling.columns(self.kinematics.pull_back(self._values(Q), gradients))
+        return self.coupling.columns(self.kinematics.pull_back(self.model_values(Q), gradients))
 
     def keypoint_jacobians(self, q: ArrayLike) -> FloatArray:
         """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
         values = self.coupling.values(self._checked(q)[None])
-        rows = np.zeros(len(self._key_joints), dtype=np.intp)
-        columns = self.kinematics.point_jacobians(values, rows, self._key_joints, self._key_offsets)[1]
+        rows = np.zeros(len(self.skeleton.joints), dtype=np.intp)
+        columns = self.kinematics.point_jacobians(values, rows, self.skeleton.joints, self.skeleton.offsets)[
+            1
+        ]
         return self.coupling.columns(np.swapaxes(columns, 1, 2))
 
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -191,7 +210,7 @@ class ForwardKinematics:
         three ndarrays, shape (B, K, 3)
             x [m], dx/dt and d²x/dt² [m, for t without unit].
         """
-        return self.kinematics.motions(self._values(Q), self.coupling.motions(delta))
+        return self.kinematics.motions(self.model_values(Q), self.coupling.motions(delta))
 
     def body_points(
         self, Q: FloatArray, rows: IntArray, joints: IntArray, points: FloatArray
@@ -216,7 +235,7 @@ class ForwardKinematics:
         jacobians : ndarray, shape (C, n, 3)
             Velocity of the point per unit of each joint's rate; the Jacobian, transposed.
         """
-        places, columns = self.kinematics.point_jacobians(self._values(Q), rows, joints, points)
+        places, columns = self.kinematics.point_jacobians(self.model_values(Q), rows, joints, points)
         if self.coupling.trivial:
             return places, columns
         return places, np.swapaxes(self.coupling.columns(np.swapaxes(columns, 1, 2)), 1, 2)
@@ -240,14 +259,14 @@ class ForwardKinematics:
 
     # ---------------------------------------------------------------------------------------------- internals
 
-    def _values(self, Q: ArrayLike) -> FloatArray:
+    def model_values(self, Q: ArrayLike) -> FloatArray:
         """Return the values (B, m) of the model's joints at `Q: (B, n)`; what is an array of floats may hold NaN."""
         if type(Q) is not np.ndarray or Q.ndim != 2 or Q.shape[1] != self.n or Q.dtype is not _FLOAT:
             Q = self.configurations(Q)
         return self.coupling.values(Q)
 
-    def _supporting_joints(self, joints: IntArray) -> BoolArray:
-        """For each of the Pinocchio joints (K,): which of the m joints move it (K, m)."""
+    def supporting_joints(self, joints: IntArray) -> BoolArray:
+        """Return for each of Pinocchio's joints (K,) which of the m joints move it, (K, m)."""
         support = np.zeros((len(joints), self._model.nv), dtype=bool)
         for row, joint in enumerate(joints):
             support[row, self._chain.path_to_root(int(joint))] = True

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import warnings
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,24 +14,33 @@ from numpy.typing import ArrayLike
 
 from safe_ompl import document
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.inputs import number
+from safe_ompl.robot.bodies.reach import JointChain
+from safe_ompl.robot.construction.attachment import Attachment, as_pose
 from safe_ompl.robot.construction.blueprint import (
+    Attached,
+    Blueprint,
     Combined,
+    OnBase,
     PoseLike,
     RangeByJoint,
     Ranges,
+    WithAccelerations,
     check_prefixes,
     standing,
 )
-from safe_ompl.robot.construction.parts import independent
+from safe_ompl.robot.construction.parts import GuardedCopy, RobotParts, independent
 from safe_ompl.robot.construction.sources import ModelsBlueprint, UrdfBlueprint, check_models
 from safe_ompl.robot.description.collision_shapes import CollisionSource
 from safe_ompl.robot.description.examples import find_example, robots_folder
 from safe_ompl.robot.description.urdf import existing_file
+from safe_ompl.robot.displacement_bounds import DisplacementBounds
+from safe_ompl.robot.forward_kinematics import ForwardKinematics
 from safe_ompl.robot.joints.coupling import Mimic
-from safe_ompl.robot.variants import Varied
+from safe_ompl.scene.shapes.basic import Shape
 
 
-class Robot(Varied):
+class Robot(ForwardKinematics):
     """A robot of revolute, prismatic and continuous joints; frozen once built.
 
     Build one with `Robot.from_urdf`, `Robot.from_example` or `Robot.from_models`. A configuration is an array `q: (n,)`
@@ -66,6 +78,13 @@ class Robot(Varied):
     parts : RobotParts, optional
         What the blueprint builds, where that is known.
     """
+
+    def __init__(self, blueprint: Blueprint, parts: RobotParts | None = None) -> None:
+        self.blueprint = blueprint
+        super().__init__(blueprint.assemble() if parts is None else parts)
+        self.name: str = self.shared.name
+        self.held_joints = dict(self.shared.held)
+        self.links_without_collision = self.shared.links_without_collision
 
     # ------------------------------------------------------------------------------------------ construction
 
@@ -274,6 +293,137 @@ class Robot(Varied):
         blueprints = {prefix: robot.blueprint for prefix, robot in robots.items()}
         blueprint = Combined(document.text("name", name), blueprints, tip or next(iter(robots)))
         return cls(blueprint, blueprint.joined({prefix: robot.shared for prefix, robot in robots.items()}))
+
+    # ------------------------------------------------------------------------------------------------ variants
+
+    def with_limits(self, limits: RangeByJoint) -> Robot:
+        """Return the same robot with other limits [rad or m] for the joints named."""
+        return type(self)(self.blueprint.with_limits(limits))
+
+    def with_base(self, pose: PoseLike) -> Robot:
+        """Return the same robot with its base, as it is now, moved by `pose` in the world."""
+        blueprint = OnBase(self.blueprint, as_pose(pose, "base"))
+        return type(self)(blueprint, blueprint.applied(self.shared))
+
+    def with_attached(
+        self,
+        name: str,
+        shape: Shape,
+        link: str | None = None,
+        pose: PoseLike | None = None,
+        *,
+        touch_links: Sequence[str] = (),
+        danger: bool = False,
+    ) -> Robot:
+        """Return the same robot with an object in its gripper: checked against the scene and against the robot.
+
+        Parameters
+        ----------
+        name : str
+            Name of the object, for reports.
+        shape : Shape
+            Box, Sphere, Cylinder, Capsule or Mesh of `safe_ompl.scene.shapes`.
+        link : str, optional
+            Link or frame that it is fixed to; default: the tip.
+        pose : Pose, pin.SE3, mapping or position, optional
+            Where it is in the frame of the link; default: at its origin.
+        touch_links : sequence of str
+            Links that it may touch, such as moving fingers. Those that do not move against `link` it always may.
+        danger : bool
+            Make the object a link of the skeleton, so that it is dangerous like the arm.
+
+        Raises
+        ------
+        InputError, UnknownNameError
+            If the shape is another, the link does not exist, or its name is taken.
+        """
+        where = self.tip if link is None else link
+        return self.holding(Attachment(name, shape, where, as_pose(pose), tuple(touch_links), danger))
+
+    def holding(self, item: Attachment) -> Robot:
+        """Return the same robot with an object in its gripper, as `with_attached` describes it."""
+        blueprint = Attached(self.blueprint, item)
+        return type(self)(blueprint, blueprint.applied(self.shared))
+
+    def with_accelerations(self, limits: Mapping[str, float]) -> Robot:
+        """Return the same robot that knows acceleration limits of its joints; URDFs have none.
+
+        Parameters
+        ----------
+        limits : mapping of str to float
+            By joint [rad/s² or m/s²]; of joints that are not named what was known before stays.
+
+        Raises
+        ------
+        UnknownNameError
+            If it plans with no joint of such a name.
+        InputError
+            If a limit is not positive.
+        """
+        for name, limit in limits.items():
+            if name not in self.joint_names:
+                raise UnknownNameError("joint", name, self.joint_names, "accelerations")
+            number(f"acceleration limit of joint {name!r}", limit, above=0.0)
+        chosen = {name: float(limit) for name, limit in limits.items()}
+        return type(self)(WithAccelerations(self.blueprint, chosen), self.shared)
+
+    @property
+    def accelerations(self) -> dict[str, float]:
+        """Acceleration limits that are known, by joint [rad/s² or m/s²]; see `with_accelerations`."""
+        return self.blueprint.accelerations()
+
+    def without_attached(self, name: str) -> Robot:
+        """Return the same robot without the object called `name`; raise UnknownNameError if it holds none."""
+        return type(self)(self.blueprint.without(name))
+
+    @property
+    def attached(self) -> tuple[Attachment, ...]:
+        """The objects that it holds."""
+        return self.blueprint.attached()
+
+    # --------------------------------------------------------------------------------------- bodies and models
+
+    @cached_property
+    def bounds(self) -> DisplacementBounds:
+        """Bounds of how far bodies and key points move when joints do."""
+        return DisplacementBounds(self)
+
+    @property
+    def model(self) -> pin.Model:
+        """A copy of Pinocchio's model of the joints that move, mimic joints included."""
+        model: pin.Model = self._model_copy.get()
+        return model
+
+    @property
+    def collision_model(self) -> pin.GeometryModel:
+        """A copy of the bodies of the links, with the pairs of them that are checked against each other."""
+        bodies: pin.GeometryModel = self._bodies_copy.get()
+        return bodies
+
+    @cached_property
+    def visual_model(self) -> pin.GeometryModel:
+        """A copy of the visual geometry; of the collision bodies where the visual meshes are missing."""
+        return self.shared.read_visual() or independent(self.shared.collision_model)
+
+    @property
+    def chain(self) -> JointChain:
+        """A copy of the joints as displacement bounds need them."""
+        return copy.deepcopy(self.shared.chain)
+
+    @cached_property
+    def _model_copy(self) -> GuardedCopy:
+        return GuardedCopy(self.shared.model, pin.Model.copy, f"{self.name}: model")
+
+    @cached_property
+    def _bodies_copy(self) -> GuardedCopy:
+        return GuardedCopy(self.shared.collision_model, independent, f"{self.name}: collision_model")
+
+    def __getattr__(self, name: str) -> Any:
+        """Find what was moved to `bounds` under its former name, for one version more."""
+        if name.startswith("_") or not hasattr(DisplacementBounds, name):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        warnings.warn(f"Robot.{name} is now Robot.bounds.{name}", DeprecationWarning, stacklevel=2)
+        return getattr(self.bounds, name)
 
     # ----------------------------------------------------------------------------------------------- questions
 

@@ -164,7 +164,7 @@ def danger_within(field: DangerField, q: FloatArray, steps: FloatArray) -> float
     """Return a proven bound of the danger while the joints are within `steps: (n,)` of `q: (n,)`; +inf: not known."""
     robot = field.robot
     fields, distances = field.link_fields(robot.keypoints(q)[None])
-    moved = (robot.keypoint_radii @ steps)[robot.segments].max(axis=1)
+    moved = (robot.bounds.keypoint_radii @ steps)[robot.segments].max(axis=1)
     grown = segment_bounds(fields, distances, moved[:, None])
     if field.weighting == "length":
         if field.segments.lengths is None:

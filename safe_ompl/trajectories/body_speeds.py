@@ -38,8 +38,8 @@ class BodySpeeds:
         self._pads: FloatArray = np.array([hull.radius for hull in hulls])
         chain = robot.shared.chain
         tip_radii = chain.radii(int(frame.parentJoint), tip)[None]
-        self._radii: FloatArray = np.vstack([robot.joint_radii, tip_radii])
-        self._moved: FloatArray = np.zeros((len(hulls), robot.joint_radii.shape[1]))
+        self._radii: FloatArray = np.vstack([robot.bounds.joint_radii, tip_radii])
+        self._moved: FloatArray = np.zeros((len(hulls), robot.bounds.joint_radii.shape[1]))
         for row, joint in enumerate(carriers):
             self._moved[row, chain.path_to_root(int(joint))] = 1.0
 

@@ -96,7 +96,7 @@ class MovingDanger:
         steps, bends = (robot.coupling.reach(bound) for bound in (spans.slopes, spans.bends))
         sliding = self._joints.prismatic
         accelerations = acceleration_bounds(
-            robot.joint_keypoint_radii, robot.joint_keypoint_support, sliding, steps, bends
+            robot.bounds.joint_keypoint_radii, robot.joint_keypoint_support, sliding, steps, bends
         )
         speeds = np.linalg.norm(velocities, axis=2) + spans.halves[:, None] * accelerations
         weights = np.ones(len(points)) if field.weights is None else field.weights

@@ -122,7 +122,7 @@ class PeopleDistances:
         for j, q in enumerate(Q):
             if j:
                 steps = self.robot.coupling.reach(np.abs(q - Q[j - 1])[None])[0]
-                bounds -= (self.robot.joint_radii @ steps)[self._body]
+                bounds -= (self.robot.bounds.joint_radii @ steps)[self._body]
             self._refresh(q, bounds, slowness, still, np.inf, by_limb=False)
             times[j] = self._time(bounds, slowness).min()
         return times

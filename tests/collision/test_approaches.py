@@ -34,7 +34,7 @@ def test_pairs_that_can_come_near_are_those_that_coal_finds(robot_named, rng, na
     places = [Pose.from_rpy(rng.uniform(-2.0, 2.0, 3), rng.uniform(-3, 3, 3)) for _ in range(8 * len(shapes))]
     scene = Scene([Obstacle(str(k), shapes[k % len(shapes)], place) for k, place in enumerate(places)])
     parts = PlacedBodies(robot.collision_model, scene, ()).parts
-    reaches = list(robot.body_reaches.values())
+    reaches = list(robot.bounds.body_reaches.values())
     approaches = Approaches(reaches, parts, np.zeros(len(parts), dtype=bool))
     expected = np.array([[coal_distance(reach, part) for reach in reaches] for part in parts])
     for distance in (1e-5, 0.05, 0.4):
@@ -46,5 +46,5 @@ def test_pairs_that_can_come_near_are_those_that_coal_finds(robot_named, rng, na
 def test_what_may_be_anywhere_is_always_near(panda):
     scene = Scene([Obstacle("far", Sphere(0.1), Pose((50.0, 0.0, 0.0)))])
     parts = PlacedBodies(panda.collision_model, scene, ["far"]).parts
-    reaches = list(panda.body_reaches.values())
+    reaches = list(panda.bounds.body_reaches.values())
     assert Approaches(reaches, parts, np.array([True])).nearer_than(1e-5).all()

@@ -59,7 +59,7 @@ class Transcription:
 
     def bubble(self, q):
         """r_i/d_c: the cylinder about the axis of joint i that encloses all links, and the closest obstacle."""
-        r = self.robot.displacement_radii_at(q).max(axis=0)
+        r = self.robot.bounds.displacement_radii_at(q).max(axis=0)
         return r / (self.checker.pair_distances(q).min() - DISTANCE_ERROR)
 
     def bubble_endpoints(self, q, weights):
@@ -145,6 +145,6 @@ def test_the_cube_of_the_paper_lies_within_its_bubble(arm):
 
 def test_the_radii_of_the_paper_are_those_of_all_links(arm):
     q = np.array([1.2, -0.5])
-    bubble, r = Bubble.around(q, arm.checker, "paper"), arm.robot.displacement_radii_at(q).max(axis=0)
+    bubble, r = Bubble.around(q, arm.checker, "paper"), arm.robot.bounds.displacement_radii_at(q).max(axis=0)
     np.testing.assert_allclose(bubble.weights, r / (arm.checker.pair_distances(q).min() - DISTANCE_ERROR))
     assert (r >= arm.checker.pair_radii_at(q).max(axis=0)).all()

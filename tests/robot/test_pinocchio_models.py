@@ -41,7 +41,7 @@ def spoil_model(robot):
 @pytest.mark.parametrize("spoil", [spoil_bodies, spoil_pairs, spoil_shape, spoil_placement, spoil_model])
 def test_what_is_done_to_a_model_handed_out_changes_nothing(robot, caplog, spoil):
     q = (robot.lower + robot.upper) / 2
-    before = robot_hash(robot), robot.displacement_radii.copy(), robot.keypoints(q)
+    before = robot_hash(robot), robot.bounds.displacement_radii.copy(), robot.keypoints(q)
     pairs = CollisionChecker(robot, Scene()).pair_names
     spoil(robot)
     spoiled = "model" if spoil is spoil_model else "collision_model"
@@ -50,11 +50,11 @@ def test_what_is_done_to_a_model_handed_out_changes_nothing(robot, caplog, spoil
         f"twin_arm: {spoiled} was changed, which does not change the robot: use with_attached" in caplog.text
     )
     assert robot_hash(robot) == before[0]
-    np.testing.assert_array_equal(robot.displacement_radii, before[1])
+    np.testing.assert_array_equal(robot.bounds.displacement_radii, before[1])
     np.testing.assert_array_equal(robot.keypoints(q), before[2])
     checker = CollisionChecker(robot, Scene())
     assert checker.pair_names == pairs
-    assert len(robot.collision_model.geometryObjects) == len(robot.displacement_radii)
+    assert len(robot.collision_model.geometryObjects) == len(robot.bounds.displacement_radii)
     fresh = pin.GeometryData(robot.collision_model)
     data = robot.model.createData()
     full = robot.pinocchio_configuration(q)
@@ -77,12 +77,20 @@ def test_the_chain_is_a_copy(robot):
 
 
 def test_arrays_are_read_only(robot):
-    for name in (
-        *("lower", "upper", "continuous", "prismatic", "segments", "displacement_radii", "joint_radii"),
-        *("keypoint_radii", "joint_keypoint_radii", "keypoint_support", "arm_rates"),
-    ):
+    own = ("lower", "upper", "continuous", "prismatic", "segments", "joint_keypoint_support")
+    radii = ("displacement_radii", "joint_radii", "keypoint_radii", "joint_keypoint_radii", "arm_rates")
+    arrays = [getattr(robot, name) for name in own] + [getattr(robot.bounds, name) for name in radii]
+    for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
-            getattr(robot, name)[...] = 0
+            array[...] = 0
+
+
+def test_bounds_are_found_under_their_former_names_with_a_warning(robot):
+    with pytest.warns(DeprecationWarning, match="bounds.displacement_radii"):
+        radii = robot.displacement_radii
+    assert radii is robot.bounds.displacement_radii
+    with pytest.raises(AttributeError, match="no attribute 'radius'"):
+        robot.radius  # noqa: B018
 
 
 def test_shared_models_are_those_of_the_proofs(robot):

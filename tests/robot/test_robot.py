@@ -239,7 +239,7 @@ def test_pickle_round_trip(robot_named, rng, name):
     np.testing.assert_array_equal(copy.lower, robot.lower)
     q = random_configurations(robot, rng, 1)[0]
     np.testing.assert_array_equal(copy.keypoints(q), robot.keypoints(q))
-    np.testing.assert_array_equal(copy.displacement_radii, robot.displacement_radii)
+    np.testing.assert_array_equal(copy.bounds.displacement_radii, robot.bounds.displacement_radii)
 
 
 def test_meshes_can_be_kept(data_folder):

@@ -160,8 +160,8 @@ class Pairs:
         self._pairs = [(int(pair.first), int(pair.second)) for pair in self._geometry.collisionPairs]
         objects = self._geometry.geometryObjects
         self.names = [(objects[a].name, objects[b].name) for a, b in self._pairs]
-        still = np.zeros((len(objects) - len(bodies), robot.joint_radii.shape[1]))
-        self._moves: FloatArray = np.vstack([robot.joint_radii, still])
+        still = np.zeros((len(objects) - len(bodies), robot.bounds.joint_radii.shape[1]))
+        self._moves: FloatArray = np.vstack([robot.bounds.joint_radii, still])
         self._first, self._second = np.array(self._pairs, dtype=np.intp).reshape(-1, 2).T
         self._approaching: BoolArray = (self._moves[self._first] > 0) != (self._moves[self._second] > 0)
         self.radii: FloatArray = self._between(self._moves)
@@ -176,8 +176,8 @@ class Pairs:
     def radii_at(self, q: FloatArray) -> FloatArray:
         """Return the displacement radii (P, n) for motions that start at `q: (n,)`; none larger than `radii`."""
         moves = self._moves.copy()
-        known = len(self._robot.joint_radii)
-        moves[:known] = np.minimum(moves[:known], self._robot.joint_radii_at(q))
+        known = len(self._robot.bounds.joint_radii)
+        moves[:known] = np.minimum(moves[:known], self._robot.bounds.joint_radii_at(q))
         return self._between(moves)
 
     def _between(self, moves: FloatArray) -> FloatArray:

@@ -155,7 +155,7 @@ def _draw_bubble(axes: Any, checker: CollisionChecker, q: FloatArray, colour: st
     )
     axes.contourf(q[0] + dx, q[1] + dy, reach, [-1.0, 1.0], colors=[colour], alpha=_SHADE)
     link = bubbles.link_diamond(radii, distances)
-    paper = bubbles.common_diamond(checker.robot.displacement_radii_at(q), distances)
+    paper = bubbles.common_diamond(checker.robot.bounds.displacement_radii_at(q), distances)
     for weights, dashes in ((link, "-"), (paper, "--")):
         a, b = bubbles.extents(weights)
         axes.plot(q[0] + [a, 0, -a, 0, a], q[1] + [0, b, 0, -b, 0], dashes, color=colour, linewidth=1.8)

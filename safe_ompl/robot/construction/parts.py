@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +16,8 @@ from safe_ompl.robot.bodies.reach import JointChain
 from safe_ompl.robot.description.collision_shapes import warn_of_unchecked
 from safe_ompl.robot.joints.coupling import Mimic
 from safe_ompl.robot.joints.reduction import joint_limits
+
+_log = logging.getLogger(__name__)
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 _SLIDES = (pin.JointModelPX, pin.JointModelPY)
@@ -270,3 +274,35 @@ def _add_pairs_between(bodies: pin.GeometryModel, sizes: list[int]) -> None:
         for b in range(a + 1, len(owners)):
             if owners[a] != owners[b] and (joints[a] or joints[b]):
                 bodies.addCollisionPair(pin.CollisionPair(a, b))
+
+
+class GuardedCopy:
+    """A copy of one of Pinocchio's models for users: whatever they change in it, the robot stays what was proven.
+
+    The copy is kept: working memory made from a model (GeometryData, broad-phase managers) points into it, and
+    Pinocchio does not keep it alive. A new copy for each access would crash who makes such memory in one line and
+    uses it in the next.
+
+    Parameters
+    ----------
+    original : pin.Model or pin.GeometryModel
+        Never changed by anybody.
+    duplicate : callable
+        Returns a copy that shares nothing with its argument.
+    name : str
+        What it is, for the log.
+    """
+
+    def __init__(self, original: Any, duplicate: Callable[[Any], Any], name: str) -> None:
+        self._original, self._duplicate, self._name = original, duplicate, name
+        self._copies = [duplicate(original)]
+
+    def get(self) -> Any:
+        """Return a copy that nobody has changed yet; say so if somebody has changed the one before."""
+        if self._copies[-1] != self._original:
+            _log.warning(
+                "%s was changed, which does not change the robot: use with_attached, with_limits or from_models",
+                self._name,
+            )
+            self._copies.append(self._duplicate(self._original))
+        return self._copies[-1]

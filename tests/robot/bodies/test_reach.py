@@ -167,8 +167,8 @@ def test_no_body_moves_farther_than_its_radii_allow(robot_named, body_points, na
     bodies = body_points(robot)
     start, end, delta = motion(robot, seed, scale)
     before, after = bodies.at(start), bodies.at(end)
-    constant = robot.displacement_radii @ delta
-    at_start = robot.displacement_radii_at(start) @ delta
+    constant = robot.bounds.displacement_radii @ delta
+    at_start = robot.bounds.displacement_radii_at(start) @ delta
     for body, (old, new) in enumerate(zip(before, after, strict=True)):
         moved = np.linalg.norm(new - old, axis=1).max()
         assert moved <= constant[body] + ROUNDING
@@ -179,7 +179,7 @@ def test_no_body_moves_farther_than_its_radii_allow(robot_named, body_points, na
 def test_radii_are_not_needlessly_large(robot_named, body_points, rng, name):
     robot = robot_named(name)
     bodies = body_points(robot)
-    farthest = np.zeros_like(robot.displacement_radii)
+    farthest = np.zeros_like(robot.bounds.displacement_radii)
     for q in rng.uniform(robot.lower, robot.upper, (100, robot.n)):
         for i, step in enumerate(1e-4 * np.eye(robot.n)):
             moved = [
@@ -187,8 +187,8 @@ def test_radii_are_not_needlessly_large(robot_named, body_points, rng, name):
                 for a, b in zip(bodies.at(q - step), bodies.at(q + step), strict=True)
             ]
             farthest[:, i] = np.maximum(farthest[:, i], np.array(moved) / 2e-4)
-    ratio = robot.displacement_radii / np.maximum(farthest, 1e-3)
-    moving = robot.displacement_radii > 0.02
+    ratio = robot.bounds.displacement_radii / np.maximum(farthest, 1e-3)
+    moving = robot.bounds.displacement_radii > 0.02
     assert np.median(ratio[moving]) < 1.3
     assert ratio[moving].max() < 2.0
 
@@ -198,20 +198,20 @@ def test_radii_are_zero_exactly_where_a_joint_does_not_move_a_body(robot_named, 
     robot = robot_named(name)
     bodies = body_points(robot)
     q = rng.uniform(robot.lower, robot.upper)
-    moves = np.zeros_like(robot.displacement_radii, dtype=bool)
+    moves = np.zeros_like(robot.bounds.displacement_radii, dtype=bool)
     for i, step in enumerate(0.1 * np.eye(robot.n)):
         changed = [np.abs(b - a).max() for a, b in zip(bodies.at(q), bodies.at(q + step), strict=True)]
         moves[:, i] = np.array(changed) > 1e-9
-    np.testing.assert_array_equal(robot.displacement_radii > 0, moves)
-    np.testing.assert_array_equal(robot.displacement_radii_at(q) > 0, moves)
+    np.testing.assert_array_equal(robot.bounds.displacement_radii > 0, moves)
+    np.testing.assert_array_equal(robot.bounds.displacement_radii_at(q) > 0, moves)
 
 
 def test_radii_at_a_configuration_are_tighter(panda):
     folded = (panda.lower + panda.upper) / 2
     folded[3] = -2.9
-    at_q = panda.displacement_radii_at(folded)
+    at_q = panda.bounds.displacement_radii_at(folded)
     hand = [body.name for body in panda.collision_model.geometryObjects].index("panda_hand_0")
-    assert at_q[hand, 0] < 0.75 * panda.displacement_radii[hand, 0]
+    assert at_q[hand, 0] < 0.75 * panda.bounds.displacement_radii[hand, 0]
 
 
 # ---------------------------------------------------------------------------------------------------------- pairs
@@ -221,11 +221,11 @@ def test_radii_at_a_configuration_are_tighter(panda):
 def test_arm_rates_are_the_usual_ones(robot_named, rng, name):
     robot = robot_named(name)
     drawn = rng.uniform(robot.lower, robot.upper, (400, robot.n))
-    usual = np.mean([robot.displacement_radii_at(q).max(axis=0) for q in drawn], axis=0)
-    np.testing.assert_allclose(robot.arm_rates, usual, rtol=0.15)
-    assert robot.arm_rates is robot.arm_rates, "measured once"
+    usual = np.mean([robot.bounds.displacement_radii_at(q).max(axis=0) for q in drawn], axis=0)
+    np.testing.assert_allclose(robot.bounds.arm_rates, usual, rtol=0.15)
+    assert robot.bounds.arm_rates is robot.bounds.arm_rates, "measured once"
     with pytest.raises(ValueError, match="read-only"):
-        robot.arm_rates[0] = 0.0
+        robot.bounds.arm_rates[0] = 0.0
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])

@@ -42,7 +42,7 @@ def test_an_object_is_checked_against_all_links_but_those_rigidly_connected(pand
     pairs = {pair for pair in CollisionChecker(holding, Scene()).pair_names if "rod" in pair}
     assert pairs == {(f"panda_link{k}", "rod") for k in range(7)}
     assert not any("rod" in pair for pair in CollisionChecker(panda, Scene()).pair_names)
-    assert len(holding.displacement_radii) == len(panda.displacement_radii) + 1
+    assert len(holding.bounds.displacement_radii) == len(panda.bounds.displacement_radii) + 1
 
 
 def test_links_that_it_may_touch(panda):

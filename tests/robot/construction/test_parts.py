@@ -59,7 +59,7 @@ def test_everything_moves_with_the_base(robot_named, rng, name):
     assert placed.joint_names == robot.joint_names
     np.testing.assert_array_equal(placed.lower, robot.lower)
     np.testing.assert_array_equal(placed.segments, robot.segments)
-    np.testing.assert_allclose(placed.displacement_radii, robot.displacement_radii, atol=1e-9)
+    np.testing.assert_allclose(placed.bounds.displacement_radii, robot.bounds.displacement_radii, atol=1e-9)
     model, data = placed.model, placed.model.createData()
     bodies, where = placed.collision_model, pin.GeometryData(placed.collision_model)
     old_data, old_where = robot.model.createData(), pin.GeometryData(robot.collision_model)

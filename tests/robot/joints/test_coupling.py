@@ -139,7 +139,10 @@ def test_no_body_moves_farther_than_its_radii_allow(robot, body_points, rng):
         start, end = spread(robot, rng, 2)
         end = start + rng.uniform(0.001, 1.0) * (end - start)
         delta = np.abs(end - start)
-        constant, at_start = robot.displacement_radii @ delta, robot.displacement_radii_at(start) @ delta
+        constant, at_start = (
+            robot.bounds.displacement_radii @ delta,
+            robot.bounds.displacement_radii_at(start) @ delta,
+        )
         for k, (old, new) in enumerate(zip(bodies.at(start), bodies.at(end), strict=True)):
             moved = np.linalg.norm(new - old, axis=1).max()
             assert moved <= min(constant[k], at_start[k]) + 1e-9
@@ -178,7 +181,7 @@ def test_no_motion_that_is_proven_free_collides(robot, bars, plain_check, rng):
 def test_pickle_and_fingerprint(gripper, edited):
     other = pickle.loads(pickle.dumps(gripper))
     assert robot_hash(other) == robot_hash(gripper)
-    np.testing.assert_array_equal(other.displacement_radii, gripper.displacement_radii)
+    np.testing.assert_array_equal(other.bounds.displacement_radii, gripper.bounds.displacement_radii)
     faster = Robot.from_urdf(
         edited("gripper_arm.urdf", 'multiplier="1.5"', 'multiplier="1.4"'), tip="finger_1"
     )
