@@ -99,8 +99,9 @@ class Simulation:
         tick, job = replanner.tick, 0
         replanner.start(self.trajectories[0])
         command: Command | None = None
+        logged: Command | None = None
         obeyed_time = moving_time = 0.0
-        ways, started, before = 0, 0, Doing.DONE
+        ways, started, path, before = 0, 0, 0, Doing.DONE
         for k in range(round(number("seconds", seconds, above=0.0) / tick)):
             now = k * tick
             late = self._rng.random() < self.faults.late
@@ -133,13 +134,16 @@ class Simulation:
             obeyed, moving, nearest = self._judge(now, old, command)
             obeyed_time += obeyed * tick
             moving_time += moving * tick
-            line = self._line(now, command, nearest, obeyed == 1.0, ways, reaction)
-            yield (
-                line
-                if command.path is getattr(old, "path", None)
-                else {**line, "ahead": _way_points(command)}
-            )
+            current = self._in_force(now, now, old, command)
+            new_path = logged is None or current.path is not logged.path
+            path, logged = path + new_path, current
+            line = self._line(now, current, nearest, obeyed == 1.0, path, reaction)
+            yield {**line, "ahead": _way_points(current)} if new_path else line
         self._conclude(seconds, obeyed_time, moving_time)
+
+    def _in_force(self, time: float, now: float, old: Command | None, new: Command) -> Command:
+        """Return the command that the robot follows at a time [s]: the one of the tick from `now` holds a little later."""
+        return new if old is None or time >= now + self.latency - 1e-12 else old
 
     def _measure(self, now: float) -> float:
         """Let the replanner see the world; return how long it took [s]."""
@@ -180,7 +184,7 @@ class Simulation:
         obeyed = moves = 0
         here, first_q, first = Nearest(np.inf), np.zeros(0), [np.zeros((0, 3))]
         for i, time in enumerate(times.tolist()):
-            command = new if old is None or time >= now + self.latency - 1e-12 else old
+            command = self._in_force(time, now, old, new)
             state = command.at(max(time, command.time))
             moving = bool(np.abs(state.qd).max() > _STILL)
             keypoints = self.world.keypoints(time)

@@ -17,12 +17,16 @@ speeds [m/s]. Every other line is a tick:
      "reason": "...", "obeyed": true, "path": 3, "task": 2, "reaction": 0.004, "measured": 1.25,
      "ahead": [[q...], ...]}
 
-Lengths are metres, times seconds. People and objects are where they truly are, in the world, key points those of
-`safe_ompl.scene.shapes.anatomy` (18 with the pelvis): ``Person(height, keypoints)`` at the world's origin draws them.
-``margin`` is what is left at least along the motion that is proven (null: nobody is there); ``distance`` the distance
-now between ``link`` and ``limb`` of ``who``, the nearest ones (null: not looked at). ``reason`` says why the robot is
-not as fast as it could be. ``path`` counts the ways that were taken, ``task`` the times that the goal was reached.
-``ahead``, where a new way was taken, are way points of that way.
+Lengths are metres, times seconds. A tick describes the instant ``time``. People and objects are where they truly are
+then, in the world, key points those of `safe_ompl.scene.shapes.anatomy` (18 with the pelvis): ``Person(height,
+keypoints)`` at the world's origin draws them. ``q``, ``qd``, ``state``, ``margin``, ``reason``, ``measured`` and ``path``
+are of the command that the robot follows at that instant; the command that answers what is measured at ``time`` holds
+from ``time`` + latency on, so the next tick shows it. ``margin`` is what is left at least along the motion that is proven
+(null: nobody is there); ``distance`` the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null: not
+looked at). ``reason`` says why the robot is not as fast as it could be, ``measured`` when that was measured against which
+its motion is proven. ``path`` counts the paths that were followed, ``task`` the times that the goal was reached.
+``ahead``, in the first tick of a path, are way points of that path. ``obeyed`` says whether everybody kept to the reach
+model until the next tick, ``reaction`` how long the command that answers took (null: it was late).
 """
 
 from __future__ import annotations

@@ -76,6 +76,24 @@ def test_the_same_world_gives_the_same_ticks(replanner_for, to_and_fro, clips):
     assert runs[0] == runs[1]
 
 
+def test_all_that_a_tick_says_is_of_one_instant(replanner_for, to_and_fro, clips):
+    one = simulated(replanner_for, to_and_fro, clips)
+    ticks = list(one.ticks(4.0))[1:]
+    monitor, body = Judge(one.replanner.robot), one.world.people["anna"].tracker.body
+    moved = 0
+    for tick in ticks:
+        q, points = np.array(tick["q"]), np.array([tick["people"]["anna"][name] for name in KEYPOINTS])
+        ends = body.ends(points)
+        nearest = monitor.nearest(q, limb_solids("anna", body.limbs, ends, body.radii(ends)))
+        assert nearest.distance == pytest.approx(tick["distance"], abs=1e-12)
+        assert (nearest.link, nearest.who) == (tick["link"], tick["who"])
+        if tick["state"] in ("standing", "done"):
+            assert not any(tick["qd"])
+        moved += any(tick["qd"])
+    assert moved > 30
+    assert {tick["path"] for tick in ticks if "ahead" in tick} == {tick["path"] for tick in ticks}
+
+
 def test_who_is_faster_than_promised_is_seen_and_answered_by_a_stop(replanner_for, to_and_fro, clips, caplog):
     one = simulated(replanner_for, to_and_fro, clips, "clip_1", judged=False)
     ticks = list(one.ticks(3.0))[1:]
