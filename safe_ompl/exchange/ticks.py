@@ -1,4 +1,4 @@
-"""The file of a live simulation: JSON lines, one for each tick, for pictures and for who wants to know what happened.
+"""Ticks of a simulation beside people, as a file of JSON lines.
 
 The first line is a header:
 
@@ -18,40 +18,54 @@ speeds [m/s]. Every other line is a tick:
      "ahead": [[q...], ...]}
 
 Lengths are metres, times seconds. A tick describes the instant ``time``. People and objects are where they truly are
-then, in the world, key points those of `safe_ompl.scene.shapes.anatomy` (18 with the pelvis): ``Person(height,
-keypoints)`` at the world's origin draws them. ``q``, ``qd``, ``state``, ``margin``, ``reason``, ``measured`` and ``path``
-are of the command that the robot follows at that instant; the command that answers what is measured at ``time`` holds
-from ``time`` + latency on, so the next tick shows it. ``margin`` is what is left at least along the motion that is proven
-(null: nobody is there); ``distance`` the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null: not
-looked at). ``reason`` says why the robot is not as fast as it could be, ``measured`` when that was measured against which
-its motion is proven. ``path`` counts the paths that were followed, ``task`` the times that the goal was reached.
-``ahead``, in the first tick of a path, are way points of that path. ``obeyed`` says whether everybody kept to the reach
-model until the next tick, ``reaction`` how long the command that answers took (null: it was late).
+then, in the world; the key points are those of `safe_ompl.scene.shapes.anatomy` (18 with the pelvis): ``Person(height,
+keypoints)`` at the world's origin draws them. ``q``, ``qd``, ``state``, ``margin``, ``reason``, ``measured`` and
+``path`` belong to the command that the robot follows at that instant. The command that answers the measurement of
+``time`` holds a latency later, so the next tick shows it. ``margin`` is the smallest margin along the proven motion
+(null: nobody is there); ``distance`` is the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null:
+not observed). ``reason`` says why the robot is not as fast as it could be; ``measured`` is the time of the measurement
+against which its motion is proven. ``path`` counts the paths that were followed, ``task`` how often the goal was
+reached. ``ahead``, in the first tick of a path, are the way points of that path. ``obeyed`` says whether everybody kept
+to the reach model until the next tick; ``reaction`` is how long the answer to this measurement took (null: too long).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import strict_json
+from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
+
+if TYPE_CHECKING:
+    from safe_ompl.people.simulation import Simulation
 
 FORMAT, VERSION = "safe-ompl ticks", 1
 
 
-def header(**content: Any) -> dict[str, Any]:
-    """Return the first line."""
-    return {"format": FORMAT, "version": VERSION, **content}
+def ticks_header(simulation: Simulation) -> dict[str, Any]:
+    """Return the first line of the file of a simulation."""
+    replanner = simulation.replanner
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "tick": replanner.tick,
+        "joint_names": list(replanner.robot.joint_names),
+        "robot": carried_robot(replanner.robot),
+        "scene": carried_scene(replanner.surroundings.scene),
+        **simulation.world.description(),
+    }
 
 
-def write_ticks(file: Path, lines: Iterator[dict[str, Any]]) -> None:
-    """Write lines as they come."""
+def write_ticks(file: Path, header: dict[str, Any], ticks: Iterable[dict[str, Any]]) -> None:
+    """Write the header, then ticks as they come."""
     with file.open("w", encoding="utf-8") as stream:
-        for line in lines:
-            print(strict_json(line), file=stream)
+        print(strict_json(header), file=stream)
+        for tick in ticks:
+            print(strict_json(tick), file=stream)
 
 
 def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:

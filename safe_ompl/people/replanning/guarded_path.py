@@ -1,4 +1,4 @@
-"""A path as the replanner drives it: cells with bounds of speed and braking, and where the robot's bodies are there."""
+"""A path as the replanner follows it: cells with bounds of speed and braking, and the robot's bodies in each cell."""
 
 from __future__ import annotations
 
@@ -9,16 +9,19 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.live.drive import Drive, Left
-from safe_ompl.live.limits import DriveLimits, own_caps
-from safe_ompl.live.robot_bodies import RobotBodies
+from safe_ompl.danger.joint_motions import JointMotions
 from safe_ompl.maths.kernels.driving import ceilings, drive
 from safe_ompl.maths.kernels.hull_gaps import cell_gaps, gaps
 from safe_ompl.people.reach import ReachSets
-from safe_ompl.trajectories.caps import speed_caps
-from safe_ompl.trajectories.curve import BlendedCurve
+from safe_ompl.people.replanning.command import Margin, StopMotion
+from safe_ompl.robot.bodies.reach import bounding_hull
+from safe_ompl.robot.robot import Robot
+from safe_ompl.trajectories.body_speeds import BodySpeeds
+from safe_ompl.trajectories.caps import LINK_SPEED, TOOL_SPEED, speed_caps
+from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.time_law import velocity_cap
-from safe_ompl.trajectories.trajectory import Trajectory
+from safe_ompl.trajectories.trajectory import SpeedCap, Trajectory
 
 STEP = 0.02  # [rad] largest cell
 _BENDING = 0.5  # share of the accelerations that arcs may take; the rest is for speeding up and braking
@@ -27,22 +30,110 @@ _BARRED = 0.02  # share of the full speed: ways that are slower than this are ba
 _AHEAD = 1.0  # [s] that estimates look ahead at most
 _COARSE = 0.1  # [rad] cells of estimates
 _ROUGH = 5e-3  # [m] of distances in estimates
-_CLOSE = 1e-4  # [m] of distances that are told
+_CLOSE = 1e-4  # [m] of margins that are exact
 _SAME = 1e-9  # [rad]
+# Caps of trajectories that the replanner derives itself at every tick.
+_DERIVED = ("joint velocity", "separation", "separation or contact", "bends beside people")
+
+
+class RobotBodies:
+    """The moving bodies of a robot as hulls in the frames of their joints, with balls about them.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Attributes
+    ----------
+    links : tuple of str
+        The link of each of the G moving bodies.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        parts = list(robot.shared.collision_model.geometryObjects)
+        self._moving = [k for k, part in enumerate(parts) if part.parentJoint != 0]
+        hulls = [bounding_hull(parts[k].geometry).moved(parts[k].placement) for k in self._moving]
+        self.links = tuple(parts[k].name.rsplit("_", 1)[0] for k in self._moving)
+        carriers: IntArray = np.array([parts[k].parentJoint - 1 for k in self._moving], dtype=np.intp)
+        first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
+        middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
+        extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
+        self.arrays = (
+            carriers,
+            np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
+            first,
+            np.array([hull.radius for hull in hulls]),
+            middles,
+            np.array(extents),
+        )
+        self._joints = JointMotions(robot)
+        self._speeds = BodySpeeds(robot)
+
+    def frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rotations (B, m, 3, 3) and origins (B, m, 3) of the joints at `Q: (B, n)`."""
+        rotations, origins, _ = self._joints.frames(Q)
+        return rotations, origins
+
+    def speeds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
+        """Return the bounds of `BodySpeeds` (N, all bodies and the tip) [m/rad]."""
+        return self._speeds.bounds(curve, cells)
+
+    def travel(self, speeds: FloatArray, cells: Cells) -> FloatArray:
+        """Return how far (N, G) the moving bodies get from where they are at the centres of cells, at most [m]."""
+        found: FloatArray = np.ascontiguousarray(speeds[:, self._moving] * cells.sizes[:, None] / 2)
+        return found
+
+
+@dataclass(frozen=True)
+class PathLimits:
+    """Limits that every path of the replanner keeps, whatever its curve is.
+
+    Attributes
+    ----------
+    joints : RateLimits
+        Velocities and accelerations of the joints.
+    tool_speed, link_speed : float, optional
+        Of the tip, and of every point of every link [m/s].
+    """
+
+    joints: RateLimits
+    tool_speed: float | None = None
+    link_speed: float | None = None
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> PathLimits:
+        """Return those of a trajectory."""
+        speeds = {cap.name: cap.limit for cap in trajectory.caps}
+        return cls(trajectory.limits, speeds.get(TOOL_SPEED), speeds.get(LINK_SPEED))
+
+    def same_as(self, other: PathLimits) -> bool:
+        """Return whether the other limits are equal to these."""
+        return (
+            np.array_equal(self.joints.velocity, other.joints.velocity)
+            and np.array_equal(self.joints.acceleration, other.joints.acceleration)
+            and (self.tool_speed, self.link_speed) == (other.tool_speed, other.link_speed)
+        )
+
+
+def own_caps(trajectory: Trajectory) -> tuple[SpeedCap, ...]:
+    """Return the caps of a trajectory that are proven on its own curve only, such as of danger."""
+    return tuple(cap for cap in trajectory.caps if cap.name not in _DERIVED and cap.limit is None)
 
 
 @dataclass(frozen=True)
 class GuardedPath:
-    """Cells of a curve, and what must be known to drive it.
+    """A curve in cells, with the bounds that hold in each.
 
     Attributes
     ----------
     bodies : RobotBodies
-        Of the robot.
+        The robot's.
     curve : BlendedCurve
         The path, proven against all that stands still.
-    limits : DriveLimits
-        What it keeps to.
+    limits : PathLimits
+        The limits that it keeps.
     edges : ndarray, shape (N + 1,)
         Ends of the cells [rad].
     squares, brakes : ndarray, shape (N,)
@@ -57,7 +148,7 @@ class GuardedPath:
 
     bodies: RobotBodies
     curve: BlendedCurve
-    limits: DriveLimits
+    limits: PathLimits
     edges: FloatArray
     squares: FloatArray
     brakes: FloatArray
@@ -67,11 +158,11 @@ class GuardedPath:
 
     @classmethod
     def of(cls, bodies: RobotBodies, trajectory: Trajectory) -> GuardedPath:
-        """Return the path of a trajectory, with its limits and its caps but those by people.
+        """Return the path of a trajectory, with its limits and all its caps except those by people.
 
-        Of its time law nothing is kept: the robot is as fast as limits, caps and people let it.
+        Its time law is not kept: the robot is as fast as limits, caps and people let it.
         """
-        path = cls.along(bodies, trajectory.curve, DriveLimits.of(trajectory))
+        path = cls.along(bodies, trajectory.curve, PathLimits.of(trajectory))
         squares = path.squares
         middles = 0.5 * (trajectory.law.edges[1:] + trajectory.law.edges[:-1])
         begin = np.clip(
@@ -87,7 +178,7 @@ class GuardedPath:
 
     @classmethod
     def along(
-        cls, bodies: RobotBodies, curve: BlendedCurve, limits: DriveLimits, step: float = STEP
+        cls, bodies: RobotBodies, curve: BlendedCurve, limits: PathLimits, step: float = STEP
     ) -> GuardedPath:
         """Return the path along a curve, in cells no longer than a step [rad]."""
         cells, joints = curve.cells(step), limits.joints
@@ -132,33 +223,45 @@ class GuardedPath:
         """The same path in large cells, for estimates."""
         return GuardedPath.along(self.bodies, self.curve, self.limits, _COARSE)
 
-    def drive(self, s: float, square: float, push: float, tick: float) -> Drive:
-        """Return the motion of a tick [s] from (s, ṡ²) that accelerates by a share of what brakes allow."""
-        return Drive(*drive(self.edges, self.squares, self.brakes, self.ceiling, s, square, push, tick))
+    def motion_from(self, s: float, square: float, push: float, tick: float) -> StopMotion:
+        """Return the motion of a tick [s] from (s, ṡ²), with a share of the acceleration of brakes, and its stop."""
+        return StopMotion(*drive(self.edges, self.squares, self.brakes, self.ceiling, s, square, push, tick))
 
-    def left(self, motion: Drive, sets: ReachSets, since: float, clearance: float) -> Left:
-        """Return what is left along a motion that begins a time after the sets were measured.
+    def margin(
+        self, motion: StopMotion, sets: ReachSets, since: float, clearance: float, *, exact: bool = False
+    ) -> Margin:
+        """Return the smallest margin along a motion; see `kernels.hull_gaps.gaps`.
 
         Parameters
         ----------
-        motion : Drive
-            It.
+        motion : StopMotion
+            A motion along this path.
         sets : ReachSets
-            Where what moves may be.
+            Where people and objects may be.
         since : float
-            From the measurement to the beginning of the motion [s], ≥ 0.
+            From the measurement of the sets to the beginning of the motion [s], ≥ 0.
         clearance : float
-            What must be left [m].
+            Distance that must be left [m].
+        exact : bool
+            Whether to find the smallest margin, to 0.1 mm. If not, only its sign is right: a negative margin is the
+            first one that is found.
         """
         times = since + motion.times
-        return self.least(motion.cells, times[:-1], times[1:], sets, clearance, 0.0, stop=True)
+        enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
+        margin, _, body, who = gaps(
+            motion.cells, times[:-1], times[1:], *self._arrays(sets), clearance, enough, close, not exact
+        )
+        if body < 0:
+            return Margin(np.inf)
+        return Margin(float(margin), self.bodies.links[body], sets.names[who])
 
     def pace(self, sets: ReachSets, clearance: float, reaction: float) -> tuple[FloatArray, float]:
-        """Return how long (N,) each cell takes beside people as they stand now, and for how long that holds [s].
+        """Return how long (N,) each cell takes beside people as they are now, and for how long that holds [s].
 
-        In a cell where people need τ to come the robot is no faster than what stops within τ − reaction; where that is
-        next to nothing it takes for ever. It holds until somebody can be so near that a cell takes longer: 0 where that
-        is so already. An estimate, to compare ways: what is driven is proven by `left`.
+        In a cell that people need τ to reach, the robot is no faster than what stops within τ − reaction; a cell that
+        allows less than a fiftieth of the full speed is barred (inf). The times hold until somebody can be so near that
+        a cell takes longer: 0 where that is so already. This estimate compares paths; what is driven is proven by
+        `margin`.
         """
         full = np.sqrt(self.squares)
         speeds, left = full, _AHEAD
@@ -167,7 +270,10 @@ class GuardedPath:
             needed = reaction + full / self.brakes
             margins = cell_gaps(
                 np.arange(len(self.brakes)),
-                *self._beside(sets, clearance, fastest * (float(needed.max()) + _AHEAD), _ROUGH),
+                *self._arrays(sets),
+                clearance,
+                fastest * (float(needed.max()) + _AHEAD),
+                _ROUGH,
             )
             left = max(0.0, float((margins / fastest - needed).min()))
             speeds = np.minimum(full, self.brakes * (margins / fastest - reaction))
@@ -215,28 +321,6 @@ class GuardedPath:
             travel=np.concatenate([self.travel, other.travel]),
         )
 
-    def _beside(self, sets: ReachSets, *rest: float) -> Any:
-        """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `kernels.hull_gaps`."""
-        return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays, *rest
-
-    def least(
-        self,
-        cells: IntArray,
-        begin: FloatArray,
-        end: FloatArray,
-        sets: ReachSets,
-        clearance: float,
-        enough: float,
-        *,
-        stop: bool = False,
-    ) -> Left:
-        """Return the least that is left in cells (W,) between two instants each; see `kernels.hull_gaps.gaps`."""
-        margin, _, body, who = gaps(
-            cells,
-            begin,
-            end,
-            *self._beside(sets, clearance, enough, 0.0 if np.isfinite(enough) else _CLOSE, stop),
-        )
-        if body < 0:
-            return Left(np.inf)
-        return Left(float(margin), self.bodies.links[body], sets.names[who])
+    def _arrays(self, sets: ReachSets) -> tuple[Any, ...]:
+        """Return frames, travel and hulls of the cells, then the sets, in the order of `kernels.hull_gaps`."""
+        return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays
