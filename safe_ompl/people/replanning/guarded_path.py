@@ -321,6 +321,6 @@ class GuardedPath:
             travel=np.concatenate([self.travel, other.travel]),
         )
 
-    def _arrays(self, sets: ReachSets) -> tuple[Any, ...]:
+    def _arrays(self, sets: ReachSets) -> Any:
         """Return frames, travel and hulls of the cells, then the sets, in the order of `kernels.hull_gaps`."""
         return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays
