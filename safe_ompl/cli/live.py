@@ -100,7 +100,8 @@ def add_command(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = load_scenario(options.scenario)
-    faults = Faults(options.noise, options.drops, options.late, options.seed)
+    latency = min(Faults.latency, options.tick)
+    faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()
     people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))
     found = choose_actors(scenario, robot, people, options)

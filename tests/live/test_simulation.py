@@ -272,6 +272,23 @@ def test_it_can_be_seen(tmp_path, capsys):
     assert "<html" in page.read_text(encoding="utf-8")[:2000].lower()
 
 
+def test_a_tick_may_be_shorter_than_the_usual_latency(tmp_path):
+    words = [
+        "live",
+        "panda_shelf",
+        "--movers",
+        "1",
+        "--tick",
+        "0.01",
+        "--seconds",
+        "0.05",
+        "--out",
+        str(tmp_path),
+    ]
+    assert main(words) == 0
+    assert len(read_ticks(tmp_path / "ticks.jsonl")[1]) == 5
+
+
 def test_things_alone_and_nobody(tmp_path, capsys):
     words = ["live", "panda_shelf", "--out", str(tmp_path), "--seconds", "0.2"]
     assert main([*words, "--movers", "1"]) == 0
