@@ -200,6 +200,16 @@ def test_other_limits_make_other_times_but_no_other_proofs(roadmap):
     assert kept.left == 2000
 
 
+@pytest.mark.parametrize(("bound", "limit"), [(0.0, 1.0), (0.5, None)])
+def test_a_robot_finds_away_from_what_it_stands_beside(replanner_for, to_and_fro, panda, bound, limit):
+    """The slower it is, the nearer to an obstacle it comes before it stands: nearer than large cells can tell."""
+    replanner = replanner_for("ball", ball=bound)
+    way = slowed(replanner, to_and_fro, panda, tool_speed=limit)
+    commands = driven(replanner, way, lambda t: BARRED, 15.0)
+    assert Doing.STANDING in {command.doing for command in commands}
+    assert commands[-1].doing is Doing.DONE
+
+
 def test_a_new_trajectory_brings_its_limits(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
     driven(replanner, slowed(replanner, to_and_fro, panda), lambda t: FAR, 6.0)

@@ -20,7 +20,7 @@ def walker(people=SLOW_HAND, **options):
 
 @pytest.mark.parametrize("people", [People(speed=1.6), SLOW_HAND, People(speed=0.3)])
 def test_no_limb_is_faster_than_it_may_be(people):
-    for seed in range(3):
+    for seed in range(2):
         one = walker(people, seed=seed)
         track = PersonTrack("anna", one.tracker, people)
         for time in np.cumsum(np.random.default_rng(seed).uniform(0.005, 0.12, 200)):
@@ -61,10 +61,10 @@ def test_limbs_keep_their_lengths():
 
 def test_a_seed_is_one_walk_and_the_past_may_be_asked_for():
     first, same, other = walker(seed=1), walker(seed=1), walker(seed=2)
-    late = first.at(40.0)
-    np.testing.assert_array_equal(late, same.at(40.0))
-    np.testing.assert_array_equal(first.at(39.5), same.at(39.5))
-    assert np.abs(late - other.at(40.0)).max() > 0.05
+    late = first.at(25.0)
+    np.testing.assert_array_equal(late, same.at(25.0))
+    np.testing.assert_array_equal(first.at(24.5), same.at(24.5))
+    assert np.abs(late - other.at(25.0)).max() > 0.05
     assert late.shape == (len(ALL_KEYPOINTS.points), 3)
 
 

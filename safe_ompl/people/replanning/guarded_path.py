@@ -25,10 +25,11 @@ from safe_ompl.trajectories.trajectory import SpeedCap, Trajectory
 
 STEP = 0.02  # [rad] largest cell
 _BENDING = 0.5  # share of the accelerations that arcs may take; the rest is for speeding up and braking
-_SLOWEST = 0.1  # [m/s] of people, in estimates
+_SLOWEST = 0.01  # [m/s] of people, in estimates
 _BARRED = 0.02  # share of the full speed: ways that are slower than this are barred
 _AHEAD = 1.0  # [s] that estimates look ahead at most
 _COARSE = 0.1  # [rad] cells of estimates
+_ENDS = 2  # cells at the ends of a path that are estimated again in small ones if they are barred
 _ROUGH = 5e-3  # [m] of distances in estimates
 _CLOSE = 1e-4  # [m] of margins that are exact
 _SAME = 1e-9  # [rad]
@@ -223,6 +224,12 @@ class GuardedPath:
         """The same path in large cells, for estimates."""
         return GuardedPath.along(self.bodies, self.curve, self.limits, _COARSE)
 
+    @cached_property
+    def fine(self) -> GuardedPath:
+        """The same path in cells that are not larger than those of paths that are driven."""
+        short = np.diff(self.edges).max() <= STEP * (1 + 1e-9)
+        return self if short else GuardedPath.along(self.bodies, self.curve, self.limits)
+
     def motion_from(self, s: float, square: float, push: float, tick: float) -> StopMotion:
         """Return the motion of a tick [s] from (s, ṡ²), with a share of the acceleration of brakes, and its stop."""
         return StopMotion(*drive(self.edges, self.squares, self.brakes, self.ceiling, s, square, push, tick))
@@ -263,6 +270,19 @@ class GuardedPath:
         a cell takes longer: 0 where that is so already. This estimate compares paths; what is driven is proven by
         `margin`.
         """
+        times, left = self._cell_times(sets, clearance, reaction)
+        barred = np.isinf(times)
+        if not barred.any() or barred[_ENDS:-_ENDS].any() or self.fine is self:
+            return times, left
+        # A robot that stands near something leaves it in cells that are shorter than the distance.
+        fine = self.fine
+        sums = np.zeros(len(times))
+        inside = np.searchsorted(self.edges, 0.5 * (fine.edges[1:] + fine.edges[:-1])) - 1
+        np.add.at(sums, inside, fine._cell_times(sets, clearance, reaction)[0])
+        return np.where(barred, sums, times), left
+
+    def _cell_times(self, sets: ReachSets, clearance: float, reaction: float) -> tuple[FloatArray, float]:
+        """Return what `pace` says, with the bounds of these cells alone."""
         full = np.sqrt(self.squares)
         speeds, left = full, _AHEAD
         if len(sets):
