@@ -256,7 +256,7 @@ class GuardedPath:
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
         margin, _, body, who = gaps(
-            motion.cells, times[:-1], times[1:], *self._arrays(sets), clearance, enough, close, not exact
+            motion.cells, times[:-1], times[1:], *self._arrays(sets, clearance, enough, close, not exact)
         )
         if body < 0:
             return Margin(np.inf)
@@ -290,10 +290,7 @@ class GuardedPath:
             needed = reaction + full / self.brakes
             margins = cell_gaps(
                 np.arange(len(self.brakes)),
-                *self._arrays(sets),
-                clearance,
-                fastest * (float(needed.max()) + _AHEAD),
-                _ROUGH,
+                *self._arrays(sets, clearance, fastest * (float(needed.max()) + _AHEAD), _ROUGH),
             )
             left = max(0.0, float((margins / fastest - needed).min()))
             speeds = np.minimum(full, self.brakes * (margins / fastest - reaction))
@@ -341,6 +338,6 @@ class GuardedPath:
             travel=np.concatenate([self.travel, other.travel]),
         )
 
-    def _arrays(self, sets: ReachSets) -> Any:
-        """Return frames, travel and hulls of the cells, then the sets, in the order of `kernels.hull_gaps`."""
-        return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays
+    def _arrays(self, sets: ReachSets, *rest: float) -> Any:
+        """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `kernels.hull_gaps`."""
+        return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays, *rest
