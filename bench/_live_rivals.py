@@ -6,10 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from safe_ompl.live.command import Command, Doing
-from safe_ompl.live.drive import Left
-from safe_ompl.live.guarded_path import GuardedPath
-from safe_ompl.live.replanner import Replanner
+from safe_ompl.people.replanning import Command, Doing, GuardedPath, Margin, Replanner, StopMotion
 from safe_ompl.trajectories.trajectory import Trajectory
 
 
@@ -35,14 +32,14 @@ class StopAndGo(Replanner):
         if speed == 0 and s >= path.length - 1e-6:
             return super()._next(path, s, speed, time)
         cell = np.array([min(int(np.searchsorted(path.edges, s, side="right")) - 1, len(path.brakes) - 1)])
-        now = np.zeros(1)
-        sets = self.surroundings.sets
-        near = path.least(cell, now, now, sets, self.people.clearance + self._distance(path, time), np.inf)
+        here = StopMotion(cell, np.array([s, s]), np.zeros(2), np.zeros(2))
+        distance = self.people.clearance + self._distance(path, time)
+        near = path.margin(here, self.surroundings.sets, 0.0, distance, exact=True)
         trouble = self.surroundings.trouble(time, self.lost_after)
         push = 1.0 if near.margin >= 0 and trouble is None else -1.0
         if push < 0 and speed == 0:
             return None
-        motion = path.drive(s, speed * speed, push, self.tick)
+        motion = path.motion_from(s, speed * speed, push, self.tick)
         doing = Doing.MOVING if push > 0 else Doing.BRAKING
         return Command(time, self.surroundings.time, path, motion, doing, near, trouble or "")
 
@@ -73,5 +70,5 @@ class Careless(Replanner):
     def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
         if speed == 0 and s >= path.length - 1e-6:
             return super()._next(path, s, speed, time)
-        motion = path.drive(s, speed * speed, 1.0, self.tick)
-        return Command(time, self.surroundings.time, path, motion, Doing.MOVING, Left(np.inf))
+        motion = path.motion_from(s, speed * speed, 1.0, self.tick)
+        return Command(time, self.surroundings.time, path, motion, Doing.MOVING, Margin(np.inf))

@@ -29,10 +29,8 @@ from ompl import util as ou
 
 from safe_ompl import Box, CollisionChecker, Obstacle, Pose, RateLimits, Robot, SafeSetup, Scene, time_path
 from safe_ompl.arrays import FloatArray
-from safe_ompl.live.judge import Judge, Solid
-from safe_ompl.live.movers import Drifting
-from safe_ompl.live.replanner import Replanner
-from safe_ompl.live.simulation import Simulation
+from safe_ompl.people.replanning import Replanner, ReplanningOptions
+from safe_ompl.people.simulation import ContactMonitor, Drifting, Faults, Simulation, Solid
 
 COUNTS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 30, 40, 50)
 CENTRE, RADIUS, BASE = np.array([0.0, 0.0, 0.267]), 1.5, 0.25
@@ -85,7 +83,7 @@ def problem(robot: Robot, count: int, seed: int, apart: float) -> Run:
         result = setup.plan("ClassicRRTConnect", time=2.0, seed=seed, simplify=0.2, report=False)
         if result.path is not None:
             break
-    judge = Judge(robot)
+    monitor = ContactMonitor(robot)
     cubes: dict[str, Drifting] = {}
     speeds = {}
     while len(cubes) < count:
@@ -93,7 +91,7 @@ def problem(robot: Robot, count: int, seed: int, apart: float) -> Run:
         if not BASE < np.linalg.norm(place - CENTRE) < RADIUS:
             continue
         name, at = f"cube_{len(cubes)}", pin.SE3(np.eye(3), place)
-        if judge.nearest(ends[0], [Solid(name, "", _cube(), at)]).distance < 0.3:
+        if monitor.nearest(ends[0], [Solid(name, "", _cube(), at)]).distance < 0.3:
             continue
         way, speed = rng.normal(size=3), rng.uniform(0, FASTEST)
         cubes[name] = Drifting(place, speed * way / np.linalg.norm(way), CENTRE, RADIUS, (CENTRE, BASE))
@@ -105,34 +103,33 @@ def _cube() -> Any:
     return Box((CUBE,) * 3).parts()[0].geometry
 
 
-def outcome(run: Run, time: float, q: FloatArray, judge: Judge) -> dict[str, Any]:
+def outcome(run: Run, time: float, q: FloatArray, monitor: ContactMonitor) -> dict[str, Any]:
     """Return what came of a run."""
     gone = float(np.linalg.norm(run.goal - q) / np.linalg.norm(run.goal - run.start))
-    moving = sum(contact.moving for contact in judge.contacts)
+    moving = sum(contact.moving for contact in monitor.contacts)
     return {
         "success": gone < 1e-6 and not moving,
         "progress": max(0.0, 1.0 - gone),
         "time": time,
         "moving": moving,
-        "rest": len(judge.contacts) - moving,
+        "rest": len(monitor.contacts) - moving,
     }
 
 
 def ours(robot: Robot, run: Run, bound: str) -> dict[str, Any]:
     """Drive with the replanner."""
     speeds = run.speeds if bound == "own" else dict.fromkeys(run.cubes, FASTEST)
-    replanner = Replanner(robot, scene(run.cubes), {}, speeds, tick=TICK)
+    replanner = Replanner(robot, scene(run.cubes), {}, speeds, options=ReplanningOptions(tick=TICK))
     limits = RateLimits.of(robot, velocity=np.pi, acceleration=20.0)
     way = time_path(run.path, robot, limits, motion=replanner.motion, tolerance=0.2)
-    simulation = Simulation(replanner, [way], {}, run.cubes, latency=0.0)
+    simulation = Simulation(replanner, [way], {}, run.cubes, faults=Faults(latency=0.0))
     time, q = 0.0, run.start
     for tick in simulation.ticks(SECONDS):
-        if "state" in tick:
-            time, q = tick["time"], np.array(tick["q"])
-            if tick["state"] == "done":
-                break
-    assert simulation.judge is not None
-    found = outcome(run, time, q, simulation.judge)
+        time, q = tick["time"], np.array(tick["q"])
+        if tick["state"] == "done":
+            break
+    assert simulation.monitor is not None
+    found = outcome(run, time, q, simulation.monitor)
     reaction = simulation.reactions
     return {**found, "detours": simulation.summary.detours, "reaction": float(np.percentile(reaction, 99))}
 
@@ -162,7 +159,7 @@ class Rival:
 
     def drive(self) -> dict[str, Any]:
         """Drive until the goal, or for 10 s."""
-        judge, q, time = Judge(self._robot), self._run.start, 0.0
+        monitor, q, time = ContactMonitor(self._robot), self._run.start, 0.0
         while time < SECONDS - 1e-9 and np.abs(q - self._run.goal).max() > 1e-9:
             places = {name: cube.at(time) for name, cube in self._run.cubes.items()}
             if places:
@@ -171,11 +168,11 @@ class Rival:
             way = [q, *self._path[1:]]
             if self._always or not self._free(way):
                 way = self._plan(q) or []
-            q = self._step(judge, time, q, way)
+            q = self._step(monitor, time, q, way)
             time += TICK
-        return outcome(self._run, time, q, judge)
+        return outcome(self._run, time, q, monitor)
 
-    def _step(self, judge: Judge, time: float, q: FloatArray, way: list[FloatArray]) -> FloatArray:
+    def _step(self, monitor: ContactMonitor, time: float, q: FloatArray, way: list[FloatArray]) -> FloatArray:
         """Drive along a way for an iteration at full speed; look for contacts."""
         points = list(way)
         for k in range(round(TICK / _FINE)):
@@ -190,7 +187,7 @@ class Rival:
                     q, left = q + step * left / size, 0.0
             now = time + (k + 1) * _FINE
             solids = [Solid(name, "", _cube(), cube.at(now)) for name, cube in self._run.cubes.items()]
-            judge.look(now, q, solids, moving=bool(np.abs(q - before).max() > 0), obeyed=True)
+            monitor.observe(now, q, solids, moving=bool(np.abs(q - before).max() > 0), obeyed=True)
         self._path = [q, *points[1:]] if len(points) > 1 else [q, *self._path[1:]]
         return q
 

@@ -1,9 +1,10 @@
 """A Panda beside recorded people: the replanner against stop-and-go on the same path, and against an empty cell.
 
 Run it from the root of the repository with `python -m bench.live FOLDER`, FOLDER with recordings (.npz, see
-`safe_ompl.people.recordings`). Every clip is placed beside the arm at so many places drawn from a seed, and played
-while the arm goes to and fro as in `scenarios/panda_shelf.yaml`. A judge looks for contacts. Stop-and-go drives at
-full, half and a quarter of the speed: a slower robot stops sooner. `--memory MINUTES` measures memory instead.
+`safe_ompl.people.Recording`). Every clip is placed beside the arm at so many places drawn from a seed, and played
+while the arm goes to and fro as in `scenarios/panda_shelf.yaml`. A contact monitor looks for contacts. Stop-and-go
+drives at full, half and a quarter of the speed: a slower robot stops sooner. `--memory MINUTES` measures memory
+instead.
 
 All clips at 20 places with all policies are about 13 hours of simulated time; one idle core simulates 6 s in a
 second (`--jobs` for more cores; `--sample N` for N of all clips and places, drawn evenly).
@@ -24,12 +25,9 @@ import numpy as np
 
 from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
 from safe_ompl import People, Pose, RateLimits, Scenario, time_path
-from safe_ompl.live.movers import Playback
-from safe_ompl.live.replanner import Replanner
-from safe_ompl.live.simulation import Simulation
-from safe_ompl.people.body import TrackedBody
-from safe_ompl.people.recordings import Recording, list_clips
-from safe_ompl.people.tracking import Tracker
+from safe_ompl.people import Recording, TrackedBody, Tracker, list_clips
+from safe_ompl.people.replanning import Replanner, ReplanningOptions
+from safe_ompl.people.simulation import Playback, Simulation
 from safe_ompl.scenario.scenario import find_scenario
 
 PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]  # [rad/s²]
@@ -60,7 +58,7 @@ def places(recording: Recording, count: int, seed: int) -> list[Pose]:
 
 
 def simulation(
-    file: Path, clip: str, place: int, policy: str, *, judged: bool = True, count: int = 20
+    file: Path, clip: str, place: int, policy: str, *, monitored: bool = True, count: int = 20
 ) -> Simulation:
     """Return the simulation of one clip at one place."""
     scenario = Scenario.load(find_scenario("panda_shelf"))
@@ -70,13 +68,17 @@ def simulation(
     tracker = Tracker(recording.skeleton, TrackedBody(), pose)
     people = People(speed=1.6, speeds=HANDS)
     replanner = POLICIES[policy](
-        robot, scenario.scene, {"operator": tracker}, people=people, detours=policy == "ours"
+        robot,
+        scenario.scene,
+        {"operator": tracker},
+        people=people,
+        options=ReplanningOptions(detours=policy == "ours"),
     )
     limits = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
     path = [start, [0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785], goal]
     ways = [time_path(way, robot, limits, motion=replanner.motion) for way in (path, path[::-1])]
-    return Simulation(replanner, ways, {"operator": Playback(recording, tracker)}, judged=judged)
+    return Simulation(replanner, ways, {"operator": Playback(recording, tracker)}, monitored=monitored)
 
 
 def run(job: tuple[Path, str, int, str, float, int]) -> dict[str, Any]:
@@ -89,7 +91,7 @@ def run(job: tuple[Path, str, int, str, float, int]) -> dict[str, Any]:
     return {"policy": policy, "file": file.stem, "clip": clip, "place": place, **summary.as_dict()}
 
 
-def told(rows: list[dict[str, Any]]) -> None:
+def print_table(rows: list[dict[str, Any]]) -> None:
     """Print a table."""
     hours = {policy: sum(r["seconds"] for r in rows if r["policy"] == policy) / 3600 for policy in POLICIES}
     per_hour = {
@@ -129,7 +131,7 @@ def told(rows: list[dict[str, Any]]) -> None:
 
 def memory(file: Path, clip: str, minutes: float) -> None:
     """Print how memory grows over so many minutes of simulation, after the first one."""
-    one = simulation(file, clip, 0, "ours", judged=False)
+    one = simulation(file, clip, 0, "ours", monitored=False)
     per_minute = round(60 / one.replanner.tick)
     first = 0.0
     for k, _ in enumerate(one.ticks(60 * minutes)):
@@ -195,7 +197,7 @@ def main() -> None:
     else:
         with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
             rows = list(pool.map(run, jobs))
-    told(rows)
+    print_table(rows)
     for row in rows:
         if row["policy"] == "ours" and row["contacts_while_moving"]:
             print("CONTACT", row)

@@ -36,7 +36,7 @@ from safe_ompl import (
 )
 from safe_ompl.cli.main import main
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.people.skeletons import find_skeleton
+from safe_ompl.people import find_skeleton
 from safe_ompl.pictures.plots import plot_bubbles, plot_field, plot_profiles, plot_speeds
 from safe_ompl.pictures.render import choose_camera, render_comparison, render_path, save_png
 from safe_ompl.scenario.scenario import find_scenario

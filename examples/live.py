@@ -5,7 +5,7 @@ import logging
 import numpy as np
 
 from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Robot, SafeSetup, Scene, Tracker
-from safe_ompl.people.skeletons import find_skeleton
+from safe_ompl.people import find_skeleton
 
 logging.basicConfig(level=logging.INFO, format="%(message)s")
 robot = Robot.from_example("panda")
@@ -15,9 +15,8 @@ setup.setConfigurations([-1.2, 0, 0, -2.0, 0, 2.2, 0.785], [1.2, 0, 0, -2.0, 0, 
 trajectory = setup.plan("SafeRRTConnect", seed=0, simplify=0.2).timed(RateLimits.of(robot, acceleration=10.0))
 
 skeleton = find_skeleton("recording12")  # also coco17, body25, mediapipe33, azure_kinect32, smpl24
-standing = np.zeros(
-    (12, 3)
-)  # her key points about the hip [m]: a right hand is stretched out towards the robot
+# Key points of a person about the hip [m], with the right hand stretched out towards the robot.
+standing = np.zeros((12, 3))
 standing[:, 2] = [0, 0.2, 0.5, 0.7, 0.5, 0.5, 0.2, 0, 0.5, 0.5, 0.5, 0.5]
 standing[5:, 1] = [0.19, 0.23, 0.24, 0, -0.19, -0.2, -0.2]
 standing[10:, 0] = [-0.3, -0.55]
@@ -25,10 +24,10 @@ replanner = Replanner(robot, scene, {"anna": Tracker(skeleton)}, people=People(s
 replanner.start(trajectory)
 for k in range(200):
     time = 0.05 * k  # here your sensor and your clock
-    away = np.array([1.5 - 0.6 * max(0.0, np.sin(0.8 * time)), 0, 0.2])  # she comes, and goes again
+    away = np.array([1.5 - 0.6 * max(0.0, np.sin(0.8 * time)), 0, 0.2])  # the person comes, and goes again
     replanner.update({"anna": standing + away}, {}, time)
     command = replanner.command(time + 0.02)  # holds from then on; your controller follows command.at(t)
-    replanner.think()  # in the time that is left: is there a better way?
+    replanner.think()  # in the time that is left: search a detour
     if command.doing == "done":
         break
 print(f"{command.doing.value} after {time:.2f} s; at {np.round(command.at(time + 0.02).q, 2).tolist()}")

@@ -60,14 +60,14 @@ if TYPE_CHECKING:
     from safe_ompl.benchmark.benchmark import Benchmark
     from safe_ompl.exchange.files import load, save
     from safe_ompl.exchange.joint_path import JointPath
-    from safe_ompl.live.replanner import Replanner
     from safe_ompl.paths.certificate.issue import certificate
     from safe_ompl.paths.certificate.verify import verify
+    from safe_ompl.people.replanning import Replanner
 
 _LATER = {  # what planning does without is imported when it is first asked for
     "Benchmark": "safe_ompl.benchmark.benchmark",
     "JointPath": "safe_ompl.exchange.joint_path",
-    "Replanner": "safe_ompl.live.replanner",
+    "Replanner": "safe_ompl.people.replanning.replanner",
     "certificate": "safe_ompl.paths.certificate.issue",
     "load": "safe_ompl.exchange.files",
     "save": "safe_ompl.exchange.files",

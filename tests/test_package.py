@@ -22,9 +22,9 @@ def test_unknown_names_are_no_attributes():
 def test_rooms_that_planning_does_without_come_later():
     code = (
         "import sys, safe_ompl\n"
-        "later = ('safe_ompl.benchmark', 'safe_ompl.live', 'safe_ompl.exchange', 'safe_ompl.viewer')\n"
+        "later = ('safe_ompl.benchmark', 'safe_ompl.people.replanning', 'safe_ompl.exchange', 'safe_ompl.viewer')\n"
         "assert not set(later) & set(sys.modules), set(later) & set(sys.modules)\n"
         "from safe_ompl import Benchmark, Replanner\n"
-        "assert 'safe_ompl.live' in sys.modules"
+        "assert 'safe_ompl.people.replanning' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -14,13 +14,12 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.cli.arguments import add_run_options, load_scenario
 from safe_ompl.cli.console import error_console, output_console, progress_bar
 from safe_ompl.cli.files import json_line, make_folder
-from safe_ompl.cli.live_cast import CLIP, Cast, cast, clearance_of_movers, limits_of_still
+from safe_ompl.cli.live_actors import CLIP, Actors, choose_actors, clearance_of_movers, limits_of_still
 from safe_ompl.cli.values import count, finite, limit, noise, seconds, share
 from safe_ompl.cli.view import check_page
-from safe_ompl.live.replanner import Replanner
-from safe_ompl.live.simulation import Simulation
-from safe_ompl.live.summary import Faults, Summary
-from safe_ompl.live.ticks import write_ticks
+from safe_ompl.exchange.ticks import ticks_header, write_ticks
+from safe_ompl.people.replanning import Replanner, ReplanningOptions
+from safe_ompl.people.simulation import Faults, Simulation, Summary
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.pose import Pose
@@ -40,8 +39,8 @@ def add_command(commands: Any) -> None:
         "live",
         help="drive a robot beside people and things that move, in simulated time",
         description="Plan from start to goal and back, and drive there again and again beside a recorded person, or "
-        "beside people and things that move at random. What is driven is proven at every tick, including its stop. A "
-        "judge looks for contacts.",
+        "beside people and things that move at random. Every motion is proven at every tick, including its stop. A "
+        "monitor looks for contacts.",
     )
     parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
     parser.add_argument(
@@ -101,10 +100,11 @@ def add_command(commands: Any) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = load_scenario(options.scenario)
-    faults = Faults(options.noise, options.drops, options.late, options.seed)
+    latency = min(Faults.latency, options.tick)
+    faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()
     people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))
-    found = cast(scenario, robot, people, options)
+    found = choose_actors(scenario, robot, people, options)
     setup = setup_scenario(limits_of_still(scenario, found), robot)
     make_folder(Path(options.out), "--out")
     check_page(options.html)
@@ -114,7 +114,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         found.trackers,
         found.speeds,
         people=people,
-        tick=options.tick,
+        options=ReplanningOptions(tick=options.tick),
         motion=setup.certified_motion,
     )
     return Live(scenario, setup, replanner, found, faults, options)
@@ -127,7 +127,7 @@ class Live:
     scenario: Scenario
     setup: SafeSetup
     replanner: Replanner
-    cast: Cast
+    actors: Actors
     faults: Faults
     options: argparse.Namespace
 
@@ -137,11 +137,13 @@ class Live:
         ways = self._trajectories()
         if ways is None:
             return 1
-        simulation = Simulation(self.replanner, ways, self.cast.people, self.cast.objects, faults=self.faults)
-        write_ticks(folder / "ticks.jsonl", _with_progress(simulation, options.seconds, options.tick))
+        actors = self.actors
+        simulation = Simulation(self.replanner, ways, actors.people, actors.objects, faults=self.faults)
+        ticks = _with_progress(simulation, options.seconds, options.tick)
+        write_ticks(folder / "ticks.jsonl", ticks_header(simulation), ticks)
         summary = simulation.summary
         (folder / "summary.json").write_text(json_line(summary.as_dict()) + "\n", encoding="utf-8")
-        output_console().print(told(summary))
+        output_console().print(describe(summary))
         error_console().print(f"ticks and summary in {folder}")
         if options.html is None:
             error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
@@ -181,8 +183,8 @@ def there_and_back(path: FloatArray, replanner: Replanner, scenario: Scenario) -
     ]
 
 
-def told(summary: Summary) -> str:
-    """Return what came of a simulation in a few words."""
+def describe(summary: Summary) -> str:
+    """Return the summary of a simulation in one line."""
     median, late = (1e3 * t for t in summary.reaction)
     return (
         f"{summary.seconds:g} s: {summary.tasks} tasks, {summary.stops} stops; contacts while moving "

@@ -35,10 +35,11 @@ PELVIS: FloatArray = (STANDING["left_hip"] + STANDING["right_hip"]) / 2
 
 @dataclass(frozen=True)
 class TrackedBody:
-    """A body whose limbs are capsules between tracked key points.
+    """A person's body whose limbs are capsules between tracked key points.
 
     Key points that were never seen are assumed. A hand is somewhere in the ball about its wrist that it can reach. The
-    others hang on what they grow from as in a body that stands upright, turned to where shoulders or hips face.
+    others are where a body that stands upright has them, relative to the next known joint, turned to where shoulders or
+    hips face.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ class TrackedBody:
 
     @cached_property
     def limbs(self) -> tuple[str, ...]:
-        """Names of its M limbs."""
+        """Names of the M limbs."""
         return tuple(name for name in LIMBS if not self.only or name in self.only)
 
     def radii(self, ends: FloatArray) -> FloatArray:

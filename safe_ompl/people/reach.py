@@ -1,11 +1,11 @@
 """Reach models: where a body that was measured may be some time later, as sets that proofs can take.
 
-All that a proof needs of what moves is a `ReachSets`: hulls of points that drift and grow,
+A proof sees whatever moves as a `ReachSets`: hulls of points that drift and grow,
 
     {points + τ·velocities}, grown by radius + g₀ + g₁τ + ½g₂τ²,
 
-τ the time since the measurement. What moves is in *every* set of its own, so that models are intersected by listing
-the sets of all of them.
+with the time τ since the measurement. A body is in *every* one of its sets, so models are intersected by listing the
+sets of all of them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from safe_ompl.inputs import number
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.shapes.anatomy import STANDING
 
-_LONGER = 1.15  # arms of a person are at most this much longer than those of a mean one of her height
+_LONGER = 1.15  # arms of a person are at most this much longer than those of a mean person of that height
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class ReachSets:
     Attributes
     ----------
     names : tuple of (str, str)
-        Who and which limb each of the M bodies is; the limb is empty where there is but one.
+        The person or object and the limb that each of the M bodies is; the limb of an object is empty.
     owners : ndarray of int, shape (S,)
         The body that each set is about, in ascending order.
     points, velocities : ndarray, shape (P, 3)
@@ -154,9 +154,9 @@ class Measured:
     who : str
         The person.
     limbs : tuple of str
-        Her M limbs.
+        The person's M limbs.
     ends, velocities : ndarray, shape (M, 2, 3)
-        Where the ends of the limbs were when they were last seen [m], and how they moved just before [m/s].
+        Where the ends of the limbs were when they were last seen [m], and the velocity just before [m/s].
     radii : ndarray, shape (M,)
         [m]
     ages : ndarray, shape (M,)
@@ -192,13 +192,13 @@ class Measured:
 
 
 class ReachModel(Protocol):
-    """What is assumed of how people move; everything that is proven holds *if* they do."""
+    """An assumption about how people move; everything that is proven holds *if* it does."""
 
     def sets(self, person: Measured, people: People) -> ReachSets:
         """Return the sets that the limbs of a person do not leave."""
 
     def __str__(self) -> str:
-        """Return what it assumes, in a few words."""
+        """Return the assumption in a few words."""
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ class LimbLengthReach:
     Parameters
     ----------
     longer : float
-        How much longer than those of a mean person of her height arms may be.
+        How much longer arms may be than those of a mean person of that height.
     """
 
     longer: float = _LONGER
@@ -289,7 +289,7 @@ class LimbLengthReach:
 
 @dataclass(frozen=True)
 class IntersectedReach:
-    """What several models allow."""
+    """The intersection of several models: all of them hold."""
 
     models: tuple[ReachModel, ...]
 

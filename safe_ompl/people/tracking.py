@@ -1,22 +1,27 @@
-"""What is known of a person while she is tracked: last places of key points, their ages, and whether she kept to it."""
+"""Tracked people and objects: where they were seen last, how long ago, and who moved farther than promised."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from safe_ompl import document
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError
+from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.inputs import number
 from safe_ompl.people.body import TrackedBody
 from safe_ompl.people.reach import Measured, ReachModel, ReachSets, SpeedReach
 from safe_ompl.people.skeletons import KEYPOINTS, Skeleton
+from safe_ompl.robot.bodies.reach import bounding_hull
 from safe_ompl.scenario.people import People
+from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose, placed
+from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.anatomy import STANDING
 
 _ROUNDING = 1e-9  # [m]
@@ -28,7 +33,7 @@ class Violation(NamedTuple):
     Attributes
     ----------
     who, limb : str
-        Whose it is; the limb is empty where there is but one.
+        The person or object, and its limb; the limb of an object is empty.
     excess : float
         How far it was beyond what its reach allows [m].
     """
@@ -49,13 +54,13 @@ class Tracker:
     Attributes
     ----------
     skeleton : Skeleton
-        Which key points the sensor gives.
+        The key points that the sensor gives.
     body : TrackedBody
-        Her size, and which limbs there are.
+        The person's size, and which limbs there are.
     place : Pose
         Where the sensor's frame, turned to x forward, y left and z up, is in the world.
     noise : float
-        Bound of the errors of the places that it gives [m].
+        Bound of the errors of these places [m].
     """
 
     skeleton: Skeleton
@@ -68,21 +73,21 @@ class Tracker:
 
 
 class PersonTrack:
-    """A person as the sensor has seen her so far.
+    """A person as the sensor has seen them so far.
 
-    A key point that is not seen keeps its place, and ages. One that was never seen is assumed, as `TrackedBody` says;
-    `assumed` names them.
+    A key point that is not seen keeps its place, and its age grows. One that was never seen is assumed, as
+    `TrackedBody` says; `assumed` names them.
 
     Parameters
     ----------
     name : str
         The person.
     tracker : Tracker
-        How she is tracked.
+        How the person is tracked.
     people : People
-        How fast her limbs may move.
-    reach : ReachModel
-        What is assumed of how they do.
+        How fast limbs may move.
+    reach : ReachModel, optional
+        The assumption about their motion; default: `SpeedReach`.
     """
 
     def __init__(self, name: str, tracker: Tracker, people: People, reach: ReachModel | None = None) -> None:
@@ -101,7 +106,7 @@ class PersonTrack:
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Key points that were never seen, and are assumed where the others let expect them."""
+        """Key points that were never seen, and are assumed from the others."""
         return tuple(name for k, name in enumerate(STANDING) if not np.isfinite(self._times[k]))
 
     @property
@@ -112,11 +117,11 @@ class PersonTrack:
 
     @property
     def keypoints(self) -> FloatArray | None:
-        """Key points (18, 3) in the order of `KEYPOINTS`, in the world [m]; None before she was seen."""
+        """Key points (18, 3) in the order of `KEYPOINTS`, in the world [m]; None before the person was seen."""
         return self._completed
 
     def observe(self, points: ArrayLike | None, time: float) -> Violation | None:
-        """Take what the sensor saw, and return who moved farther than was promised, if anyone did.
+        """Take what the sensor saw, and return the limb that moved farther than was promised, if one did.
 
         Parameters
         ----------
@@ -154,17 +159,17 @@ class PersonTrack:
         return Violation(self.name, promised.names[worst][1], float(excess[worst]))
 
     def sets(self) -> ReachSets:
-        """Return where her limbs may be from the time of the last measurement on.
+        """Return where the limbs may be from the time of the last measurement on.
 
         Raises
         ------
         InputError
-            If she was never seen.
+            If the person was never seen.
         """
         return self.reach.sets(self.measured(), self.people)
 
     def measured(self) -> Measured:
-        """Return what is known of her limbs at the time of the last measurement; errors as `sets`."""
+        """Return what is known of the limbs at the time of the last measurement; errors as `sets`."""
         if self._completed is None:
             raise InputError("was never seen", self.name)
         body = self.tracker.body
@@ -194,7 +199,7 @@ class PersonTrack:
 
 
 class ObjectTrack:
-    """A thing that moves: the hulls of its parts, none of whose points is faster than a bound.
+    """An object that moves: the hulls of its parts, none of whose points is faster than a bound.
 
     Parameters
     ----------
@@ -205,7 +210,7 @@ class ObjectTrack:
     speed : float
         Bound of the speed of all its points [m/s].
     pose : pin.SE3
-        Where it is at first; nothing is known of it before it is measured.
+        Where it is at first. It counts as unseen until it is measured.
     """
 
     def __init__(self, name: str, hulls: list[tuple[FloatArray, float]], speed: float, pose: pin.SE3) -> None:
@@ -222,7 +227,7 @@ class ObjectTrack:
         return self.time - self.seen
 
     def observe(self, pose: pin.SE3 | None, time: float) -> Violation | None:
-        """Take where it was seen, if it was; as `PersonTrack.observe`."""
+        """Take where it was seen, or None; as `PersonTrack.observe`."""
         if time < self.time:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
         violation = None
@@ -248,3 +253,115 @@ class ObjectTrack:
             one = ReachSets.of(((self.name, ""),), points[None], np.array([radius]), growth)
             found = found.beside(one)
         return found
+
+
+class Surroundings:
+    """All people and objects that move around a robot, each with its track.
+
+    Parameters
+    ----------
+    scene : Scene
+        All obstacles.
+    trackers : mapping of str to Tracker
+        People that are tracked.
+    objects : mapping of str to float
+        Obstacles that move, and bounds of their speeds [m/s].
+    people : People
+        How fast people may move.
+    reach : ReachModel, optional
+        The assumption about their motion; default: `SpeedReach`.
+
+    Attributes
+    ----------
+    scene, still : Scene
+        All obstacles except the people that are tracked; and those of them that stand still.
+    shapes : dict of str to Shape
+        Shapes of the objects by name.
+    people, objects : dict
+        The tracks by name.
+    time : float
+        Time of the last measurement [s]; −inf: there was none.
+    sets : ReachSets
+        Where all of them may be from that time on; of nobody until all were seen.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        trackers: Mapping[str, Tracker],
+        objects: Mapping[str, float],
+        people: People,
+        reach: ReachModel | None = None,
+    ) -> None:
+        for name in trackers:
+            if name in objects:
+                raise InputError(f"{name!r} is a person and an object: give one of both", "objects")
+        self.people = {name: PersonTrack(name, how, people, reach) for name, how in trackers.items()}
+        self.objects = {name: _track(scene[name], speed) for name, speed in objects.items()}
+        self.shapes = {name: scene[name].shape for name in objects}
+        self.scene = scene.without(*(name for name in scene.names if name in trackers))
+        self.still = self.scene.without(*objects)
+        self.time = -np.inf
+        self.sets = ReachSets.none()
+        self._violations: list[Violation] = []
+
+    def __repr__(self) -> str:
+        return f"Surroundings({len(self.people)} people, {len(self.objects)} objects)"
+
+    @property
+    def _tracks(self) -> dict[str, PersonTrack | ObjectTrack]:
+        return {**self.people, **self.objects}
+
+    @property
+    def known(self) -> bool:
+        """Whether everybody and everything was seen."""
+        seen = all(track.keypoints is not None for track in self.people.values())
+        return seen and all(np.isfinite(track.seen) for track in self.objects.values())
+
+    def update(
+        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
+    ) -> list[Violation]:
+        """Take what sensors saw; see `Replanner.update`."""
+        number("time", time)
+        if time < self.time:
+            raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", "time")
+        for kind, given, known in (("person", people, self.people), ("object", objects, self.objects)):
+            for name in given:
+                if name not in known:
+                    raise UnknownNameError(kind, name, known)
+        found = []
+        for name, person in self.people.items():
+            with document.within(f"people.{name}", ": "):
+                found.append(person.observe(people.get(name), time))
+        for name, thing in self.objects.items():
+            with document.within(f"objects.{name}", ": "):
+                pose = None if objects.get(name) is None else Pose.of(objects[name]).se3
+            found.append(thing.observe(pose, time))
+        self.time = float(time)
+        self._violations = [violation for violation in found if violation is not None]
+        if self.known:
+            self.sets = ReachSets.none()
+            for track in self._tracks.values():
+                self.sets = self.sets.beside(track.sets())
+        return list(self._violations)
+
+    def trouble(self, time: float, lost_after: float) -> str | None:
+        """Return who moved farther than promised or is lost, so that the robot must stop; None: nobody."""
+        for name, track in self._tracks.items():
+            age = time - self.time + track.age
+            if age > lost_after:
+                return (
+                    f"{name!r} was not seen yet"
+                    if np.isinf(age)
+                    else f"{name!r} was not seen for {age:.2f} s"
+                )
+        return str(self._violations[0]) if self._violations else None
+
+
+def _track(obstacle: Obstacle, speed: float) -> ObjectTrack:
+    hulls = []
+    for part in obstacle.shape.parts():
+        hull = bounding_hull(part.geometry)
+        hulls.append((placed(part.placement, hull.points), hull.radius))
+    limit = number(f"objects.{obstacle.name}", speed, at_least=0.0)
+    return ObjectTrack(obstacle.name, hulls, limit, obstacle.pose.se3)

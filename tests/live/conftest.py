@@ -2,10 +2,8 @@
 
 import pytest
 
-from safe_ompl.live.replanner import Replanner
-from safe_ompl.people.body import TrackedBody
-from safe_ompl.people.skeletons import find_skeleton
-from safe_ompl.people.tracking import Tracker
+from safe_ompl.people import TrackedBody, Tracker, find_skeleton
+from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -42,10 +40,16 @@ def tracker():
 def replanner_for(panda, table, tracker):
     """Return a function that makes a replanner: with a person, a ball, or both."""
 
-    def make(*who, ball=1.6, trackers=None, **options):
-        people = trackers or {name: tracker for name in who if name != "ball"}
-        options.setdefault("people", People(speed=1.6))
-        return Replanner(panda, table, people, {"ball": ball} if "ball" in who else {}, **options)
+    def make(*who, ball=1.6, trackers=None, people=None, **options):
+        trackers = trackers or {name: tracker for name in who if name != "ball"}
+        return Replanner(
+            panda,
+            table,
+            trackers,
+            {"ball": ball} if "ball" in who else {},
+            people=People(speed=1.6) if people is None else people,
+            options=ReplanningOptions(**options),
+        )
 
     return make
 

@@ -1,4 +1,4 @@
-"""Other ways: found where the way is barred, taken over only when proven, and with what is known kept."""
+"""Detours: found where the way is barred, taken over only when proven, and with what is known kept."""
 
 import logging
 from dataclasses import replace
@@ -10,13 +10,16 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import InputError
-from safe_ompl.live.around import Around
-from safe_ompl.live.command import Doing
-from safe_ompl.live.guarded_path import GuardedPath
-from safe_ompl.live.limits import DriveLimits
-from safe_ompl.live.replanner import Replanner
-from safe_ompl.live.roadmap import Budget, Roadmap
-from safe_ompl.live.robot_bodies import RobotBodies
+from safe_ompl.people.replanning import (
+    Doing,
+    GuardedPath,
+    PathLimits,
+    PeopleNow,
+    Replanner,
+    Roadmap,
+    RobotBodies,
+)
+from safe_ompl.people.replanning.roadmap import Budget
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
@@ -76,7 +79,7 @@ def test_nothing_is_looked_for_where_the_way_is_clear(replanner_for, to_and_fro)
 @pytest.fixture
 def roadmap(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
-    limits = DriveLimits(RateLimits.of(panda, acceleration=10.0))
+    limits = PathLimits(RateLimits.of(panda, acceleration=10.0))
     found = Roadmap(replanner.motion, RobotBodies(panda), limits)
     way = to_and_fro(replanner)[0]
     found.cover(way.curve)
@@ -87,7 +90,7 @@ def around(replanner, seen):
     replanner.update(
         *seen, replanner.surroundings.time + 1 if np.isfinite(replanner.surroundings.time) else 0.0
     )
-    return Around(replanner.surroundings.sets, 0.0, 0.07)
+    return PeopleNow(replanner.surroundings.sets, 0.0, 0.07, 0.0)
 
 
 def test_what_is_known_is_kept(roadmap):
@@ -95,14 +98,14 @@ def test_what_is_known_is_kept(roadmap):
     start, goal = way.at([0.0, way.duration]).q
     people = around(replanner, BARRED)
     first = Budget(2000)
-    found = roadmap.way(start, goal, 0.0, people, 30.0, first)
+    found = roadmap.quickest(start, goal, people, 30.0, first)
     assert found is not None
     again = Budget(2000)
-    same = roadmap.way(start, goal, 0.1, people, 30.0, again)
+    same = roadmap.quickest(start, goal, replace(people, time=0.1), 30.0, again)
     assert again.left == 2000  # no proof and no look anew
     np.testing.assert_array_equal(same[0], found[0])
     later = Budget(2000)
-    roadmap.way(start, goal, 5.0, around(replanner, BARRED), 30.0, later)
+    roadmap.quickest(start, goal, replace(around(replanner, BARRED), time=5.0), 30.0, later)
     assert later.left > first.left  # looks have aged; proofs hold for ever
     count = len(roadmap.milestones)
     roadmap.cover(way.curve)
@@ -115,7 +118,7 @@ def test_a_small_budget_gets_there_in_the_end(roadmap):
     people = around(replanner, BARRED)
     turns = 0
     for turns in range(200):  # noqa: B007
-        found = roadmap.way(start, goal, 0.0, people, 30.0, Budget(20))
+        found = roadmap.quickest(start, goal, people, 30.0, Budget(20))
         if found is not None:
             break
     assert found is not None
@@ -125,12 +128,12 @@ def test_a_small_budget_gets_there_in_the_end(roadmap):
 def test_ways_are_free_and_end_where_they_must(roadmap):
     roadmap, replanner, way = roadmap
     start, goal = way.at([0.0, way.duration]).q
-    points, time = roadmap.way(start, goal, 0.0, around(replanner, FAR), 30.0, Budget(2000))
+    points, time = roadmap.quickest(start, goal, around(replanner, FAR), 30.0, Budget(2000))
     np.testing.assert_array_equal(points[0], start)
     np.testing.assert_allclose(points[-1], goal, atol=1e-9)
     assert all(replanner.motion.is_free(a, b) for a, b in pairwise(points))
     assert 0 < time < 30
-    assert roadmap.way(start, goal, 0.0, around(replanner, FAR), 0.1, Budget(2000)) is None
+    assert roadmap.quickest(start, goal, around(replanner, FAR), 0.1, Budget(2000)) is None
 
 
 def slowed(replanner, to_and_fro, panda, way=0, **speeds):
@@ -170,14 +173,14 @@ def test_other_ways_keep_caps_of_tool_speed(replanner_for, to_and_fro, panda):
 
 def test_a_path_under_a_cap_of_link_speed_keeps_it_everywhere(panda, to_and_fro, replanner_for):
     way = to_and_fro(replanner_for("ball"))[0]
-    path = GuardedPath.along(RobotBodies(panda), way.curve, DriveLimits(way.limits, link_speed=0.7))
+    path = GuardedPath.along(RobotBodies(panda), way.curve, PathLimits(way.limits, link_speed=0.7))
     for s, square in zip(0.5 * (path.edges[1:] + path.edges[:-1]), path.squares, strict=True):
         place = path.curve.at(np.array([s]))
         step = 1e-5 * np.sqrt(square)
         moved = panda.keypoints(place.q[0] + step * place.slope[0]) - panda.keypoints(place.q[0])
         assert np.linalg.norm(moved, axis=1).max() <= 0.7 * 1e-5 * 1.001
     assert (
-        path.squares.min() < GuardedPath.along(path.bodies, way.curve, DriveLimits(way.limits)).squares.min()
+        path.squares.min() < GuardedPath.along(path.bodies, way.curve, PathLimits(way.limits)).squares.min()
     )
 
 
@@ -185,23 +188,33 @@ def test_other_limits_make_other_times_but_no_other_proofs(roadmap):
     roadmap, replanner, way = roadmap
     start, goal = way.at([0.0, way.duration]).q
     people = around(replanner, FAR)
-    _, fast = roadmap.way(start, goal, 0.0, people, 60.0, Budget(2000))
+    _, fast = roadmap.quickest(start, goal, people, 60.0, Budget(2000))
     roadmap.keep_to(replace(roadmap.limits, tool_speed=0.3))
     again = Budget(20000)
-    _, slow = roadmap.way(start, goal, 0.0, people, 60.0, again)
+    _, slow = roadmap.quickest(start, goal, people, 60.0, again)
     assert slow > 1.5 * fast
     assert again.left < 20000
     kept = Budget(2000)
     roadmap.keep_to(roadmap.limits)
-    assert roadmap.way(start, goal, 0.0, people, 60.0, kept)[1] == slow
+    assert roadmap.quickest(start, goal, people, 60.0, kept)[1] == slow
     assert kept.left == 2000
+
+
+@pytest.mark.parametrize(("bound", "limit"), [(0.0, 1.0), (0.5, None)])
+def test_a_robot_finds_away_from_what_it_stands_beside(replanner_for, to_and_fro, panda, bound, limit):
+    """The slower it is, the nearer to an obstacle it comes before it stands: nearer than large cells can tell."""
+    replanner = replanner_for("ball", ball=bound)
+    way = slowed(replanner, to_and_fro, panda, tool_speed=limit)
+    commands = driven(replanner, way, lambda t: BARRED, 15.0)
+    assert Doing.STANDING in {command.doing for command in commands}
+    assert commands[-1].doing is Doing.DONE
 
 
 def test_a_new_trajectory_brings_its_limits(replanner_for, to_and_fro, panda):
     replanner = replanner_for("ball", ball=0.1)
     driven(replanner, slowed(replanner, to_and_fro, panda), lambda t: FAR, 6.0)
     replanner.start(slowed(replanner, to_and_fro, panda, 1, tool_speed=1.0))
-    assert replanner._detours.roadmap.limits.tool_speed == 1.0
+    assert replanner.detours.roadmap.limits.tool_speed == 1.0
 
 
 def test_no_other_way_is_taken_where_a_cap_holds_on_its_own_curve_only(
@@ -253,7 +266,7 @@ def test_paths_are_cut_and_joined_as_they_were(panda):
     rest = GuardedPath.along(
         bodies,
         time_path([part.curve.at(np.array([part.length])).q[0], points[0]], panda, limits).curve,
-        DriveLimits(limits),
+        PathLimits(limits),
     )
     whole = part.then(rest)
     assert whole.length == pytest.approx(part.length + rest.length)

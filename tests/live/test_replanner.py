@@ -1,5 +1,6 @@
 """What is executed is proven at every instant: adversaries never touch a robot that moves, and faults are answered."""
 
+import importlib
 import logging
 from itertools import pairwise
 
@@ -9,9 +10,10 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.live.command import Doing
-from safe_ompl.live.judge import limb_solids
-from safe_ompl.people.reach import AccelerationReach, IntersectedReach, SpeedReach
+from safe_ompl.exchange.ticks import read_ticks
+from safe_ompl.people import AccelerationReach, IntersectedReach, SpeedReach
+from safe_ompl.people.replanning import Doing, Replanner, ReplanningOptions
+from safe_ompl.people.simulation import limb_solids
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.anatomy import STANDING
@@ -273,8 +275,21 @@ def test_what_cannot_be_is_refused(replanner_for, to_and_fro, panda, table, trac
     with pytest.raises(InputError, match="is not free of what stands still"):
         replanner_for("ball").start(down)
     with pytest.raises(UnknownNameError, match="unknown obstacle 'cube'"):
-        type(replanner)(panda, table, {}, {"cube": 1.0})
+        Replanner(panda, table, {}, {"cube": 1.0})
     with pytest.raises(InputError, match="'ball' is a person and an object"):
-        type(replanner)(panda, table, {"ball": tracker}, {"ball": 1.0})
-    with pytest.raises(InputError, match="tick"):
-        type(replanner)(panda, table, {}, tick=0.0)
+        Replanner(panda, table, {"ball": tracker}, {"ball": 1.0})
+    for wrong in ({"tick": 0.0}, {"lost_after": -1.0}, {"seed": 0.5}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            ReplanningOptions(**wrong)
+
+
+def test_former_names_still_work_and_say_what_to_write(panda, table):
+    with pytest.warns(DeprecationWarning, match=r"options=ReplanningOptions\(tick=…, seed=…\)"):
+        replanner = Replanner(panda, table, {}, {"ball": 0.1}, tick=0.04, seed=3)
+    assert replanner.tick == 0.04
+    assert replanner.options == ReplanningOptions(tick=0.04, seed=3)
+    with pytest.raises(TypeError, match="speed"):
+        Replanner(panda, table, {}, speed=1.0)
+    with pytest.warns(DeprecationWarning, match=r"safe_ompl\.live\.ticks is safe_ompl\.exchange\.ticks"):
+        former = importlib.import_module("safe_ompl.live.ticks")
+    assert former.read_ticks is read_ticks

@@ -1,4 +1,4 @@
-"""The simulation: its files, its judge, and faults that are answered by a stop."""
+"""The simulation: its files, its contact monitor, and faults that are answered by a stop."""
 
 import json
 
@@ -8,24 +8,20 @@ import pytest
 from safe_ompl.cli import main
 from safe_ompl.cli.main import command_line
 from safe_ompl.errors import InputError
-from safe_ompl.live.judge import Judge, limb_solids
-from safe_ompl.live.movers import Drifting, Playback
-from safe_ompl.live.simulation import Simulation
-from safe_ompl.live.summary import Faults
-from safe_ompl.live.ticks import read_ticks
+from safe_ompl.exchange.ticks import read_ticks
 from safe_ompl.paths.certificate.portable import built_robot, built_scene
-from safe_ompl.people.recordings import Recording
-from safe_ompl.people.skeletons import KEYPOINTS, SKELETONS
-from safe_ompl.people.tracking import Tracker
+from safe_ompl.people import Recording, Tracker, find_skeleton
+from safe_ompl.people.simulation import ContactMonitor, Drifting, Faults, Playback, Simulation, limb_solids
+from safe_ompl.people.skeletons import KEYPOINTS
 from safe_ompl.scenario.scenario import find_scenario
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.anatomy import STANDING
 
-RECORDING = SKELETONS["recording12"]
+RECORDING = find_skeleton("recording12")
 
 
 def swaying(seconds=6.0, rate=20.0, far=1.1, speed=1.0):
-    """Return frames (T, 12, 3) of a person who sways to and fro beside the arm, her hip near the floor of the frame."""
+    """Return frames (T, 12, 3) of a person who sways to and fro beside the arm, the hip near the floor of the frame."""
     height, hips = 1.75, STANDING["left_hip"][2]
     ours = {"hip": None, "torso": None, "neck": None, "head": "head"}
     places = []
@@ -42,7 +38,7 @@ def swaying(seconds=6.0, rate=20.0, far=1.1, speed=1.0):
 
 @pytest.fixture(scope="session")
 def clips(tmp_path_factory):
-    """Return a file with two clips: one of a person who keeps to her speed, one of a person who does not."""
+    """Return a file with two clips: one of a person who keeps to the promised speed, one of a person who does not."""
     file = tmp_path_factory.mktemp("people") / "swaying.npz"
     names = np.array(RECORDING.points)
     np.savez(file, names=names, rate=20.0, clip_0=swaying().astype(np.float16), clip_1=swaying(speed=15.0))
@@ -71,14 +67,32 @@ def test_the_same_world_gives_the_same_ticks(replanner_for, to_and_fro, clips):
     faults = Faults(noise=0.005, drops=0.1, late=0.1, seed=3)
     runs = []
     for _ in range(2):
-        ticks = list(simulated(replanner_for, to_and_fro, clips, faults=faults, judged=False).ticks(2.0))[1:]
+        ticks = list(simulated(replanner_for, to_and_fro, clips, faults=faults, monitored=False).ticks(2.0))
         runs.append([{key: value for key, value in tick.items() if key != "reaction"} for tick in ticks])
     assert runs[0] == runs[1]
 
 
+def test_all_that_a_tick_says_is_of_one_instant(replanner_for, to_and_fro, clips):
+    one = simulated(replanner_for, to_and_fro, clips)
+    ticks = list(one.ticks(4.0))
+    monitor, body = ContactMonitor(one.replanner.robot), one.world.people["anna"].tracker.body
+    moved = 0
+    for tick in ticks:
+        q, points = np.array(tick["q"]), np.array([tick["people"]["anna"][name] for name in KEYPOINTS])
+        ends = body.ends(points)
+        nearest = monitor.nearest(q, limb_solids("anna", body.limbs, ends, body.radii(ends)))
+        assert nearest.distance == pytest.approx(tick["distance"], abs=1e-12)
+        assert (nearest.link, nearest.who) == (tick["link"], tick["who"])
+        if tick["state"] in ("standing", "done"):
+            assert not any(tick["qd"])
+        moved += any(tick["qd"])
+    assert moved > 30
+    assert {tick["path"] for tick in ticks if "ahead" in tick} == {tick["path"] for tick in ticks}
+
+
 def test_who_is_faster_than_promised_is_seen_and_answered_by_a_stop(replanner_for, to_and_fro, clips, caplog):
-    one = simulated(replanner_for, to_and_fro, clips, "clip_1", judged=False)
-    ticks = list(one.ticks(3.0))[1:]
+    one = simulated(replanner_for, to_and_fro, clips, "clip_1", monitored=False)
+    ticks = list(one.ticks(3.0))
     assert one.summary.violations > 5
     assert one.summary.model_obeyed < 0.9
     assert "farther than promised: stop" in caplog.text
@@ -103,18 +117,18 @@ def test_faults_are_shares_and_lengths():
             Faults(**given)
 
 
-def test_the_judge_sees_contacts_once_and_who_moved(panda, tracker):
-    judge, q = Judge(panda), np.array([0, -0.4, 0, -2.0, 0, 2.0, 0.785])
+def test_the_monitor_notes_contacts_once_and_whether_the_robot_moved(panda, tracker):
+    monitor, q = ContactMonitor(panda), np.array([0, -0.4, 0, -2.0, 0, 2.0, 0.785])
     tip = panda.tip_pose(q).translation
     ends = np.array([[tip, tip + np.array([0, 0, 0.1])]])
     touching = limb_solids("anna", ("right_hand",), ends, np.array([0.05]))
     away = limb_solids("anna", ("right_hand",), ends + np.array([2.0, 0, 0]), np.array([0.05]))
-    assert judge.look(0.0, q, away, moving=True, obeyed=True).distance > 1
+    assert monitor.observe(0.0, q, away, moving=True, obeyed=True).distance > 1
     for time, moving in ((0.1, False), (0.2, False), (0.3, True)):
-        assert judge.look(time, q, touching, moving=moving, obeyed=True).distance <= 0
-    judge.look(0.4, q, away, moving=True, obeyed=True)
-    judge.look(0.5, q, touching, moving=False, obeyed=True)
-    assert [(c.time, c.moving, c.limb) for c in judge.contacts] == [
+        assert monitor.observe(time, q, touching, moving=moving, obeyed=True).distance <= 0
+    monitor.observe(0.4, q, away, moving=True, obeyed=True)
+    monitor.observe(0.5, q, touching, moving=False, obeyed=True)
+    assert [(c.time, c.moving, c.limb) for c in monitor.contacts] == [
         (0.1, True, "right_hand"),
         (0.5, False, "right_hand"),
     ]
@@ -217,7 +231,7 @@ def test_the_command_refuses_in_one_line(clips, tmp_path, capsys, change, messag
     assert len(error.strip().splitlines()) == 1
 
 
-def test_she_stands_where_the_scenario_has_somebody(clips, tmp_path):
+def test_the_recorded_person_stands_where_the_scenario_has_somebody(clips, tmp_path):
     assert (
         main(["live", "panda_shelf", "--people", str(clips), "--seconds", "0.1", "--out", str(tmp_path)]) == 0
     )
@@ -226,7 +240,7 @@ def test_she_stands_where_the_scenario_has_somebody(clips, tmp_path):
     middle = 0.5 * (np.array(hips["left_hip"]) + np.array(hips["right_hip"]))
     np.testing.assert_allclose(middle[:2], [0.80, 0.05], atol=1e-6)
     across = np.array(hips["left_hip"]) - np.array(hips["right_hip"])
-    assert across[1] < 0  # she faces the robot
+    assert across[1] < 0  # facing the robot
     assert Pose().position == (0.0, 0.0, 0.0)
 
 
@@ -258,12 +272,29 @@ def test_it_can_be_seen(tmp_path, capsys):
     assert "<html" in page.read_text(encoding="utf-8")[:2000].lower()
 
 
+def test_a_tick_may_be_shorter_than_the_usual_latency(tmp_path):
+    words = [
+        "live",
+        "panda_shelf",
+        "--movers",
+        "1",
+        "--tick",
+        "0.01",
+        "--seconds",
+        "0.05",
+        "--out",
+        str(tmp_path),
+    ]
+    assert main(words) == 0
+    assert len(read_ticks(tmp_path / "ticks.jsonl")[1]) == 5
+
+
 def test_things_alone_and_nobody(tmp_path, capsys):
     words = ["live", "panda_shelf", "--out", str(tmp_path), "--seconds", "0.2"]
     assert main([*words, "--movers", "1"]) == 0
     header, _ = read_ticks(tmp_path / "ticks.jsonl")
     assert not header["people"]
-    assert "operator" in built_scene(header["scene"]).names  # she stands there for ever
+    assert "operator" in built_scene(header["scene"]).names  # and stands there for ever
     capsys.readouterr()
     for given, said in (
         ([], "--people: nobody and nothing moves"),

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from safe_ompl.live.walkers import ALL_KEYPOINTS, Walker
-from safe_ompl.people.body import TrackedBody
+from safe_ompl.errors import InputError
+from safe_ompl.people import TrackedBody, Tracker, find_skeleton
+from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker
 from safe_ompl.people.tracking import PersonTrack
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.shapes.anatomy import STANDING
@@ -19,7 +20,7 @@ def walker(people=SLOW_HAND, **options):
 
 @pytest.mark.parametrize("people", [People(speed=1.6), SLOW_HAND, People(speed=0.3)])
 def test_no_limb_is_faster_than_it_may_be(people):
-    for seed in range(3):
+    for seed in range(2):
         one = walker(people, seed=seed)
         track = PersonTrack("anna", one.tracker, people)
         for time in np.cumsum(np.random.default_rng(seed).uniform(0.005, 0.12, 200)):
@@ -32,7 +33,7 @@ def test_who_is_faster_than_promised_is_seen():
     assert any(track.observe(one.at(time), time) for time in np.arange(0, 10, 0.05))
 
 
-def test_she_really_walks_and_reaches_out_within_her_sector():
+def test_a_walker_walks_and_reaches_out_within_the_sector():
     one = walker(People(speed=1.6))
     points = np.array([one.at(time) for time in np.arange(0, 60, 0.05)])
     index = list(STANDING).index
@@ -48,7 +49,7 @@ def test_she_really_walks_and_reaches_out_within_her_sector():
 
 
 def test_limbs_keep_their_lengths():
-    one = walker(People(speed=1.6), body=TrackedBody(1.6))
+    one = walker(People(speed=1.6), tracker=Tracker(ALL_KEYPOINTS, TrackedBody(1.6)))
     index = list(STANDING).index
     arm = [index(f"left_{name}") for name in ("shoulder", "elbow", "wrist", "hand")]
     standing = 1.6 * np.linalg.norm(np.diff(np.array(list(STANDING.values()))[arm], axis=0), axis=1)
@@ -60,8 +61,13 @@ def test_limbs_keep_their_lengths():
 
 def test_a_seed_is_one_walk_and_the_past_may_be_asked_for():
     first, same, other = walker(seed=1), walker(seed=1), walker(seed=2)
-    late = first.at(40.0)
-    np.testing.assert_array_equal(late, same.at(40.0))
-    np.testing.assert_array_equal(first.at(39.5), same.at(39.5))
-    assert np.abs(late - other.at(40.0)).max() > 0.05
+    late = first.at(25.0)
+    np.testing.assert_array_equal(late, same.at(25.0))
+    np.testing.assert_array_equal(first.at(24.5), same.at(24.5))
+    assert np.abs(late - other.at(25.0)).max() > 0.05
     assert late.shape == (len(ALL_KEYPOINTS.points), 3)
+
+
+def test_only_a_sensor_that_sees_all_of_the_body_in_the_world_will_do():
+    with pytest.raises(InputError, match="tracker: must have the skeleton ALL_KEYPOINTS"):
+        walker(tracker=Tracker(find_skeleton("coco17")))

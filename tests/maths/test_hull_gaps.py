@@ -4,10 +4,9 @@ import coal
 import numpy as np
 import pytest
 
-from safe_ompl.live.guarded_path import GuardedPath
-from safe_ompl.live.robot_bodies import RobotBodies
 from safe_ompl.maths.kernels.hull_gaps import hull_gap
-from safe_ompl.people.reach import ReachSets
+from safe_ompl.people import ReachSets
+from safe_ompl.people.replanning import GuardedPath, RobotBodies, StopMotion
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 
@@ -60,22 +59,21 @@ def sets(at, *, velocity=(0.0, 0, 0), growth=(0.0, 1.6, 0.0)):
     return ReachSets.of((("anna", "hand"),), points, np.array([0.05]), np.array([growth]), speed)
 
 
-def margin(path, cells, begin, end, who, clearance=0.0):
-    cells = np.array(cells)
-    return path.least(cells, np.array(begin), np.array(end), who, clearance, np.inf).margin
+def margin(path, cell, begin, end, who, clearance=0.0):
+    """Return the exact margin in one cell between two times."""
+    motion = StopMotion(np.array([cell]), np.zeros(2), np.zeros(2), np.array([begin, end]))
+    return path.margin(motion, who, 0.0, clearance, exact=True).margin
 
 
 def test_margins_fall_with_time_growth_and_clearance(path):
-    alone = margin(path, [40], [0.0], [0.0], sets((0.9, 0, 0.4)))
-    assert margin(path, [40], [0.1], [0.3], sets((0.9, 0, 0.4))) == pytest.approx(alone - 0.48, abs=2e-4)
-    assert margin(path, [40], [0.0], [0.0], sets((0.9, 0, 0.4)), 0.2) == pytest.approx(alone - 0.2, abs=2e-4)
+    alone = margin(path, 40, 0.0, 0.0, sets((0.9, 0, 0.4)))
+    assert margin(path, 40, 0.1, 0.3, sets((0.9, 0, 0.4))) == pytest.approx(alone - 0.48, abs=2e-4)
+    assert margin(path, 40, 0.0, 0.0, sets((0.9, 0, 0.4)), 0.2) == pytest.approx(alone - 0.2, abs=2e-4)
     quick = sets((0.9, 0, 0.4), growth=(0.01, 0.5, 8.0))
-    assert margin(path, [40], [0.2], [0.2], quick) == pytest.approx(alone - 0.01 - 0.1 - 0.16, abs=2e-4)
+    assert margin(path, 40, 0.2, 0.2, quick) == pytest.approx(alone - 0.01 - 0.1 - 0.16, abs=2e-4)
     coming = sets((0.9, 0, 0.4), velocity=(-1.0, 0, 0), growth=(0.0, 0.0, 0.0))
     still = sets((0.7, 0, 0.4), growth=(0.0, 0.0, 0.0))
-    assert margin(path, [40], [0.2], [0.2], coming) == pytest.approx(
-        margin(path, [40], [0], [0], still), abs=2e-4
-    )
+    assert margin(path, 40, 0.2, 0.2, coming) == pytest.approx(margin(path, 40, 0.0, 0.0, still), abs=2e-4)
 
 
 def test_whoever_is_in_several_sets_is_in_all_of_them(path):
@@ -83,13 +81,9 @@ def test_whoever_is_in_several_sets_is_in_all_of_them(path):
     both = near.and_also(far)
     assert len(both) == 2
     assert len(both.names) == 1
-    assert margin(path, [40], [0.1], [0.1], both) == pytest.approx(
-        margin(path, [40], [0.1], [0.1], far), abs=2e-4
-    )
+    assert margin(path, 40, 0.1, 0.1, both) == pytest.approx(margin(path, 40, 0.1, 0.1, far), abs=2e-4)
     beside = near.beside(far)
-    assert margin(path, [40], [0.1], [0.1], beside) == pytest.approx(
-        margin(path, [40], [0.1], [0.1], near), abs=2e-4
-    )
+    assert margin(path, 40, 0.1, 0.1, beside) == pytest.approx(margin(path, 40, 0.1, 0.1, near), abs=2e-4)
 
 
 def test_a_motion_is_proven_or_not_as_its_least_margin_says(path):
@@ -97,10 +91,9 @@ def test_a_motion_is_proven_or_not_as_its_least_margin_says(path):
     proven = 0
     for _ in range(100):
         who = sets(rng.uniform([0.2, -1.2, 0.0], [1.2, 1.2, 0.8]))
-        motion = path.drive(rng.uniform(0.1, 1.0), rng.uniform(0, 1.0), rng.uniform(-1, 1), 0.05)
-        left = path.left(motion, who, 0.02, 0.0)
-        times = 0.02 + motion.times
-        least = margin(path, motion.cells, times[:-1], times[1:], who)
+        motion = path.motion_from(rng.uniform(0.1, 1.0), rng.uniform(0, 1.0), rng.uniform(-1, 1), 0.05)
+        left = path.margin(motion, who, 0.02, 0.0)
+        least = path.margin(motion, who, 0.02, 0.0, exact=True).margin
         if abs(least) > 2e-4:
             assert (left.margin >= 0) == (least >= 0)
         proven += left.margin >= 0

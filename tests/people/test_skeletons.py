@@ -98,7 +98,7 @@ def test_what_is_not_seen_is_assumed_as_in_a_standing_body():
     np.testing.assert_allclose(ends[hand], np.tile(points[KEYPOINTS.index("left_wrist")], (2, 1)))
     span = np.linalg.norm(points[KEYPOINTS.index("left_hand")] - points[KEYPOINTS.index("left_wrist")])
     assert body.radii(ends)[hand] == pytest.approx(1.8 * LIMBS["left_hand"][2] + span)
-    turned = points @ np.array([[0, 1.0, 0], [-1, 0, 0], [0, 0, 1]])  # she faces y
+    turned = points @ np.array([[0, 1.0, 0], [-1, 0, 0], [0, 0, 1]])  # the person faces y
     seen = turned.copy()
     seen[[KEYPOINTS.index("left_knee"), KEYPOINTS.index("left_toe")]] = np.nan
     np.testing.assert_allclose(body.completed(seen)[0][:17], turned[:17], atol=1e-9)

@@ -1,6 +1,6 @@
-"""The judge of a simulation: plain distances between a robot that moves and people and things that do, at fine steps.
+"""The contact monitor of a simulation: coal's distances between the robot and everything that moves, at fine steps.
 
-It shares nothing with the replanner but the robot's collision model and the bodies of people: distances are coal's.
+It shares nothing with the replanner except the robot's collision model and the bodies of people.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from safe_ompl.scene.shapes.person import Limb
 
 
 class Nearest(NamedTuple):
-    """The smallest distance at one instant [m], and between which two."""
+    """The smallest distance at one instant [m], the link of the robot, and the limb of a person or object."""
 
     distance: float
     link: str | None = None
@@ -28,7 +28,7 @@ class Nearest(NamedTuple):
 
 
 class Solid(NamedTuple):
-    """A body at its place."""
+    """A limb of a person, or a part of an object, at its place."""
 
     who: str
     limb: str
@@ -38,18 +38,18 @@ class Solid(NamedTuple):
 
 @dataclass
 class Contact:
-    """A contact between the robot and someone.
+    """A contact between the robot and a person or object.
 
     Attributes
     ----------
     time : float
         When it began [s].
     link, who, limb : str
-        Between which two.
+        The link of the robot, and the limb of the person or object.
     moving : bool
         Whether the robot moved then, or later while it lasted.
     obeyed : bool
-        Whether all had kept to the reach model since the measurement that the motion was proven against.
+        Whether everybody had kept to the reach model since the measurement that the motion was proven against.
     """
 
     time: float
@@ -71,8 +71,8 @@ def limb_solids(who: str, limbs: tuple[str, ...], ends: FloatArray, radii: Float
     return found
 
 
-class Judge:
-    """Looks for contacts.
+class ContactMonitor:
+    """Measures distances between a robot and everything that moves, and notes contacts.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Judge:
     Attributes
     ----------
     contacts : list of Contact
-        Those that were found, in order.
+        All contacts so far, in order.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -115,11 +115,13 @@ class Judge:
                     found = Nearest(float(distance), self._links[k], solid.who, solid.limb)
         return found
 
-    def look(self, time: float, q: FloatArray, solids: list[Solid], *, moving: bool, obeyed: bool) -> Nearest:
-        """Note whether there is a contact at one instant, and return the smallest distance."""
+    def observe(
+        self, time: float, q: FloatArray, solids: list[Solid], *, moving: bool, obeyed: bool
+    ) -> Nearest:
+        """Note a contact at one instant if there is one, and return the smallest distance."""
         nearest = self.nearest(q, solids)
         if nearest.distance > 0:
-            self.apart()
+            self.clear()
             return nearest
         key = str(nearest.who), str(nearest.limb)
         if key not in self._touching:
@@ -130,6 +132,6 @@ class Judge:
             contact.moving, contact.obeyed = True, obeyed
         return nearest
 
-    def apart(self) -> None:
+    def clear(self) -> None:
         """Note that nobody touches the robot now."""
         self._touching.clear()

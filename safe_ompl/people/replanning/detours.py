@@ -1,4 +1,4 @@
-"""Other ways: when the way ahead is barred or slow, one is looked for on the roadmap, and made into a path to drive."""
+"""Detours: when the path ahead is barred or slow, a quicker one is searched on the roadmap."""
 
 from __future__ import annotations
 
@@ -9,76 +9,66 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.live.around import Around
-from safe_ompl.live.command import Command
-from safe_ompl.live.guarded_path import GuardedPath
-from safe_ompl.live.limits import DriveLimits
-from safe_ompl.live.roadmap import Budget, Roadmap
-from safe_ompl.live.robot_bodies import RobotBodies
+from safe_ompl.people.replanning.command import Command
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies
+from safe_ompl.people.replanning.roadmap import Budget, PeopleNow, Roadmap
 from safe_ompl.trajectories.blends import blended
 
 _log = logging.getLogger(__name__)
 
-_GAIN, _WORTH = (
-    0.75,
-    0.3,
-)  # another way must take less than this share of the time, and be this much quicker [s]
-_SLOW = 1.2  # times as long as alone: then another way is looked for
-_LONGEST = 30.0  # [s] ways that take longer are not looked for
+# A detour must take less than this share of the time, and be this much quicker [s].
+_GAIN, _WORTH = 0.75, 0.3
+_SLOW = 1.2  # times as long as with nobody near: then a detour is searched
+_LONGEST = 30.0  # [s] detours that take longer are not wanted
 _SMALL = 1e-6  # [rad]
-_TOLERANCE = 0.3  # [rad] of blends: way points of a roadmap mean nothing
+_TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
 _CUTS = 12  # units of work for each straight motion that is tried instead of several edges
 
 
 class Detours:
-    """Looks for ways that are quicker beside people as they stand now.
+    """Searches paths that are quicker beside people as they are now.
 
     Parameters
     ----------
     motion : CertifiedMotion
-        Proves what stands still.
+        Proves motions among still obstacles.
     bodies : RobotBodies
-        Of the robot.
-    limits : DriveLimits
-        What other ways keep to, until `keep_to`.
+        The robot's.
+    limits : PathLimits
+        The limits that detours keep, until `keep_to`.
     seed : int
-        Of the roadmap.
+        Seed of the roadmap.
     """
 
     def __init__(
-        self, motion: CertifiedMotion, bodies: RobotBodies, limits: DriveLimits, seed: int = 0
+        self, motion: CertifiedMotion, bodies: RobotBodies, limits: PathLimits, seed: int = 0
     ) -> None:
         self._motion, self._bodies, self._limits = motion, bodies, limits
-        self._undisturbed: tuple[GuardedPath | None, float] = (
-            None,
-            0.0,
-        )  # a path that needs no look until then [s]
+        # A path that nobody can slow down before a time [s].
+        self._undisturbed: tuple[GuardedPath | None, float] = (None, 0.0)
         self.roadmap = Roadmap(motion, bodies, limits, seed=seed)
 
-    def keep_to(self, limits: DriveLimits) -> None:
-        """Have other ways keep to other limits from now on."""
+    def keep_to(self, limits: PathLimits) -> None:
+        """Have detours keep other limits from now on."""
         self._limits = limits
         self.roadmap.keep_to(limits)
 
-    def other_way(
-        self, command: Command, now: float, people: Around, units: int
-    ) -> tuple[GuardedPath, float] | None:
-        """Return a path that goes another way from where the stop of a command ends, if that is quicker.
+    def search(self, command: Command, people: PeopleNow, units: int) -> tuple[GuardedPath, float] | None:
+        """Return a quicker path to the goal that leaves the command's path where its stop ends; None if none is found.
 
-        It begins with what is left of the command's path up to there, so that the robot can go over to it at any time
-        before; the arc length of the command's path where it begins is returned as well.
+        It begins with the rest of the command's path up to there, so that the robot can change over at any time before
+        that. The arc length of the command's path at which it begins is returned as well.
 
         Parameters
         ----------
         command : Command
-            What is being driven.
-        now : float
-            [s]
-        people : Around
+            What the robot follows.
+        people : PeopleNow
             Where they are.
         units : int
-            How much may be done for it; where that is not enough, it is gone on with the next time.
+            How much work may be done; the next call goes on where this one ended.
         """
+        now = people.time
         path, budget = command.path, Budget(units)
         rest = float(command.motion.places[-1])
         if path.length - rest < _SMALL:
@@ -97,7 +87,7 @@ class Detours:
             return None
         start, goal = path.curve.at(np.array([rest, path.length])).q
         within = min(_GAIN * stay, stay - _WORTH, _LONGEST)
-        found = self.roadmap.way(start, goal, now, people, within, budget)
+        found = self.roadmap.quickest(start, goal, people, within, budget)
         if found is None:
             return None
         points = self._shortened(found[0], people, budget)
@@ -109,21 +99,19 @@ class Detours:
         takes = self._remaining(way, 0.0, people)
         if takes > within:
             return None
-        _log.info(
-            "%.3f s: another way of %.2f rad takes %.1f s in place of %.1f s", now, way.length, takes, stay
-        )
+        _log.info("%.3f s: a detour of %.2f rad takes %.1f s instead of %.1f s", now, way.length, takes, stay)
         first = command.motion.at(now - command.time)[0]
         if rest - first <= _SMALL:  # it stands
             return way, rest
         begin = float(path.curve.starts[path.curve.piece_at(np.array([first]))[0]])
         return path.from_to(first, rest).then(way), begin
 
-    def _remaining(self, path: GuardedPath, first: float, people: Around) -> float:
+    def _remaining(self, path: GuardedPath, first: float, people: PeopleNow) -> float:
         times, _ = path.coarse.pace(people.sets, people.clearance, people.reaction)
         return float(times[path.coarse.edges[1:] > first].sum())
 
-    def _shortened(self, points: list[FloatArray], people: Around, budget: Budget) -> list[FloatArray]:
-        """Return the way without way points that a straight motion can leave out, free and no slower."""
+    def _shortened(self, points: list[FloatArray], people: PeopleNow, budget: Budget) -> list[FloatArray]:
+        """Return the path without the points that a free and no slower straight motion can leave out."""
         kept = [points[0]]
         k = 0
         while k < len(points) - 1:
@@ -139,7 +127,7 @@ class Detours:
                     break
         return kept
 
-    def _straight_time(self, points: list[FloatArray], people: Around) -> float:
+    def _straight_time(self, points: list[FloatArray], people: PeopleNow) -> float:
         robot, total = self._motion.checker.robot, 0.0
         for a, b in pairwise(points):
             curve = blended(np.array([a, b]), robot, 0.0, None)

@@ -1,26 +1,69 @@
-"""The roadmap of the replanner: made once for what stands still, searched lazily, and never made anew."""
+"""The roadmap on which the replanner looks for other paths: built once among still obstacles, searched lazily."""
 
 from __future__ import annotations
 
 import heapq
 from collections import OrderedDict
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.live.around import Around, Look
-from safe_ompl.live.guarded_path import GuardedPath
-from safe_ompl.live.limits import DriveLimits
-from safe_ompl.live.robot_bodies import RobotBodies
+from safe_ompl.people.reach import ReachSets
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies
 from safe_ompl.trajectories.curve import BlendedCurve, Piece
 
-_AROUND = (0.3, 0.6, 1.2)  # [rad] how far from the way samples are, in turn
+_SPREAD = (0.3, 0.6, 1.2)  # [rad] how far from the curve samples are, in turn
 _NEIGHBOURS = 8
 _STEP = 0.1  # [rad] cells of edges: estimates may be coarse
 _KEPT = 400  # edges whose cells are kept
-_PROOF, _LOOK = 8, 1  # units of work
+_STALE = 0.3  # [s] an estimate for an edge that people slow down is kept so long
+_PROOF, _ESTIMATE = 8, 1  # units of work
+
+
+@dataclass(frozen=True)
+class EdgeTime:
+    """An estimate of how long an edge takes beside people.
+
+    Attributes
+    ----------
+    time : float
+        How long [s]; inf: it is barred.
+    until : float
+        Until when the estimate holds [s]: before that nobody can be near enough to make the edge slower.
+    """
+
+    time: float
+    until: float
+
+
+@dataclass(frozen=True)
+class PeopleNow:
+    """Where people and objects are now, and what estimates must leave to them.
+
+    Attributes
+    ----------
+    sets : ReachSets
+        Where they are.
+    clearance : float
+        Distance that must be left [m].
+    reaction : float
+        From a measurement until the robot begins to brake at the latest [s].
+    time : float
+        Now [s].
+    """
+
+    sets: ReachSets
+    clearance: float
+    reaction: float
+    time: float
+
+    def estimate(self, path: GuardedPath) -> EdgeTime:
+        """Return how long a path takes, and until when that holds."""
+        times, left = path.pace(self.sets, self.clearance, self.reaction)
+        return EdgeTime(float(times.sum()), self.time + max(_STALE, left))
 
 
 class Budget:
@@ -38,31 +81,31 @@ class Budget:
 
 
 class Roadmap:
-    """Milestones about the ways of a robot, and what is known of the edges between them.
+    """Milestones around the paths of a robot, and what is known of the edges between them.
 
-    That an edge is free of what stands still is proven once, when it is first asked for, and for ever. How long it
-    takes beside people holds for a while: with the least time T = (distance − what a full-speed stop needs)/v in which
-    anyone can come so near that the edge is slowed down, it needs no look before T has passed.
+    An edge is proven free of still obstacles once, when it is first needed; the proof holds for ever. An estimate of
+    how long it takes beside people holds for the least time T = (distance − what a full-speed stop needs)/v in which
+    anyone can come near enough to slow it down.
 
     Parameters
     ----------
     motion : CertifiedMotion
-        What proves edges; its scene stands still.
+        Proves edges; its scene holds the still obstacles.
     bodies : RobotBodies
-        Of the robot.
-    limits : DriveLimits
-        What ways keep to, until `keep_to`.
+        The robot's.
+    limits : PathLimits
+        The limits that paths keep, until `keep_to`.
     milestones : int
-        How many there are about each new way.
+        How many are drawn around each new trajectory.
     seed : int
-        Of the generator that draws them.
+        Seed of the generator that draws them.
     """
 
     def __init__(
         self,
         motion: CertifiedMotion,
         bodies: RobotBodies,
-        limits: DriveLimits,
+        limits: PathLimits,
         milestones: int = 150,
         seed: int = 0,
     ) -> None:
@@ -74,34 +117,34 @@ class Roadmap:
         self._near: list[list[int]] = []
         self._free: dict[tuple[int, int], bool] = {}
         self._paths: OrderedDict[tuple[int, int], GuardedPath] = OrderedDict()
-        self._looks: dict[tuple[int, int], Look] = {}
-        self._full: dict[tuple[int, int], float] = {}  # times alone [s]
-        self._passing: dict[str, int] = {}  # milestones that stand for a start or a goal that is none itself
+        self._estimates: dict[tuple[int, int], EdgeTime] = {}
+        self._full: dict[tuple[int, int], float] = {}  # times with nobody near [s]
+        self._passing: dict[str, int] = {}  # the milestones that are moved to starts and goals
 
     def __repr__(self) -> str:
         free = sum(self._free.values())
         return f"Roadmap({len(self.milestones)} milestones, {free} of {len(self._free)} edges free)"
 
-    def keep_to(self, limits: DriveLimits) -> None:
-        """Have ways keep to other limits from now on: what is free stays so, how long it takes is asked anew."""
+    def keep_to(self, limits: PathLimits) -> None:
+        """Have paths keep other limits from now on: proofs are kept, times are estimated anew."""
         if not limits.same_as(self.limits):
             self._paths.clear()
-            self._looks.clear()
+            self._estimates.clear()
             self._full.clear()
         self.limits = limits
 
     # ------------------------------------------------------------------------------------------------- milestones
 
     def cover(self, curve: BlendedCurve) -> None:
-        """Add milestones about a way, unless its ends are known."""
+        """Add milestones around a curve, unless its ends are milestones."""
         ends = curve.at(np.array([0.0, curve.length])).q
         if all(self._known(q) is not None for q in ends):
             return
-        on_it = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / max(_AROUND)))).q
+        on_it = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / max(_SPREAD)))).q
         samples = [q for q in on_it if self._known(q) is None]
         for k in range(self._count):
             way = curve.at(self._rng.uniform(0.0, curve.length, 1)).q[0]
-            q = way + self._rng.uniform(-1.0, 1.0, self._robot.n) * _AROUND[k % len(_AROUND)]
+            q = way + self._rng.uniform(-1.0, 1.0, self._robot.n) * _SPREAD[k % len(_SPREAD)]
             q = np.clip(q, self._robot.lower, self._robot.upper)
             if not self._motion.checker.touches(q):
                 samples.append(q)
@@ -129,7 +172,7 @@ class Roadmap:
     # ------------------------------------------------------------------------------------------------------ edges
 
     def _is_free(self, a: int, b: int, budget: Budget) -> bool | None:
-        """Return whether an edge is proven free of what stands still; None if there is no time to find out."""
+        """Return whether an edge is proven free of what stands still; None if the budget does not allow to find out."""
         key = (min(a, b), max(a, b))
         if key not in self._free:
             if not budget.spend(_PROOF):
@@ -137,22 +180,22 @@ class Roadmap:
             self._free[key] = self._motion.is_free(self.milestones[key[0]], self.milestones[key[1]])
         return self._free[key]
 
-    def _look(self, a: int, b: int, now: float, people: Around, budget: Budget) -> float | None:
-        """Return how long an edge takes beside people as they stand now [s]; None if there is no time to look."""
+    def _estimate(self, a: int, b: int, people: PeopleNow, budget: Budget) -> float | None:
+        """Return how long an edge takes beside people as they are now [s]; None if the budget is spent."""
         key = (min(a, b), max(a, b))
-        known = self._looks.get(key)
-        if known is None or now > known.until:
-            if not budget.spend(_LOOK):
+        known = self._estimates.get(key)
+        if known is None or people.time > known.until:
+            if not budget.spend(_ESTIMATE):
                 return None
-            self._looks[key] = known = people.look(self._path(key), now)
+            self._estimates[key] = known = people.estimate(self._path(key))
         return known.time
 
-    def _time(self, a: int, b: int, now: float, people: Around, budget: Budget) -> float | None:
-        """Return how long an edge takes, inf where it is not free; None if there is no time to find out."""
+    def _time(self, a: int, b: int, people: PeopleNow, budget: Budget) -> float | None:
+        """Return how long an edge takes, inf where it is not free; None if the budget does not allow to find out."""
         free = self._is_free(a, b, budget)
         if free is None:
             return None
-        return self._look(a, b, now, people, budget) if free else float("inf")
+        return self._estimate(a, b, people, budget) if free else float("inf")
 
     def _path(self, key: tuple[int, int]) -> GuardedPath:
         found = self._paths.pop(key, None)
@@ -168,41 +211,40 @@ class Roadmap:
 
     # ----------------------------------------------------------------------------------------------------- search
 
-    def way(
-        self, start: FloatArray, goal: FloatArray, now: float, people: Around, within: float, budget: Budget
+    def quickest(
+        self, start: FloatArray, goal: FloatArray, people: PeopleNow, within: float, budget: Budget
     ) -> tuple[list[FloatArray], float] | None:
-        """Return the quickest way from start to goal beside people as they stand, and how long it takes.
+        """Return the quickest path from start to goal beside people as they are now, and how long it takes.
 
-        A lazy A*: edges count with their time at full speed until they lie on the best way; then they are looked at.
+        A lazy A*: edges count with their time at full speed until they lie on the best path; then they are proven, and
+        their time is estimated.
 
         Parameters
         ----------
         start, goal : ndarray, shape (n,)
             Configurations.
-        now : float
-            [s]
-        people : Around
+        people : PeopleNow
             Where they are.
         within : float
-            Ways that take longer than this are not wanted [s].
+            Paths that take longer than this are not wanted [s].
         budget : Budget
-            What may be done for it; what was learnt is kept where that does not do.
+            How much work may be done. What was learnt is kept for the next call.
         """
         first, last = self._end("start", start), self._end("goal", goal)
         ahead = self._full_times(goal)
         while True:
-            path = self._best(first, last, now, ahead, within)
+            path = self._best(first, last, people.time, ahead, within)
             if path is None:
                 return None
             before = budget.left
-            times = [self._time(a, b, now, people, budget) for a, b in pairwise(path)]
+            times = [self._time(a, b, people, budget) for a, b in pairwise(path)]
             if None in times:
                 return None
-            if budget.left == before:  # nothing was learnt: the best way by what is known is known
-                return [self.milestones[k] for k in path], self._cost_of(path, now)
+            if budget.left == before:  # nothing was learnt, so the best path is final
+                return [self.milestones[k] for k in path], self._cost_of(path, people.time)
 
     def _end(self, which: str, q: FloatArray) -> int:
-        """Return the milestone at q; where there is none, the one that stands for such ends is moved there."""
+        """Return the milestone at q; if there is none, the one for a start or a goal is moved there."""
         known = self._known(q)
         if known is not None:
             return known
@@ -216,7 +258,7 @@ class Roadmap:
             for other in self._near[k]:
                 self._near[other].remove(k)
             self._near[k] = []
-            for store in (self._free, self._looks, self._full, self._paths):
+            for store in (self._free, self._estimates, self._full, self._paths):
                 for key in [key for key in store if k in key]:
                     del store[key]
         for other in np.argsort(self._full_times(q), kind="stable")[1 : 2 * _NEIGHBOURS + 1].tolist():
@@ -231,14 +273,14 @@ class Roadmap:
         if full is None:
             move = self._robot.difference(self.milestones[a], self.milestones[b])
             full = self._full[key] = float((np.abs(move) / self.limits.joints.velocity).max())
-        known = self._looks.get(key)
+        known = self._estimates.get(key)
         return full if known is None or now > known.until else max(full, known.time)
 
     def _cost_of(self, path: list[int], now: float) -> float:
         return sum(self._cost(a, b, now) for a, b in pairwise(path))
 
     def _best(self, first: int, last: int, now: float, ahead: FloatArray, within: float) -> list[int] | None:
-        """Return the best way by what is known, or None if it takes longer than wanted."""
+        """Return the best path by what is known, or None if it takes longer than wanted."""
         best = {first: 0.0}
         before: dict[int, int] = {}
         queue = [(float(ahead[first]), first)]

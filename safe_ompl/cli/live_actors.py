@@ -1,4 +1,4 @@
-"""Who and what moves in `safe-ompl live`: a recorded person, people who walk about at random, things that fly about."""
+"""People and objects that move in `safe-ompl live`: recorded or at random."""
 
 from __future__ import annotations
 
@@ -12,12 +12,18 @@ import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.live.judge import Judge, Solid
-from safe_ompl.live.movers import Drifting, ObjectMover, PersonMover, Playback, Resting
-from safe_ompl.live.walkers import Walker
-from safe_ompl.people.body import PELVIS, TrackedBody, facing
-from safe_ompl.people.recordings import Recording
-from safe_ompl.people.tracking import Tracker
+from safe_ompl.people import PELVIS, Recording, TrackedBody, Tracker, facing
+from safe_ompl.people.simulation import (
+    ALL_KEYPOINTS,
+    ContactMonitor,
+    Drifting,
+    ObjectMover,
+    PersonMover,
+    Playback,
+    Resting,
+    Solid,
+    Walker,
+)
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario
@@ -31,20 +37,20 @@ _log = logging.getLogger(__name__)
 
 RANDOM = "random"
 CLIP = "clip_0"
-_THING = 0.05  # [m] radius
-_AROUND, _BASE = 1.5, 0.25  # [m] radii of the balls about the robot's base that things stay in, and out of
-_APART = 0.3  # [m] between things and the robot at first
+_BALL = 0.05  # [m] radius
+_AROUND, _BASE = 1.5, 0.25  # [m] radii of the balls about the robot's base that they stay in, and out of
+_APART = 0.3  # [m] between them and the robot at first
 _TRIES = 1000
 
 
 @dataclass
-class Cast:
-    """Who and what moves.
+class Actors:
+    """People and objects that move.
 
     Attributes
     ----------
     scene : Scene
-        The scenario's, with the things that fly about.
+        The scenario's, with the balls that fly about.
     people : dict of str to PersonMover
         By the name of the person that each replaces.
     objects : dict of str to ObjectMover
@@ -65,20 +71,20 @@ class Cast:
 
     @property
     def still(self) -> Scene:
-        """What stands still for ever."""
+        """The obstacles that never move."""
         gone = {*self.people, *self.objects}
         return self.scene.without(*(name for name in self.scene.names if name in gone))
 
 
-def cast(scenario: Scenario, robot: Robot, people: People, options: argparse.Namespace) -> Cast:
-    """Return who and what the options let move, and what the scenario's limits say that might.
+def choose_actors(scenario: Scenario, robot: Robot, people: People, options: argparse.Namespace) -> Actors:
+    """Return the people and objects that the options name, and those that may move by the scenario's limits.
 
     Raises
     ------
     InputError
         If the options do not go together, or nothing moves.
     """
-    found = Cast(scenario.scene)
+    found = Actors(scenario.scene)
     if options.people is None:
         for option, given in (("--clip", options.clip), ("--place", options.place)):
             if given is not None:
@@ -99,7 +105,7 @@ def cast(scenario: Scenario, robot: Robot, people: People, options: argparse.Nam
             if name not in found.people:
                 found.objects[name] = Resting(scenario.scene[name].pose.se3)
                 found.speeds[name] = speed
-    _add_things(found, robot, scenario.start_configuration(robot), options)
+    _add_balls(found, robot, scenario.start_configuration(robot), options)
     return found
 
 
@@ -136,7 +142,7 @@ def _free_name(word: str, taken: tuple[str, ...]) -> str:
 
 
 def _recorded(scenario: Scenario, options: argparse.Namespace) -> tuple[str, Playback]:
-    """Return who plays the recording, and how she moves."""
+    """Return the person who plays the recording."""
     if not Path(options.people).is_file():
         raise InputError(
             f"must be a file of recordings, {RANDOM} or {RANDOM}:N, and there is no file {options.people!r}",
@@ -150,14 +156,14 @@ def _recorded(scenario: Scenario, options: argparse.Namespace) -> tuple[str, Pla
     elif persons:
         place = _instead_of(persons[0].pose, recording, body)
     else:
-        raise InputError("the scenario has no person whose place she could take: say where", "--place")
+        raise InputError("the scenario has no person whose place could be taken: say where", "--place")
     tracker = Tracker(recording.skeleton, body, place, options.noise)
     name = persons[0].name if persons else _free_name("person", scenario.scene.names)
     return name, Playback(recording, tracker, options.faster)
 
 
 def _instead_of(pose: Pose, recording: Recording, body: TrackedBody) -> Pose:
-    """Return where a recording must be so that she stands in the first frame where a person does, and as she faces."""
+    """Return the pose of a recording that puts its first frame where a person stands, facing the same way."""
     points, _ = body.completed(recording.skeleton.keypoints(recording.frames[0]))
     turn = pose.se3.rotation @ facing(points).T
     hips = pose.se3.act(body.height * PELVIS)
@@ -167,11 +173,11 @@ def _instead_of(pose: Pose, recording: Recording, body: TrackedBody) -> Pose:
 def _walkers(
     scenario: Scenario, robot: Robot, people: People, count: int, options: argparse.Namespace
 ) -> dict[str, Walker]:
-    """Return people who walk about: in the places of the scenario's, the others at random places about the robot."""
+    """Return people who walk about: in place of the scenario's people, the others at random places around the robot."""
     persons = _persons(scenario)
     poses = [options.place] if options.place is not None else [person.pose for person in persons]
     if not poses:
-        raise InputError("the scenario has no person whose place she could take: say where", "--place")
+        raise InputError("the scenario has no person whose place could be taken: say where", "--place")
     rng = np.random.default_rng(options.seed)
     base = _base(robot, scenario.start_configuration(robot))
     centre = np.array([base[0], base[1], poses[0].position[2]])
@@ -185,7 +191,12 @@ def _walkers(
         name = persons[k].name if k < len(persons) else _free_name("person", taken)
         body = _body_of(persons[k : k + 1])
         found[name] = Walker(
-            people, centre, start, body=body, noise=options.noise, speed=options.faster, seed=options.seed + k
+            people,
+            centre,
+            start,
+            tracker=Tracker(ALL_KEYPOINTS, body, noise=options.noise),
+            speed=options.faster,
+            seed=options.seed + k,
         )
     return found
 
@@ -193,16 +204,17 @@ def _walkers(
 # ---------------------------------------------------------------------------------------------------- things
 
 
-def _add_things(found: Cast, robot: Robot, start: FloatArray, options: argparse.Namespace) -> None:
-    """Have balls fly about the robot, none of them near it at first."""
-    rng, judge, base = np.random.default_rng([options.seed, 1]), Judge(robot), _base(robot, start)
+def _add_balls(found: Actors, robot: Robot, start: FloatArray, options: argparse.Namespace) -> None:
+    """Add balls that fly about the robot, none of them near it at first."""
+    rng, base = np.random.default_rng([options.seed, 1]), _base(robot, start)
+    monitor = ContactMonitor(robot)
     for _ in range(options.movers):
         for _ in range(_TRIES):
             place = base + rng.uniform(-_AROUND, _AROUND, 3)
             far = np.linalg.norm(place - base)
-            ball = Sphere(_THING).parts()[0].geometry
+            ball = Sphere(_BALL).parts()[0].geometry
             solid = Solid("", "", ball, pin.SE3(np.eye(3), place))
-            if _BASE < far < _AROUND and judge.nearest(start, [solid]).distance > _APART:
+            if _BASE < far < _AROUND and monitor.nearest(start, [solid]).distance > _APART:
                 break
         else:
             raise InputError(f"there is no room for {options.movers} things about the robot", "--movers")
@@ -210,7 +222,7 @@ def _add_things(found: Cast, robot: Robot, start: FloatArray, options: argparse.
         speed = options.mover_speed * rng.uniform(0.2, 1.0)
         velocity = options.faster * speed * way / np.linalg.norm(way)
         name = _free_name("thing", found.scene.names)
-        found.scene = Scene((*found.scene, Obstacle(name, Sphere(_THING), Pose(tuple(place)))))
+        found.scene = Scene((*found.scene, Obstacle(name, Sphere(_BALL), Pose(tuple(place)))))
         found.objects[name] = Drifting(place, velocity, base, _AROUND, (base, _BASE))
         found.speeds[name] = options.mover_speed
 
@@ -224,10 +236,10 @@ def _base(robot: Robot, q: FloatArray) -> FloatArray:
 # ---------------------------------------------------------------------------------------------------- limits
 
 
-def limits_of_still(scenario: Scenario, found: Cast) -> Scenario:
-    """Return the scenario with what stands still only, and the limits that concern it.
+def limits_of_still(scenario: Scenario, found: Actors) -> Scenario:
+    """Return the scenario with its still obstacles only, and the limits that concern them.
 
-    What must be kept from people and things that move is in `clearance_of_movers`.
+    The clearance from people and objects that move is in `clearance_of_movers`.
     """
     still, limits = found.still, scenario.limits
     dangerous = [obstacle.name for obstacle in still if obstacle.weight > 0]
@@ -247,7 +259,7 @@ def limits_of_still(scenario: Scenario, found: Cast) -> Scenario:
     )
     if scenario.limits.max_danger and found.people:
         _log.warning(
-            "limits.max_danger is kept to what stands still, not to people who move: distances from them are"
+            "limits.max_danger is kept to what stands still; people who move are kept away from by distance"
         )
     if scenario.people is not None and scenario.people.contact:
         _log.warning(
@@ -255,12 +267,12 @@ def limits_of_still(scenario: Scenario, found: Cast) -> Scenario:
         )
     if scenario.motion.max_danger is not None:
         _log.warning(
-            "motion.max_danger, of the robot's own speed, is not kept beside what moves: distances are"
+            "motion.max_danger, of the robot's own speed, is not kept in `live`: distances from what moves are"
         )
     return replace(scenario, scene=still, people=None, limits=limits)
 
 
 def clearance_of_movers(scenario: Scenario) -> float:
-    """Return what must be left to all that moves [m]: the people's clearance, and that of the limits."""
+    """Return the clearance from all that moves [m]: the larger of the people's and that of the limits."""
     people = scenario.people or People()
     return max(people.clearance, scenario.limits.min_clearance)

@@ -1,4 +1,4 @@
-"""People who walk about at random beside a robot, no faster than their limbs may move."""
+"""People who walk about at random beside a robot, with no limb faster than it may be."""
 
 from __future__ import annotations
 
@@ -7,31 +7,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import InputError
 from safe_ompl.inputs import whole_number
-from safe_ompl.live.stepwise import Stepwise
 from safe_ompl.people.body import TrackedBody
+from safe_ompl.people.simulation.movers import Stepwise
 from safe_ompl.people.skeletons import Skeleton
 from safe_ompl.people.tracking import Tracker
 from safe_ompl.scenario.people import People
+from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.anatomy import STANDING
 
 # A sensor that sees all key points of the body.
 ALL_KEYPOINTS = Skeleton("standing", tuple(STANDING), {name: (name,) for name in STANDING})
 STEP = 0.02  # [s] between two places
 _NEAR, _FAR = 0.55, 1.6  # [m] from the centre
-_SECTOR = 1.0  # [rad] to either side of where she begins
+_SECTOR = 1.0  # [rad] to either side of the first place
 _ARMS_LOW, _ARMS_HIGH = np.array([0.0, -0.3, 0.0]), np.array([1.7, 0.9, 1.4])  # [rad] raised, outwards, bent
 _HANGING: FloatArray = np.array([[0.05, 0.0, 0.1]] * 2)
 _TURN, _SWING = 2.0, 3.0  # [rad/s] of the body and of the arms, at most
 _ARRIVED = 0.05  # [m]
-_LONGEST = 3.0  # [s] for one place; then she goes to another one
+_LONGEST = 3.0  # [s] for one place; then another one is drawn
 _SMALLER = 0.7  # what is tried next where a step is too long
 _TRIES = 30
 
 
 @dataclass(frozen=True)
 class _Stance:
-    """How she stands: where about the centre (distance [m], angle [rad]), where she faces, and both arms (2, 3)."""
+    """A stance: place about the centre (distance [m], angle [rad]), direction that is faced, both arms (2, 3) [rad]."""
 
     place: FloatArray
     yaw: float
@@ -47,32 +49,30 @@ class _Stance:
 
 
 class Walker:
-    """A person who walks about at random, turns, and reaches out with her arms.
+    """A person who walks about at random, turns, and reaches out with both arms.
 
-    No end of a limb is ever faster than `People.speed_of` it, so that `SpeedReach` holds. She stays in a sector of a
-    ring about a centre, walks through whatever stands there, and minds the robot as little.
+    No end of a limb is ever faster than `People.speed_of` it, so that `SpeedReach` holds. The person stays in a sector
+    of a ring about a centre, and walks through obstacles and the robot.
 
     Parameters
     ----------
     people : People
-        How fast her limbs may move.
+        How fast limbs may move.
     centre : ndarray, shape (3,)
-        About which she walks, at the height of the floor [m].
+        Centre of the ring, at the height of the floor [m].
     start : ndarray, shape (2,)
-        Where she stands at first [m]; taken into the ring.
-    body : TrackedBody, optional
-        Her size, and which limbs are tracked.
-    noise : float
-        Bound of the errors of her key points that is promised [m].
+        Where the person stands at first [m]; the nearest place in the ring is taken.
+    tracker : Tracker, optional
+        How the person is tracked: size, limbs and errors; the skeleton must be `ALL_KEYPOINTS`, in the world's frame.
     speed : float
-        How many times as fast as promised she moves.
+        How many times as fast as promised the person moves.
     seed : int
-        Of the generator that draws where she goes.
+        Seed of the generator that draws where the person goes.
 
-    Attributes
-    ----------
-    tracker : Tracker
-        How she is tracked: all key points, in the world.
+    Raises
+    ------
+    InputError
+        If the tracker has another skeleton or place, or the seed is no whole number ≥ 0.
     """
 
     def __init__(
@@ -81,12 +81,13 @@ class Walker:
         centre: FloatArray,
         start: FloatArray,
         *,
-        body: TrackedBody | None = None,
-        noise: float = 0.0,
+        tracker: Tracker | None = None,
         speed: float = 1.0,
         seed: int = 0,
     ) -> None:
-        self.tracker = Tracker(ALL_KEYPOINTS, TrackedBody() if body is None else body, noise=noise)
+        self.tracker = Tracker(ALL_KEYPOINTS) if tracker is None else tracker
+        if self.tracker.skeleton != ALL_KEYPOINTS or self.tracker.place != Pose():
+            raise InputError("must have the skeleton ALL_KEYPOINTS in the world's frame", "tracker")
         self._people, self._centre, self._speed = people, centre, speed
         self._rng = np.random.default_rng(whole_number("seed", seed, at_least=0))
         self._bounds = _keypoint_speeds(self.tracker.body, people)
@@ -98,7 +99,7 @@ class Walker:
         self._steps = Stepwise(self._keypoints(self._stance), self._after, STEP)
 
     def at(self, time: float) -> FloatArray:
-        """Return her key points (17, 3) at a time [s], no earlier than a second before the latest asked for."""
+        """Return the key points (17, 3) at a time [s], no earlier than a second before the latest asked for."""
         return self._steps.at(self._speed * time)
 
     def _keypoints(self, stance: _Stance) -> FloatArray:
@@ -111,7 +112,7 @@ class Walker:
         return points
 
     def _after(self, before: FloatArray) -> FloatArray:
-        """Return the key points a step later, and take her there: the longest step in which none is too fast."""
+        """Go a step on, the longest one in which no key point is too fast, and return the key points there."""
         if self._left <= 0 or float(np.linalg.norm(self._way())) < _ARRIVED:
             self._choose()
         self._left -= 1
@@ -127,7 +128,7 @@ class Walker:
         return before.copy()
 
     def _choose(self) -> None:
-        """Draw where she goes next, how fast, and what her arms do there."""
+        """Draw the next stance, and how fast the person goes there."""
         far = self._rng.uniform(_NEAR, _FAR)
         angle = self._home + self._rng.uniform(-_SECTOR, _SECTOR)
         arms = self._rng.uniform(_ARMS_LOW, _ARMS_HIGH, (2, 3))
@@ -136,12 +137,12 @@ class Walker:
         self._pace, self._left = self._rng.uniform(0.3, 1.0), round(_LONGEST / STEP)
 
     def _way(self) -> FloatArray:
-        """Return how far (2,) she still has to go, outwards and about the centre [m]."""
+        """Return the rest of the way (2,), outwards and about the centre [m]."""
         way: FloatArray = (self._goal.place - self._stance.place) * [1.0, self._stance.place[0]]
         return way
 
     def _wanted(self) -> _Stance:
-        """Return the stance that she would have a step later if none of her limbs had a bound."""
+        """Return the stance a step later if no limb had a bound of its speed."""
         here, goal = self._stance, self._goal
         far = float(np.linalg.norm(self._way()))
         walked = min(1.0, self._pace * self._people.speed * STEP / max(far, 1e-9))
@@ -162,7 +163,7 @@ def _keypoint_speeds(body: TrackedBody, people: People) -> FloatArray:
 
 
 def _posture(arms: FloatArray) -> FloatArray:
-    """Return the key points (17, 3) of a body of height 1 at the origin that faces x, with its arms as they are."""
+    """Return the key points (17, 3) of a body of height 1 at the origin that faces x, with these arms (2, 3) [rad]."""
     found = {name: np.array(place) for name, place in STANDING.items()}
     for side, sign, (raised, outwards, bent) in (("left", 1.0, arms[0]), ("right", -1.0, arms[1])):
         joints = [f"{side}_{name}" for name in ("shoulder", "elbow", "wrist", "hand")]

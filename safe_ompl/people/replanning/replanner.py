@@ -1,0 +1,354 @@
+"""The replanner: at every tick a motion that is proven until the next one, and can always stop on its path."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.errors import InputError
+from safe_ompl.inputs import number, positive, whole_number
+from safe_ompl.people.reach import ReachModel
+from safe_ompl.people.replanning.command import Command, Doing, Margin
+from safe_ompl.people.replanning.detours import Detours
+from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, own_caps
+from safe_ompl.people.replanning.roadmap import PeopleNow
+from safe_ompl.people.tracking import Surroundings, Tracker, Violation
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.people import People
+from safe_ompl.scene.scene import Scene
+from safe_ompl.trajectories.blends import ArcProof
+from safe_ompl.trajectories.curve import BlendedCurve
+from safe_ompl.trajectories.trajectory import Trajectory
+
+_log = logging.getLogger(__name__)
+
+TICK = 0.05  # [s]
+# Shares of what brakes allow that are tried between −1 and 1.
+_PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+_SAME = 1e-6  # [rad] configurations nearer than this are one
+
+
+@dataclass(frozen=True)
+class ReplanningOptions:
+    """How a `Replanner` works.
+
+    Parameters
+    ----------
+    reach : ReachModel, optional
+        The assumption about how people move; default: limbs keep to the speeds of `People`.
+    tick : float
+        Time between two commands [s].
+    lost_after : float
+        A person or object that is not seen for so long is lost: the robot stops [s].
+    detours : bool
+        Whether `Replanner.think` searches detours.
+    seed : int
+        Seed of the roadmap on which they are searched.
+
+    Raises
+    ------
+    InputError
+        If a number is out of its range.
+    """
+
+    reach: ReachModel | None = None
+    tick: float = TICK
+    lost_after: float = 0.5
+    detours: bool = True
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        positive(self.tick, "tick", "number of seconds")
+        number("lost_after", self.lost_after, above=0.0)
+        whole_number("seed", self.seed, at_least=0)
+
+
+class Replanner:
+    """Drives a robot along trajectories beside people and things that move.
+
+    What is executed is always proven: the motion until the next tick and the stop on the path after it touch nobody
+    who keeps to the reach model. At every tick the robot takes the fastest motion that is proven so against the newest
+    measurement. If there is none, it follows the stop of the tick before: its proof still holds, because it covers all
+    that people may do until the robot stands. The robot goes on as soon as a motion is proven again.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    scene : Scene
+        What is around it. Obstacles that are named in `people` or `objects` move; the others stand still.
+    trackers : mapping of str to Tracker
+        The people that are tracked, and how. They need not be obstacles of the scene.
+    objects : mapping of str to float, optional
+        Obstacles of the scene that move, and bounds of their speeds [m/s].
+    people : People, optional
+        How fast limbs may move, and the clearance from the robot that must be left. Its `reaction_time` and `contact`
+        are not used: the delay is known at every tick, and a robot that moves touches nobody.
+    options : ReplanningOptions, optional
+        Reach model, time between commands, when somebody is lost, detours.
+    motion : CertifiedMotion, optional
+        Proves motions among still obstacles, with limits such as of danger or clearance; trajectories and detours keep
+        them. Its scene is `scene` without what moves. Default: trajectories and detours must be free of collisions.
+    **former
+        Options by their own names; deprecated.
+
+    Raises
+    ------
+    UnknownNameError
+        If the scene has no obstacle of a name in `objects`.
+    InputError
+        If a number is out of its range; if the motion is of another robot or of another scene.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        trackers: Mapping[str, Tracker],
+        objects: Mapping[str, float] | None = None,
+        *,
+        people: People | None = None,
+        options: ReplanningOptions | None = None,
+        motion: CertifiedMotion | None = None,
+        **former: Any,
+    ) -> None:
+        options = ReplanningOptions() if options is None else options
+        if former:
+            options = replace(options, **former)
+            words = ", ".join(f"{name}=…" for name in former)
+            warnings.warn(f"give options=ReplanningOptions({words})", DeprecationWarning, stacklevel=2)
+        self.robot, self.options = robot, options
+        self.people = People() if people is None else people
+        self.tick, self.lost_after = float(options.tick), float(options.lost_after)
+        self.surroundings = Surroundings(scene, trackers, objects or {}, self.people, options.reach)
+        self.still = self.surroundings.still
+        self.motion = CertifiedMotion(CollisionChecker(robot, self.still)) if motion is None else motion
+        _check_motion(self.motion, robot, self.still)
+        self._bodies = RobotBodies(robot)
+        self._path: GuardedPath | None = None
+        self._command: Command | None = None
+        self._margin = Margin(np.inf)  # of the motion that was tried last
+        self._detours: Detours | None = None
+        self._may_turn = False
+        self._violated = False
+        self._detour: tuple[GuardedPath, float] | None = None  # and where on the path it begins
+
+    def __repr__(self) -> str:
+        return f"Replanner({self.robot.name!r}, {self.surroundings!r}, tick={self.tick:g})"
+
+    @property
+    def detours(self) -> Detours | None:
+        """What searches detours; None before the first trajectory on which they are allowed."""
+        return self._detours
+
+    # ----------------------------------------------------------------------------------------------- what is called
+
+    def start(self, trajectory: Trajectory) -> None:
+        """Take a trajectory to follow, from where the robot stands.
+
+        Its curve is proven anew against all still obstacles. Its limits and caps are kept, except those by people; its
+        time law is not.
+
+        Raises
+        ------
+        InputError
+            If the robot moves, or stands elsewhere; if the trajectory is of other joints, or not free.
+        """
+        if trajectory.joint_names != self.robot.joint_names:
+            raise InputError(
+                f"the trajectory is of the joints {trajectory.joint_names}, the robot's are {self.robot.joint_names}"
+            )
+        path = GuardedPath.of(self._bodies, trajectory)
+        last = self._command
+        if last is not None:
+            if last.doing not in (Doing.DONE, Doing.STANDING):
+                raise InputError("the robot still moves: start when it stands or is done")
+            away = self.robot.difference(last.at(np.inf).q, path.curve.at(np.zeros(1)).q[0])
+            if np.abs(away).max() > _SAME:
+                raise InputError(
+                    f"the trajectory begins {np.abs(away).max():.3g} rad from where the robot stands"
+                )
+        _prove(trajectory.curve, self.motion)
+        self._path, self._command, self._detour = path, None, None
+        self._cover(trajectory)
+
+    def _cover(self, trajectory: Trajectory) -> None:
+        """Add milestones around a trajectory, if detours may be taken."""
+        foreign = own_caps(trajectory)
+        self._may_turn = self.options.detours and not foreign
+        if not self._may_turn:
+            if foreign:
+                _log.info("no detours are searched: nothing proves the cap %r on them", foreign[0].name)
+            return
+        limits = PathLimits.of(trajectory)
+        if self._detours is None:
+            self._detours = Detours(self.motion, self._bodies, limits, self.options.seed)
+        self._detours.keep_to(limits)
+        self._detours.roadmap.cover(trajectory.curve)
+
+    def update(
+        self, people: Mapping[str, ArrayLike | None], objects: Mapping[str, Any], time: float
+    ) -> list[Violation]:
+        """Take what sensors saw, and return who moved farther than promised; while anyone did, the robot stops.
+
+        Parameters
+        ----------
+        people : mapping of str to array_like of shape (J, 3)
+            Key points of those that were seen, as their skeletons have them; NaN: not seen.
+        objects : mapping of str to Pose, pin.SE3 or 4×4 matrix
+            Poses of the objects that were seen.
+        time : float
+            When that was measured [s].
+
+        Raises
+        ------
+        InputError
+            If the time goes backwards, or key points or a pose cannot be used.
+        UnknownNameError
+            If a name is not known.
+        """
+        violations = self.surroundings.update(people, objects, time)
+        if violations and not self._violated:
+            _log.warning("%.3f s: %s: stop", time, violations[0])
+        self._violated = bool(violations)
+        return violations
+
+    def command(self, time: float) -> Command:
+        """Return what the robot does from a time [s] on; see `Command`.
+
+        Raises
+        ------
+        InputError
+            If nothing was started, or the time is before the last command or the last measurement.
+        """
+        path, last = self._path, self._command
+        if path is None:
+            raise InputError("start a trajectory first")
+        if not time >= self.surroundings.time or not (last is None or time >= last.time):
+            raise InputError(f"time must not go backwards: a command for {time!r} s", "time")
+        s, speed, _ = (0.0, 0.0, 0.0) if last is None else last.motion.at(time - last.time)
+        found = None
+        if self._detour is not None:
+            way, begin = self._detour
+            found = self._next(way, max(s - begin, 0.0), speed, time)
+            self._detour = None
+        if found is None:
+            found = self._next(path, s, speed, time)
+        if found is None:
+            found = self._kept(path, s, speed, time)
+        self._report(time, found)
+        self._path, self._command = found.path, found
+        return found
+
+    def think(self, units: int = 60) -> bool:
+        """Search a detour if the path ahead is barred or slow; return whether the next command has one to take.
+
+        Call it after `command`, in the time that is left until the next one. The next command takes the detour if that
+        is proven.
+
+        Parameters
+        ----------
+        units : int
+            How much work may be done: an estimate for an edge is 1, a proof of one 8. What was learnt is kept.
+        """
+        command = self._command
+        if command is None or self._detours is None or not self._may_turn or not self.surroundings.known:
+            return False
+        if command.doing is Doing.DONE:
+            return False
+        reaction = self.tick + max(0.0, command.time - self.surroundings.time)
+        now = max(command.time, self.surroundings.time)
+        people = PeopleNow(self.surroundings.sets, self.people.clearance, reaction, now)
+        self._detour = self._detours.search(command, people, units)
+        return self._detour is not None
+
+    # ----------------------------------------------------------------------------------------------------- proofs
+
+    def _next(self, path: GuardedPath, s: float, speed: float, time: float) -> Command | None:
+        """Return the fastest motion from (s, ṡ) that is proven with its stop; None if none is."""
+        measured = self.surroundings.time
+        if speed == 0 and s >= path.length - _SAME:
+            rest = path.motion_from(path.length, 0.0, -1.0, self.tick)
+            return Command(time, measured, path, rest, Doing.DONE, Margin(np.inf))
+        if not self.surroundings.known:
+            return None
+        trouble = self.surroundings.trouble(time, self.lost_after)
+
+        def command(push: float, doing: Doing, reason: str) -> Command | None:
+            motion = path.motion_from(s, speed * speed, push, self.tick)
+            since = time - measured
+            self._margin = margin = path.margin(motion, self.surroundings.sets, since, self.people.clearance)
+            return (
+                Command(time, measured, path, motion, doing, margin, reason) if margin.margin >= 0 else None
+            )
+
+        if trouble is None:
+            fastest = command(1.0, Doing.MOVING, "")
+            if fastest is not None:
+                return fastest
+            trouble = self._margin.description
+            pushes = [-1.0, *_PUSHES]
+        else:
+            pushes = [-1.0]
+        found = None
+        for push in pushes:
+            if push <= 0 and speed == 0:
+                continue
+            slower = command(push, Doing.SLOWED if push > -1 else Doing.BRAKING, trouble)
+            if slower is None:
+                break
+            found = slower
+        return found
+
+    def _kept(self, path: GuardedPath, s: float, speed: float, time: float) -> Command:
+        """Return what is left of the stop that was proven before, or rest."""
+        last = self._command
+        reason = self.surroundings.trouble(time, self.lost_after) or self._margin.description
+        if last is None or speed == 0:
+            rest = path.motion_from(s, 0.0, -1.0, self.tick)
+            return Command(time, self.surroundings.time, path, rest, Doing.STANDING, self._margin, reason)
+        return Command(last.time, last.measured, path, last.motion, Doing.BRAKING, self._margin, reason)
+
+    # ------------------------------------------------------------------------------------------------------- log
+
+    def _report(self, time: float, command: Command) -> None:
+        before = None if self._command is None else self._command.doing
+        if command.doing is before:
+            return
+        why = f": {command.reason}" if command.reason else ""
+        drives = (Doing.MOVING, Doing.SLOWED)
+        level = logging.DEBUG if command.doing in drives and before in drives else logging.INFO
+        _log.log(level, "%.3f s: %s%s", time, command.doing.value, why)
+
+
+def _check_motion(motion: CertifiedMotion, robot: Robot, still: Scene) -> None:
+    """Raise InputError unless a motion is of this robot among exactly the still obstacles."""
+    checker = motion.checker
+    if checker.robot.joint_names != robot.joint_names:
+        raise InputError(f"is of the robot {checker.robot.name!r}, not of {robot.name!r}", "motion")
+    for name in sorted(set(checker.scene.names) ^ set(still.names)):
+        where = "in its scene, but it moves" if name in checker.scene.names else "not in its scene"
+        raise InputError(f"{name!r} is {where}: give it the scene of what stands still", "motion")
+
+
+def _prove(curve: BlendedCurve, motion: CertifiedMotion) -> None:
+    """Raise InputError unless all of a curve is proven free of still obstacles."""
+    arcs = ArcProof(motion)
+    for k, piece in enumerate(curve.pieces):
+        if piece.curvature:
+            free = arcs.holds(piece)
+        else:
+            free = motion.is_free(piece.start, piece.start + piece.length * piece.forward)
+        if not free:
+            raise InputError(
+                f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on, is not free of what stands "
+                "still"
+            )

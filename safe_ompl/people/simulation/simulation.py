@@ -1,0 +1,335 @@
+"""A robot, its replanner and people in simulated time, with a contact monitor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.inputs import fraction, number
+from safe_ompl.people.reach import ReachSets
+from safe_ompl.people.replanning.command import Command, Doing
+from safe_ompl.people.replanning.replanner import Replanner
+from safe_ompl.people.simulation.contact_monitor import ContactMonitor, Nearest
+from safe_ompl.people.simulation.movers import ObjectMover, PersonMover, World
+from safe_ompl.trajectories.trajectory import Trajectory
+
+_FINE = 0.005  # [s] between two observations of the contact monitor
+_STILL = 1e-9  # [rad/s] slower than this is at rest
+_ROUNDING = 1e-6  # [m]
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Delay and faults between the world and the replanner.
+
+    Parameters
+    ----------
+    noise : float
+        Errors of measured key points and places of objects: uniform in a ball of this radius [m].
+    drops : float
+        Share of the measurements in which nobody is seen.
+    late : float
+        Share of the ticks in which the replanner answers too late: the robot follows its last command to its stop.
+    seed : int
+        Seed of the generator that draws them.
+    latency : float
+        From a measurement until the command that answers it holds [s], at most a tick: the time that the replanner has.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+    """
+
+    noise: float = 0.0
+    drops: float = 0.0
+    late: float = 0.0
+    seed: int = 0
+    latency: float = 0.02
+
+    def __post_init__(self) -> None:
+        number("noise", self.noise, at_least=0.0)
+        fraction("drops", self.drops)
+        fraction("late", self.late)
+        number("latency", self.latency, at_least=0.0)
+
+
+@dataclass
+class Summary:
+    """The result of a simulation.
+
+    Attributes
+    ----------
+    seconds : float
+        Simulated time [s].
+    contacts_while_moving : int
+        Contacts while the robot moved and everybody kept to the reach model: 0 if the proofs hold.
+    contacts_after_violations : int
+        Contacts while the robot moved, after somebody had not kept to the model.
+    contacts_at_rest : int
+        Contacts with the robot while it stood.
+    model_obeyed : float
+        Share of the time in which everybody had kept to the model since the measurement that the motion was proven
+        against.
+    tasks, stops, detours : int
+        How often the goal was reached, the robot stopped on its way, and a detour was taken.
+    moving : float
+        Share of the time in which it moved.
+    reaction : tuple of float
+        From a measurement to a proven command on the clock of this machine: median and 99 % [s].
+    deadlines_missed : int
+        Ticks without a new command: the robot followed its last one to the stop.
+    violations : int
+        Measurements that showed somebody farther away than promised.
+    least_distance : float
+        Smallest distance while the robot moved and everybody kept to the model [m].
+    """
+
+    seconds: float = 0.0
+    contacts_while_moving: int = 0
+    contacts_after_violations: int = 0
+    contacts_at_rest: int = 0
+    model_obeyed: float = 1.0
+    tasks: int = 0
+    stops: int = 0
+    detours: int = 0
+    moving: float = 0.0
+    reaction: tuple[float, float] = (0.0, 0.0)
+    deadlines_missed: int = 0
+    violations: int = 0
+    least_distance: float = np.inf
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all attributes as plain data."""
+        found = dict(self.__dict__)
+        found["reaction"] = {"median": self.reaction[0], "p99": self.reaction[1]}
+        return found
+
+
+class Simulation:
+    """A robot that follows trajectories, beside people and objects that move.
+
+    Parameters
+    ----------
+    replanner : Replanner
+        Drives the robot; nothing was started yet.
+    trajectories : sequence of Trajectory
+        Followed one after the other, and again from the first: each begins where the one before ends.
+    people : mapping of str to PersonMover
+        The people that the replanner tracks.
+    objects : mapping of str to ObjectMover
+        The objects that it tracks.
+    faults : Faults, optional
+        Delay and faults.
+    monitored : bool
+        Whether a contact monitor looks for contacts; this takes most of the time.
+
+    Attributes
+    ----------
+    summary : Summary
+        The result, complete once the simulation has run to its end.
+    world : World
+        Where people and objects are.
+    monitor : ContactMonitor or None
+        Holds the contacts.
+    reactions : list of float
+        Time from each measurement to its command, on the clock of this machine [s].
+    """
+
+    def __init__(
+        self,
+        replanner: Replanner,
+        trajectories: list[Trajectory],
+        people: Mapping[str, PersonMover],
+        objects: Mapping[str, ObjectMover] | None = None,
+        *,
+        faults: Faults | None = None,
+        monitored: bool = True,
+    ) -> None:
+        self.replanner, self.trajectories = replanner, trajectories
+        self.world = World(people, objects or {}, replanner.surroundings)
+        self.faults = Faults() if faults is None else faults
+        self.latency = number("latency", self.faults.latency, at_least=0.0, at_most=replanner.tick)
+        self.monitor = ContactMonitor(replanner.robot) if monitored else None
+        self.summary = Summary()
+        self._rng = np.random.default_rng(self.faults.seed)
+        self._promised: dict[float, ReachSets] = {}
+        self.reactions: list[float] = []
+
+    def _obeyed(self, ends: list[FloatArray], time: float, measured: float) -> bool:
+        """Return whether everybody is where the reach model has them after a measurement."""
+        sets = self._promised.get(measured)
+        return sets is None or bool((sets.excess(ends, time - measured) <= _ROUNDING).all())
+
+    def run(self, seconds: float) -> Summary:
+        """Run for a time [s], and return the result."""
+        for _ in self.ticks(seconds):
+            pass
+        return self.summary
+
+    def ticks(self, seconds: float) -> Iterator[dict[str, Any]]:
+        """Run for a time [s], and yield ticks as `safe_ompl.exchange.ticks` describes them."""
+        tick = self.replanner.tick
+        self.replanner.start(self.trajectories[0])
+        command: Command | None = None
+        logged: Command | None = None
+        obeyed_time = moving_time = 0.0
+        path = 0
+        for k in range(round(number("seconds", seconds, above=0.0) / tick)):
+            now = k * tick
+            new, reaction = self._answer(now, command)
+            if new is None:
+                continue
+            old, command = command, new
+            self._count(old, command)
+            obeyed, moving, nearest = self._observe(now, old, command)
+            obeyed_time += obeyed * tick
+            moving_time += moving * tick
+            current = self._in_force(now, now, old, command)
+            new_path = logged is None or current.path is not logged.path
+            path, logged = path + new_path, current
+            line = {
+                **self._line(now, current, nearest),
+                "obeyed": obeyed == 1.0,
+                "path": path,
+                "task": self.summary.tasks,
+                "reaction": reaction,
+                "measured": current.measured,
+            }
+            yield {**line, "ahead": _way_points(current)} if new_path else line
+        self._conclude(seconds, obeyed_time, moving_time)
+
+    def _answer(self, now: float, command: Command | None) -> tuple[Command | None, float | None]:
+        """Return the command that answers a measurement, and how long that took [s]; if late, the last command."""
+        if self._rng.random() < self.faults.late:
+            self.summary.deadlines_missed += 1
+            return command, None
+        reaction = self._measure(now)
+        if command is not None and command.doing is Doing.DONE:
+            self.summary.tasks += 1
+            self.replanner.start(self.trajectories[self.summary.tasks % len(self.trajectories)])
+        begin = perf_counter()
+        new = self.replanner.command(now + self.latency)
+        reaction += perf_counter() - begin
+        self.replanner.think()
+        self.reactions.append(reaction)
+        return new, reaction
+
+    def _count(self, old: Command | None, new: Command) -> None:
+        """Count detours and stops."""
+        if old is None:
+            return
+        self.summary.detours += new.path is not old.path and old.doing is not Doing.DONE
+        stops = new.doing in (Doing.STANDING, Doing.BRAKING)
+        self.summary.stops += stops and old.doing in (Doing.MOVING, Doing.SLOWED)
+
+    def _in_force(self, time: float, now: float, old: Command | None, new: Command) -> Command:
+        """Return the command that the robot follows at a time [s] of the tick from `now` on."""
+        return new if old is None or time >= now + self.latency - 1e-12 else old
+
+    def _measure(self, now: float) -> float:
+        """Let the replanner measure the world; return how long that took [s]."""
+        seen: dict[str, Any] = {}
+        things: dict[str, Any] = {}
+        if not self._rng.random() < self.faults.drops:
+            for name, mover in self.world.people.items():
+                points = mover.at(now)
+                seen[name] = points + self._noise(points.shape) / mover.tracker.skeleton.scale
+            for name, thing in self.world.objects.items():
+                things[name] = thing.at(now)
+        begin = perf_counter()
+        violations = self.replanner.update(seen, things, now)
+        took = perf_counter() - begin
+        self.summary.violations += bool(violations)
+        if self.replanner.surroundings.known:
+            self._promised[now] = self.replanner.surroundings.sets
+        while len(self._promised) > 200:
+            del self._promised[next(iter(self._promised))]
+        return took
+
+    def _noise(self, shape: tuple[int, ...]) -> FloatArray:
+        if not self.faults.noise:
+            return np.zeros(shape)
+        directions = self._rng.normal(size=shape)
+        directions /= np.maximum(np.linalg.norm(directions, axis=-1, keepdims=True), 1e-12)
+        radii = self.faults.noise * self._rng.random((*shape[:-1], 1)) ** (1 / 3)
+        found: FloatArray = directions * radii
+        return found
+
+    def _observe(self, now: float, old: Command | None, new: Command) -> tuple[float, float, Nearest]:
+        """Observe the tick from `now` on.
+
+        Returns the shares of it in which everybody obeyed and the robot moved, and what was nearest at its beginning.
+        """
+        robot = self.replanner.robot
+        times = now + np.arange(0.0, self.replanner.tick - 1e-9, _FINE)
+        obeyed = moves = 0
+        here, first_q, first = Nearest(np.inf), np.zeros(0), [np.zeros((0, 3))]
+        for i, time in enumerate(times.tolist()):
+            command = self._in_force(time, now, old, new)
+            state = command.at(max(time, command.time))
+            moving = bool(np.abs(state.qd).max() > _STILL)
+            keypoints = self.world.keypoints(time)
+            ends = self.world.ends(keypoints, time)
+            good = self._obeyed(ends, time, command.measured)
+            obeyed, moves = obeyed + good, moves + moving
+            if self.monitor is None:
+                continue
+            if i:
+                way = float(np.abs(state.q - first_q) @ robot.bounds.displacement_radii.max(axis=0))
+                way += max(
+                    (float(np.linalg.norm(a - b, axis=1).max()) for a, b in zip(ends, first, strict=True)),
+                    default=0.0,
+                )
+                if way < here.distance:
+                    self.monitor.clear()
+                    continue
+            nearest = self.monitor.observe(
+                time, state.q, self.world.solids(keypoints, time), moving=moving, obeyed=good
+            )
+            if not i:
+                here, first_q, first = nearest, state.q, ends
+            if moving and good:
+                self.summary.least_distance = min(self.summary.least_distance, nearest.distance)
+        return obeyed / len(times), moves / len(times), here
+
+    def _conclude(self, seconds: float, obeyed: float, moving: float) -> None:
+        summary = self.summary
+        summary.seconds = float(seconds)
+        summary.model_obeyed = min(1.0, obeyed / seconds)
+        summary.moving = min(1.0, moving / seconds)
+        if self.reactions:
+            median, late = np.percentile(self.reactions, (50, 99)).tolist()
+            summary.reaction = median, late
+        if self.monitor is not None:
+            contacts = self.monitor.contacts
+            summary.contacts_while_moving = sum(c.moving and c.obeyed for c in contacts)
+            summary.contacts_after_violations = sum(c.moving and not c.obeyed for c in contacts)
+            summary.contacts_at_rest = sum(not c.moving for c in contacts)
+
+    def _line(self, now: float, command: Command, nearest: Nearest) -> dict[str, Any]:
+        state = command.at(max(now, command.time))
+        return {
+            "time": now,
+            "q": state.q.tolist(),
+            "qd": state.qd.tolist(),
+            **self.world.tick(now),
+            "state": command.doing.value,
+            "margin": command.left.margin,
+            "distance": nearest.distance,
+            "link": nearest.link,
+            "who": nearest.who,
+            "limb": nearest.limb,
+            "reason": command.reason,
+        }
+
+
+def _way_points(command: Command) -> list[list[float]]:
+    curve = command.path.curve
+    points: list[list[float]] = curve.at(np.append(curve.starts, curve.length)).q.tolist()
+    return points
