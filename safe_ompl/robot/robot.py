@@ -19,8 +19,7 @@ from safe_ompl.robot.construction.blueprint import (
     check_prefixes,
     standing,
 )
-from safe_ompl.robot.construction.parts import independent
-from safe_ompl.robot.construction.sources import ModelsBlueprint, UrdfBlueprint, check_models
+from safe_ompl.robot.construction.sources import ModelsBlueprint, UrdfBlueprint, check_models, owned
 from safe_ompl.robot.description.collision_shapes import CollisionSource
 from safe_ompl.robot.description.examples import find_example, robots_folder
 from safe_ompl.robot.description.urdf import existing_file
@@ -226,13 +225,11 @@ class Robot(Varied):
         Raises
         ------
         InputError
-            If the models are not Pinocchio's, or as in `from_urdf`.
+            If the models are not Pinocchio's, a body's shape is not supported (a plane, say), or as in `from_urdf`.
         """
         check_models(model, collision_model, visual_model)
         blueprint = ModelsBlueprint(
-            model.copy(),
-            independent(collision_model),
-            None if visual_model is None else independent(visual_model),
+            *owned(model, collision_model, visual_model),
             tip,
             dict(locked or {}),
             hulls,
