@@ -19,8 +19,8 @@ from safe_ompl.plugins.validity import CollisionFreeValidity
 _log = logging.getLogger(__name__)
 
 _OWN_THREAD = (
-    "the planner asks its objective in a thread of its own, as OMPL's PRM and PRMstar do, and will wait for it for ever: "
-    "end this process, as Ctrl-C does not, and take SafePRM"
+    "the planner asks its objective in a thread of its own, as OMPL's PRM and PRMstar do, and will wait for it for "
+    "ever: end this process, as Ctrl-C does not, and take SafePRM"
 )
 _MOTION_STEP = 0.2  # [rad] between the first samples of a motion's cost
 _REFINEMENTS = 6

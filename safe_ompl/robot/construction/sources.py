@@ -243,15 +243,21 @@ def _check_shape(shape: Any) -> None:
 
 
 def owned(model: pin.Model, *geometries: pin.GeometryModel | None) -> tuple[Any, ...]:
-    """Return copies of models that have the frames of a URDF's: one for every joint, and one for every link with a body.
+    """Return copies of models with the frames that a URDF's have: one for each joint, and one for each link with a body.
 
-    Pinocchio's shortest constructor of a geometry object leaves out the frame that it is on, and then crashes when joints
-    are locked.
+    Pinocchio's shortest constructor of a geometry object leaves out the frame that it is on. It then crashes when joints
+    are locked, and refuses frames that are not on the joint of the frame before them.
     """
     model = model.copy()
     for joint in range(1, model.njoints):
         if not any(f.type == pin.FrameType.JOINT and f.parentJoint == joint for f in model.frames):
             model.addJointFrame(joint)
+    for frame in model.frames:
+        if (
+            frame.type != pin.FrameType.JOINT
+            and model.frames[frame.parentFrame].parentJoint != frame.parentJoint
+        ):
+            frame.parentFrame = _joint_frame(model, frame.parentJoint)
     copies = [None if geometry is None else independent(geometry) for geometry in geometries]
     for copy in copies:
         for part in () if copy is None else copy.geometryObjects:
@@ -270,5 +276,8 @@ def _link_frame(model: pin.Model, part: pin.GeometryObject) -> int:
         return links[link] if links.get(link) in own else own[0]
     if link in links:
         raise InputError(f"geometry {part.name!r}: link {link!r} is on another joint than the body")
-    above = 0 if joint == 0 else model.getFrameId(model.names[joint], pin.FrameType.JOINT)
-    return int(model.addBodyFrame(link, joint, pin.SE3.Identity(), above))
+    return int(model.addBodyFrame(link, joint, pin.SE3.Identity(), _joint_frame(model, joint)))
+
+
+def _joint_frame(model: pin.Model, joint: int) -> int:
+    return 0 if joint == 0 else int(model.getFrameId(model.names[joint], pin.FrameType.JOINT))
