@@ -243,26 +243,33 @@ def _check_shape(shape: Any) -> None:
 
 
 def owned(model: pin.Model, *geometries: pin.GeometryModel | None) -> tuple[Any, ...]:
-    """Return copies of models with the frames that a URDF's have: one for each joint, and one for each link with a body.
+    """Return copies of models with the frames that a URDF's have: for each joint, and for each link with a body.
 
-    Pinocchio's shortest constructor of a geometry object leaves out the frame that it is on. It then crashes when joints
-    are locked, and refuses frames that are not on the joint of the frame before them.
+    Pinocchio's shortest constructor of a geometry object leaves out the frame that it is on. It then crashes when
+    joints are locked, and refuses frames that are not on the joint of the frame before them.
     """
-    model = model.copy()
+    model, given = model.copy(), model.nframes
     for joint in range(1, model.njoints):
         if not any(f.type == pin.FrameType.JOINT and f.parentJoint == joint for f in model.frames):
             model.addJointFrame(joint)
+    order = [
+        0,
+        *range(given, model.nframes),
+        *range(1, given),
+    ]  # frames must come after those that they are on
+    number = {old: new for new, old in enumerate(order)}
+    for new, frame in enumerate([pin.Frame(model.frames[old]) for old in order]):
+        frame.parentFrame = number[frame.parentFrame]
+        model.frames[new] = frame
     for frame in model.frames:
-        if (
-            frame.type != pin.FrameType.JOINT
-            and model.frames[frame.parentFrame].parentJoint != frame.parentJoint
-        ):
-            frame.parentFrame = _joint_frame(model, frame.parentJoint)
+        joint, above = frame.parentJoint, model.frames[frame.parentFrame]
+        if frame.type != pin.FrameType.JOINT and above.parentJoint != joint:
+            frame.parentFrame = _joint_frame(model, joint)
     copies = [None if geometry is None else independent(geometry) for geometry in geometries]
     for copy in copies:
         for part in () if copy is None else copy.geometryObjects:
-            frame = part.parentFrame
-            if frame >= model.nframes or model.frames[frame].type != pin.FrameType.BODY:
+            part.parentFrame = on = number.get(part.parentFrame, model.nframes)
+            if on == model.nframes or model.frames[on].type != pin.FrameType.BODY:
                 part.parentFrame = _link_frame(model, part)
     return model, *copies
 

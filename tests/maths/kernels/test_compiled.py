@@ -175,8 +175,9 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_in_another_folder_changes(
 
     def answer():
         done = subprocess.run(
-            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+            [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True
         )
+        assert not done.returncode, done.stderr
         return done.stdout.split()
 
     assert [answer(), answer()] == [["2.0", "0"], ["2.0", "1"]]
