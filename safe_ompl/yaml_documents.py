@@ -128,8 +128,8 @@ def _check_depth(content: str) -> None:
             if isinstance(event, yaml.CollectionStartEvent):
                 depth += 1
                 if depth > _DEEPEST:
-                    line = event.start_mark.line + 1
-                    raise InputError(f"malformed YAML: nested deeper than {_DEEPEST} levels", f"line {line}")
+                    line = None if event.start_mark is None else f"line {event.start_mark.line + 1}"
+                    raise InputError(f"malformed YAML: nested deeper than {_DEEPEST} levels", line)
             elif isinstance(event, yaml.CollectionEndEvent):
                 depth -= 1
     except yaml.YAMLError:

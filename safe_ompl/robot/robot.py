@@ -228,8 +228,11 @@ class Robot(Varied):
             If the models are not Pinocchio's, a body's shape is not supported (a plane, say), or as in `from_urdf`.
         """
         check_models(model, collision_model, visual_model)
+        own_model, own_collision, own_visual = owned(model, collision_model, visual_model)
         blueprint = ModelsBlueprint(
-            *owned(model, collision_model, visual_model),
+            own_model,
+            own_collision,
+            own_visual,
             tip,
             dict(locked or {}),
             hulls,
