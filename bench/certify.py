@@ -259,16 +259,16 @@ class Subdivision:
             return self.checker.pairs.within_margins(q, margins)
         queries, full = self.checker.pairs._queries, self.checker.robot.pinocchio_configuration(q)
         if self.blocker is not None:
-            queries.set_margins(margins)
+            memory = queries._memory.own
+            memory.set_margins(margins)
             pin.updateGeometryPlacements(
-                queries.model, queries.kinematics, queries.geometry, queries.data, full
+                queries.model, memory.kinematics, queries.geometry, memory.data, full
             )
-            if pin.computeCollision(queries.geometry, queries.data, self.blocker):
+            if pin.computeCollision(queries.geometry, memory.data, self.blocker):
                 return True
-        if not self.checker.pairs.within_margins(q, margins):
-            return False
-        self.blocker = queries.touching
-        return True
+        found = queries.touching(full, margins)
+        self.blocker = self.blocker if found is None else found
+        return found is not None
 
 
 IDEAS: dict[str, dict[str, float | bool]] = {

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 else:
     _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
 
+_DEEPEST = 100  # levels of lists and mappings in one another
+
 
 @contextmanager
 def reading(path: Path) -> Iterator[dict[str, Any]]:
@@ -58,8 +60,9 @@ def _file_text(path: Path) -> str:
 def _line_of(content: str, message: str) -> int | None:
     """Return the line of the key, or of the deepest mapping around it, that a message starts with; None if unknown."""
     try:
+        _check_depth(content)
         node, line, rest = yaml.compose(content, Loader=_StrictLoader), None, message
-    except yaml.YAMLError:
+    except (yaml.YAMLError, InputError):
         return None
     while True:
         found = _child(node, rest)
@@ -100,6 +103,7 @@ def parse_document(content: str) -> dict[str, Any]:
     InputError
         If it is not YAML (the message names the line) or holds no mapping.
     """
+    _check_depth(content)
     try:
         data = yaml.load(content, Loader=_StrictLoader)
     except yaml.MarkedYAMLError as error:
@@ -114,6 +118,22 @@ def parse_document(content: str) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise InputError(f"must be a mapping of keys to values, got {kind_of(data)}")
     return data
+
+
+def _check_depth(content: str) -> None:
+    """Raise InputError where YAML is nested deeper than any document: its C parser would overrun its stack."""
+    depth = 0
+    try:
+        for event in yaml.parse(content, Loader=_StrictLoader):
+            if isinstance(event, yaml.CollectionStartEvent):
+                depth += 1
+                if depth > _DEEPEST:
+                    line = None if event.start_mark is None else f"line {event.start_mark.line + 1}"
+                    raise InputError(f"malformed YAML: nested deeper than {_DEEPEST} levels", line)
+            elif isinstance(event, yaml.CollectionEndEvent):
+                depth -= 1
+    except yaml.YAMLError:
+        return  # who reads it says what is wrong
 
 
 def dump_document(data: Mapping[str, Any]) -> str:

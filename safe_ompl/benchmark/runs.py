@@ -20,7 +20,7 @@ from ompl import util as ou
 from safe_ompl.benchmark.measures import Value, safety_measures, work_measures
 from safe_ompl.errors import InputError
 from safe_ompl.planners.base import SafePlanner
-from safe_ompl.planners.registry import make_planner
+from safe_ompl.planners.registry import check_usable, make_planner
 from safe_ompl.setup.safe_setup import SafeSetup
 
 _OMPL_PROPERTY = re.compile(r"(.*) (REAL|INTEGER|BOOLEAN|TEXT)")
@@ -101,11 +101,12 @@ class Entry:
 
     def planner(self, setup: Any) -> Any:
         """Return a planner on the space of `setup`."""
+        si = setup.getSpaceInformation()
         if isinstance(self.source, str):
-            return make_planner(self.source, setup.getSpaceInformation())
-        return (
-            self.source if isinstance(self.source, ob.Planner) else self.source(setup.getSpaceInformation())
-        )
+            return make_planner(self.source, si)
+        planner = self.source if isinstance(self.source, ob.Planner) else self.source(si)
+        check_usable(planner)
+        return planner
 
 
 @dataclass

@@ -15,6 +15,7 @@ from typing import Any, Protocol, TypeVar
 from ompl import util as ou
 
 from safe_ompl.errors import InputError
+from safe_ompl.notices import pass_on
 
 ATTEMPTS = 2  # of a task whose process does not survive it
 
@@ -92,7 +93,7 @@ def in_processes(
                     outcome = job.crash(task, f"the process ended with exit code {process.exitcode}")
                 else:
                     if isinstance(message, logging.LogRecord):
-                        logging.getLogger(message.name).handle(message)
+                        pass_on(message)
                         continue
                     if isinstance(message, _Raised):
                         raise message.error

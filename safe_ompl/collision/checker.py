@@ -21,6 +21,7 @@ from safe_ompl.collision.queries import Distances, Queries
 from safe_ompl.counts import Counts
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
+from safe_ompl.threads import Changes
 
 _REACH = 0.05  # [m]
 
@@ -49,10 +50,12 @@ class CollisionChecker:
 
     Checked are the robot's own pairs (`robot.collision_model`) and every moving body against every obstacle; the
     fixed base may stand on obstacles. A pair whose body provably never reaches the obstacle, within the limits of the
-    joints that slide, is left out of the collision queries. One checker serves one thread.
+    joints that slide, is left out of the collision queries. Any number of threads may ask at the same time; they share
+    the `counts`, which may then lose some.
 
     Only `move` changes it: obstacles that are `movable` are elsewhere then, and every answer is that of a checker made
-    anew for the new scene. What was derived from it follows (`PairSet`, `CertifiedMotion`, `Proximity`).
+    anew for the new scene. What was derived from it follows (`PairSet`, `CertifiedMotion`, `Proximity`). What another
+    thread asks meanwhile is answered for the new scene.
 
     Parameters
     ----------
@@ -67,6 +70,8 @@ class CollisionChecker:
 
     Attributes
     ----------
+    changes : Changes
+        What notices that obstacles move while another thread asks.
     revision : int
         How often obstacles have moved. What was computed at another revision is of another scene.
     pairs : PairSet
@@ -91,6 +96,7 @@ class CollisionChecker:
         self._names, parts = self._placed.names, self._placed.parts
         self.links = tuple(self._names[: len(bodies.geometryObjects)])
         self.revision = 0
+        self.changes = Changes()
         self._obstacle_radii = np.full((len(self._names), robot.bounds.joint_radii.shape[1]), np.inf)
         self._measure_from_axes(parts)
 
@@ -99,7 +105,7 @@ class CollisionChecker:
         moves = np.array([self._names[part.index] in self.movable for part in parts], dtype=bool)
         self._approaches = Approaches(list(reaches.values()), parts, moves)
         self._touching = self._placed.with_pairs(self._nearer_than(DISTANCE_ERROR))
-        self._contact = Queries(robot.shared.model, self._touching)
+        self._contact = Queries(robot.shared.model, self._touching, self.changes)
         self._pair_sets: dict[float, PairSet] = {}  # by the reach that they are of
         self.pairs = self.pairs_within(0.0)
 
@@ -132,7 +138,8 @@ class CollisionChecker:
         """
         level = 0.0 if reach <= 0 else _REACH * 2.0 ** max(0, ceil(log2(reach / _REACH)))
         if level not in self._pair_sets:
-            self._pair_sets[level] = self._pairs_at(level)
+            with self.changes.none():
+                self._pair_sets[level] = self._pair_sets.get(level) or self._pairs_at(level)
         return self._pair_sets[level]
 
     def _pairs_at(self, level: float) -> PairSet:
@@ -142,7 +149,7 @@ class CollisionChecker:
             if len(known.names) == len(self._touching.collisionPairs) + len(beyond):
                 return known
         geometry = self._placed.with_pairs(beyond, self._touching) if beyond else self._touching
-        return PairSet(self.robot, geometry, self._names, self._obstacle_radii, self.counts)
+        return PairSet(self.robot, geometry, self._names, self._obstacle_radii, self.counts, self.changes)
 
     def _nearer_than(self, distance: float) -> dict[tuple[int, int], None]:
         """Return the pairs of a moving body and an obstacle that can come nearer than a distance [m], in order."""
@@ -172,15 +179,16 @@ class CollisionChecker:
             If anything else differs, or a movable obstacle would have other parts than before, such as a small cloud
             with another number of points. Then nothing moves.
         """
-        moved, measured = self._placed.move(scene)
-        self.scene = scene
-        if not moved:
-            return
-        self.revision += 1
-        self._measure_from_axes(moved)
-        self._contact.take_shapes(measured)
-        for pairs in set(self._pair_sets.values()):
-            pairs.follow(self._obstacle_radii, measured)
+        with self.changes.one():
+            moved, measured = self._placed.move(scene)
+            self.scene = scene
+            if not moved:
+                return
+            self.revision += 1
+            self._measure_from_axes(moved)
+            self._contact.take_shapes(measured)
+            for pairs in set(self._pair_sets.values()):
+                pairs.follow(self._obstacle_radii, measured)
 
     def _measure_from_axes(self, parts: Sequence[PlacedPart]) -> None:
         """Note how far parts of obstacles are from the joints' axes at most; the robot's own are infinitely far."""
@@ -203,7 +211,8 @@ class CollisionChecker:
     def touches(self, q: FloatArray) -> bool:
         """Return the same as `in_collision` for a float array (n,) that is known to be finite: nothing is checked."""
         self.counts.collision_queries += 1
-        return self._contact.touches(self.robot.pinocchio_configuration(q), self._contact.no_margins)
+        contact = self._contact
+        return contact.touching(self.robot.pinocchio_configuration(q), contact.no_margins) is not None
 
     def colliding_pair(self, q: ArrayLike) -> tuple[str, str] | None:
         """Return the names of a pair in contact at `q: (n,)`, or None."""
@@ -242,12 +251,14 @@ class CollisionChecker:
     @cached_property
     def _apart(self) -> Distances:
         """Every moving body against every obstacle."""
-        return Distances(self.robot.shared.model, self._placed.with_pairs(self._apart_pairs, own=False))
+        with self.changes.none():
+            geometry = self._placed.with_pairs(self._apart_pairs, own=False)
+        return Distances(self.robot.shared.model, geometry, self.changes)
 
     @cached_property
     def _pair_distances(self) -> Distances:
         """The pairs that may touch."""
-        return Distances(self.robot.shared.model, self._touching)
+        return Distances(self.robot.shared.model, self._touching, self.changes)
 
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, and dearer.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from safe_ompl.maths.kernels.edge_bounds import Pairs, prove_edge
 from safe_ompl.maths.kernels.pair_bounds import pair_bounds
 from safe_ompl.robot.bodies.convex import ConvexBodies
 from safe_ompl.robot.robot import Robot
+from safe_ompl.threads import PerThread
 
 # [m] By this much more than it must, everything that is proven is apart: coal, at most DISTANCE_ERROR off, then never
 # calls a configuration of the motion too near, and its certificate can be issued. Rounding is far below.
@@ -91,7 +93,7 @@ class DistanceBounds:
             Pairs(np.array(pairs), np.array(radii), moved),
         )
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
-        self._edge, self._left = np.empty((2, radii.shape[1])), np.empty((_INTERVALS, 2))
+        self._memory = PerThread(partial(_memory, radii.shape[1]))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
 
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
@@ -131,15 +133,21 @@ class DistanceBounds:
         """
         if not self._bounded:
             return _UNKNOWN
-        self._edge[0] = self._coupling.values(start)
-        self._edge[1] = self._coupling.motions(delta)
+        edge, left = self._memory.own
+        edge[0] = self._coupling.values(start)
+        edge[1] = self._coupling.motions(delta)
         number, at, places = prove_edge(
             *self._data,
-            self._edge,
+            edge,
             required,
             _NOTHING if growth is None else growth,
             floor,
-            self._left,
+            left,
         )
         self._counts.bound_queries += places
-        return BoundsProof(False, at, self._left[:number].tolist()) if number else _FREE
+        return BoundsProof(False, at, left[:number].tolist()) if number else _FREE
+
+
+def _memory(joints: int) -> tuple[FloatArray, FloatArray]:
+    """Return arrays for an edge (2, m), and for the intervals that are not proven."""
+    return np.empty((2, joints)), np.empty((_INTERVALS, 2))

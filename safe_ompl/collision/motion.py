@@ -72,6 +72,7 @@ class CertifiedMotion:
     contact; the middle one keeps the centre. (Halves would cost a sixth more.)
 
     Motions that leave the robot's limits are refused: the pairs that are checked are those that may meet within them.
+    Any number of threads may ask at the same time.
 
     Parameters
     ----------
@@ -201,9 +202,10 @@ class CertifiedMotion:
             self._check_finite(start, end)
             return False
         required = self._widened(margin) if margin else self._required
-        if self._subdivide(start, end, required)[0] is not Verdict.FREE:
+        if self._decided(start, end, required)[0] is not Verdict.FREE:
             return False
-        return all(limit.check(start, end).verdict is Verdict.FREE for limit in self._limits)
+        limits = self._limits
+        return not limits or all(limit.check(start, end).verdict is Verdict.FREE for limit in limits)
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.
@@ -255,11 +257,13 @@ class CertifiedMotion:
 
     def _widened(self, margin: float) -> RequiredDistances:
         """Return the required distances with a margin [m] besides; that of the last call is kept."""
-        if self._last_widened is None or self._last_widened[0] != margin:
+        known = self._last_widened  # another thread may put one of its own there
+        if known is None or known[0] != margin:
             required = self._required
             at_start = np.maximum(required.at_start, required.pairs.margins(margin))
-            self._last_widened = margin, RequiredDistances(required.pairs, at_start, required.growth)
-        return self._last_widened[1]
+            known = margin, RequiredDistances(required.pairs, at_start, required.growth)
+            self._last_widened = known
+        return known[1]
 
     def _edge(self, start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
         n = self._checker.robot.n
@@ -275,7 +279,7 @@ class CertifiedMotion:
         for fraction, q in ((0.0, start), (1.0, end)):
             for i in np.flatnonzero(~robot.within_limits(q)):
                 return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
-        verdict, at = self._subdivide(start, end, required)
+        verdict, at = self._decided(start, end, required)
         if verdict is Verdict.BLOCKED and at is not None:
             q = start + at * robot.difference(start, end)
             return MotionVerdict(verdict, at, checker.colliding_pair(q) or required.violating_pair(q, at))
@@ -288,6 +292,18 @@ class CertifiedMotion:
     def _refused(self, q: FloatArray, t: float, required: RequiredDistances) -> bool:
         """Return whether the robot touches something, or is nearer than it must be, at the fraction t of an edge."""
         return self._checker.touches(q) or required.violated(q, t)
+
+    def _decided(
+        self, start: FloatArray, end: FloatArray, required: RequiredDistances
+    ) -> tuple[Verdict, float | None]:
+        """Return the verdict, and where; a proof during which another thread moves obstacles is begun anew."""
+        changes = self._checker.changes
+        done = changes.done
+        found = self._subdivide(start, end, required)
+        if changes.begun == done:
+            return found
+        with changes.none():
+            return self._subdivide(start, end, required)
 
     def _subdivide(
         self, start: FloatArray, end: FloatArray, required: RequiredDistances

@@ -52,6 +52,8 @@ class NearPairs:
     def found(self) -> list[int]:
         """Return the pairs that may be nearer than their margins, where the bodies are now; no other is."""
         number = near_boxes(self._places, self._boxes, self._pairs, self.margins, self._near)
+        if not number:
+            return []
         pairs: list[int] = self._near[:number].tolist()
         return pairs
 

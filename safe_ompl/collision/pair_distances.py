@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -10,6 +11,7 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.queries import DISTANCE_ERROR, fresh_data
+from safe_ompl.threads import PerThread
 
 
 class PairDistances:
@@ -35,25 +37,15 @@ class PairDistances:
         self._robot, self._counts = checker.robot, checker.counts
         self._set = checker.pairs_within(reach)
         self._geometry = self._set.geometry
-        self._kinematics = self._robot.shared.model.createData()
         self._indices: IntArray = np.flatnonzero(self._set.meets_obstacle)
         self._coal_indices: list[int] = self._indices.tolist()
         links = self._set.bodies[self._indices, 0].tolist()
         self.joints: IntArray = np.array(
             [self._geometry.geometryObjects[link].parentJoint for link in links], dtype=np.intp
         )
-        self._take_places()
-
-    def _take_places(self) -> None:
-        self._revision = self._set.revision
-        self._data = fresh_data(self._geometry)
-        results = list(self._data.distanceResults)
-        self._results = [results[k] for k in self._coal_indices]
-
-    def _follow(self) -> None:
-        """Take the places of obstacles that have moved."""
-        if self._revision != self._set.revision:
-            self._take_places()
+        self._memory = PerThread(
+            partial(_Memory, self._robot.shared.model, self._geometry, self._coal_indices)
+        )
 
     def __len__(self) -> int:
         return len(self._indices)
@@ -82,19 +74,37 @@ class PairDistances:
 
     def _bounds(self, Q: FloatArray, enough: float) -> FloatArray:
         """Return lower bounds (B, K) [m] of what coal calls the distances."""
-        self._follow()
         bounds = self._set.bounds.of(Q, self._indices, enough + DISTANCE_ERROR)
         return bounds - DISTANCE_ERROR
 
     def _exact(self, q: FloatArray, pairs: Sequence[int]) -> list[float]:
         """Return the distances of pairs [m] at `q: (n,)`."""
         self._counts.distance_queries += 1
-        geometry, data, indices = self._geometry, self._data, self._coal_indices
+        geometry, own, indices = self._geometry, self._memory.own, self._coal_indices
         full = self._robot.pinocchio_configuration(q)
-        pin.updateGeometryPlacements(self._robot.shared.model, self._kinematics, geometry, data, full)
-        return [pin.computeDistance(geometry, data, indices[k]).min_distance for k in pairs]
+        with self._set.changes.none():
+            data = own.at(self._set.revision)
+            pin.updateGeometryPlacements(self._robot.shared.model, own.kinematics, geometry, data, full)
+            return [pin.computeDistance(geometry, data, indices[k]).min_distance for k in pairs]
 
     def witness(self, pair: int) -> tuple[FloatArray, FloatArray]:
-        """Return the nearest points of a pair where its distance was found last: of link and obstacle, (3,) [m]."""
-        result = self._results[pair]
+        """Return the nearest points (3,) [m] of a pair, of link and obstacle, where this thread found its distance."""
+        result = self._memory.own.results[pair]
         return result.getNearestPoint1(), result.getNearestPoint2()
+
+
+class _Memory:
+    """Where one thread keeps the places of bodies, and the distances of some pairs."""
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, indices: Sequence[int]) -> None:
+        self.kinematics = model.createData()
+        self._geometry, self._indices = geometry, indices
+        self._revision = -1
+
+    def at(self, revision: int) -> pin.GeometryData:
+        """Return the memory of bodies; it is made anew where obstacles have moved since."""
+        if self._revision != revision:
+            self._revision, self._data = revision, fresh_data(self._geometry)
+            results = list(self._data.distanceResults)
+            self.results = [results[k] for k in self._indices]
+        return self._data

@@ -13,6 +13,7 @@ from safe_ompl.collision.distance_bounds import DistanceBounds
 from safe_ompl.collision.queries import Queries, indices
 from safe_ompl.counts import Counts
 from safe_ompl.robot.robot import Robot
+from safe_ompl.threads import Changes
 
 
 class PairSet:
@@ -34,6 +35,8 @@ class PairSet:
         How far each of the G bodies is from the axes of the model's m ≥ n joints at most; infinite for the robot's own.
     counts : Counts
         Counts the queries.
+    changes : Changes
+        Of the places of obstacles.
 
     Attributes
     ----------
@@ -59,6 +62,7 @@ class PairSet:
         names: Sequence[str],
         obstacle_radii: FloatArray,
         counts: Counts,
+        changes: Changes,
     ) -> None:
         pairs, links = indices(geometry), len(robot.bounds.joint_radii)
         self.geometry = geometry
@@ -71,7 +75,8 @@ class PairSet:
         self.revision = 0
         self._take_radii(obstacle_radii)
         self._counts = counts
-        self._queries = Queries(robot.shared.model, geometry)
+        self.changes = changes
+        self._queries = Queries(robot.shared.model, geometry, changes)
 
     def _take_radii(self, obstacle_radii: FloatArray) -> None:
         self._joint_radii = _pair_radii(self._robot.bounds.joint_radii, self.bodies, obstacle_radii)
@@ -114,7 +119,7 @@ class PairSet:
         they do not is seen at once where they are the same read-only array, and in 0.2 to 0.4 µs otherwise.
         """
         self._counts.margin_queries += 1
-        return self._queries.touches(self._robot.pinocchio_configuration(q), margins)
+        return self._queries.touching(self._robot.pinocchio_configuration(q), margins) is not None
 
     def pair_within_margins(self, q: FloatArray, margins: FloatArray) -> tuple[str, str] | None:
         """Return the names of a pair that is nearer than its margin (P,) [m] at `q: (n,)`, or None."""

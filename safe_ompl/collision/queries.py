@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
+from typing import Any
+from weakref import WeakSet
 
 import coal
 import numpy as np
@@ -12,12 +14,13 @@ import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.collision.near_pairs import NearPairs
+from safe_ompl.threads import Changes, PerThread
 
 DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
 
 
 class Queries:
-    """Boolean queries over the pairs of one geometry model, with their own working memory.
+    """Boolean queries over the pairs of one geometry model; any thread may ask.
 
     Margins are an argument of every query; they are written to coal's requests where they are not those of the query
     before. Coal is only asked about pairs whose boxes are near each other (`NearPairs`): Pinocchio's managers compare
@@ -29,94 +32,117 @@ class Queries:
         The robot.
     geometry : pin.GeometryModel
         The bodies and the P pairs.
-
-    Attributes
-    ----------
-    touching : int or None
-        The pair that the last query found too near.
+    changes : Changes
+        Of the places of the bodies.
     """
 
-    def __init__(self, model: pin.Model, geometry: pin.GeometryModel) -> None:
-        # The margins that coal has: the array itself, where it cannot have changed since, or what was in it.
-        self._unchanging: FloatArray | None = None
-        self._written: bytes | None = None
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, changes: Changes) -> None:
         self.model = model
         self.geometry = geometry
+        self._changes = changes
+        pairs: IntArray = np.array(indices(geometry), dtype=np.intp).reshape(-1, 2)
+        self.no_margins: FloatArray = np.zeros(len(pairs))
+        self.no_margins.setflags(write=False)
+        self._all: WeakSet[_Memory] = WeakSet()
+        self._memory = PerThread(partial(_remembered, self._all, changes, model, geometry, pairs))
+
+    def take_shapes(self, bodies: Sequence[int]) -> None:
+        """Look at some bodies anew: their shapes, or the sizes of these, are others now."""
+        for memory in self._all:
+            memory.near.take_shapes(bodies)
+
+    def touching(self, q: FloatArray, margins: FloatArray) -> int | None:
+        """Return a pair that is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`, or None."""
+        own, changes = self._memory.own, self._changes
+        done, found = changes.done, None
+        if margins is not own.unchanging:
+            own.set_margins(margins)
+        pin.updateGeometryPlacements(self.model, own.kinematics, self.geometry, own.data, q)
+        for pair in own.near.found():
+            if pin.computeCollision(self.geometry, own.data, pair):
+                found = pair
+                break
+        if changes.begun == done:
+            return found
+        with changes.none():
+            return self.touching(q, margins)
+
+    def all_contacts(self, q: FloatArray, margins: FloatArray) -> BoolArray:
+        """Return for each pair (P,) whether it is nearer than its margin (P,) [m] at Pinocchio's `q: (nq,)`."""
+        own = self._memory.own
+        with self._changes.none():
+            own.set_margins(margins)
+            pin.computeCollisions(self.model, own.kinematics, self.geometry, own.data, q, False)
+        return np.array([result.isCollision() for result in own.data.collisionResults], dtype=bool)
+
+
+class _Memory:
+    """Working memory of queries: where bodies are, the margins that coal has, and what is near."""
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray) -> None:
+        # The margins that coal has: the array itself, where it cannot have changed since, or what was in it.
+        self.unchanging: FloatArray | None = None
+        self._written: bytes | None = None
         self.kinematics = model.createData()
         self.data = fresh_data(geometry)
+        self._geometry = geometry
         # Pinocchio takes margins as a matrix over bodies; writing it is ten times faster than request by request.
         bodies = len(geometry.geometryObjects)
         self._margins: FloatArray = np.zeros((bodies, bodies), order="F")
         self._margin_entries: FloatArray = self._margins.reshape(-1, order="F")  # a view
-        pairs: IntArray = np.array(indices(geometry), dtype=np.intp).reshape(-1, 2)
         self._entries = pairs[:, 0] + bodies * pairs[:, 1]
-        self.no_margins: FloatArray = np.zeros(len(self._entries))
-        self.no_margins.setflags(write=False)
-        self._near = NearPairs(geometry, self.data, pairs)
-        self.set_margins(self.no_margins)
-        self.touching: int | None = None
-
-    def take_shapes(self, bodies: Sequence[int]) -> None:
-        """Look at some bodies anew: their shapes, or the sizes of these, are others now."""
-        self._near.take_shapes(bodies)
-
-    def touches(self, q: FloatArray, margins: FloatArray) -> bool:
-        """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`."""
-        if margins is not self._unchanging:
-            self.set_margins(margins)
-        pin.updateGeometryPlacements(self.model, self.kinematics, self.geometry, self.data, q)
-        for pair in self._near.found():
-            if pin.computeCollision(self.geometry, self.data, pair):
-                self.touching = pair
-                return True
-        self.touching = None
-        return False
-
-    def all_contacts(self, q: FloatArray, margins: FloatArray) -> BoolArray:
-        """Return for each pair (P,) whether it is nearer than its margin (P,) [m] at Pinocchio's `q: (nq,)`."""
-        self.set_margins(margins)
-        pin.computeCollisions(self.model, self.kinematics, self.geometry, self.data, q, False)
-        return np.array([result.isCollision() for result in self.data.collisionResults], dtype=bool)
+        self.near = NearPairs(geometry, self.data, pairs)
+        self._write(np.zeros(len(pairs)))
 
     def set_margins(self, margins: FloatArray) -> None:
         """Write margins (P,) [m] to coal's requests, unless they are there."""
         # An array that owns its numbers and is read-only is known to be the same when it comes again.
         if margins.base is None and not margins.flags.writeable:
-            if margins is not self._unchanging:
+            if margins is not self.unchanging:
                 self._write(margins)
-                self._unchanging, self._written = margins, None
+                self.unchanging, self._written = margins, None
         elif (content := margins.tobytes()) != self._written:
             self._write(margins)
-            self._unchanging, self._written = None, content
+            self.unchanging, self._written = None, content
 
     def _write(self, margins: FloatArray) -> None:
         # With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre
         # apart, and calls them free: what is nearer than it can tell counts as touching.
         self._margin_entries[self._entries] = margins + DISTANCE_ERROR
-        self._near.margins[:] = margins + 2 * DISTANCE_ERROR  # coal is as far off
-        self.data.setSecurityMargins(self.geometry, self._margins, True, False)
+        self.near.margins[:] = margins + 2 * DISTANCE_ERROR  # coal is as far off
+        self.data.setSecurityMargins(self._geometry, self._margins, True, False)
+
+
+def _remembered(
+    known: WeakSet[_Memory], changes: Changes, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray
+) -> _Memory:
+    """Return working memory that takes the shapes that bodies have from now on."""
+    with changes.none():
+        memory = _Memory(model, geometry, pairs)
+        known.add(memory)
+        return memory
 
 
 class Distances:
-    """Exact distances of the pairs of one geometry model, with their own working memory.
+    """Exact distances of the pairs of one geometry model; any thread may ask. Parameters as of `Queries`."""
 
-    Parameters
-    ----------
-    model : pin.Model
-        The robot.
-    geometry : pin.GeometryModel
-        The bodies and the P pairs.
-    """
-
-    def __init__(self, model: pin.Model, geometry: pin.GeometryModel) -> None:
-        self._model, self._geometry = model, geometry
-        self._kinematics, self._data = model.createData(), fresh_data(geometry)
-        self._results = list(self._data.distanceResults)
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, changes: Changes) -> None:
+        self._model, self._geometry, self._changes = model, geometry, changes
+        self._memory = PerThread(partial(_distance_memory, model, geometry))
 
     def at(self, q: FloatArray) -> FloatArray:
         """Return the distances (P,) [m] at Pinocchio's `q: (nq,)`."""
-        pin.computeDistances(self._model, self._kinematics, self._geometry, self._data, q)
-        return np.array([result.min_distance for result in self._results])
+        kinematics, data, results = self._memory.own
+        with self._changes.none():
+            pin.computeDistances(self._model, kinematics, self._geometry, data, q)
+        return np.array([result.min_distance for result in results])
+
+
+def _distance_memory(
+    model: pin.Model, geometry: pin.GeometryModel
+) -> tuple[pin.Data, pin.GeometryData, list[Any]]:
+    data = fresh_data(geometry)
+    return model.createData(), data, list(data.distanceResults)
 
 
 def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:

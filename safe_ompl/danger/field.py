@@ -89,6 +89,9 @@ class DangerField(RobotField):
     together stay within `tolerance` (`safe_ompl.maths.kernels.groups`): the danger is within that of the exact one,
     and may jump by as much where a group begins or ceases to count so; its gradient is that of the field at those
     centres. All else, above all what is proven (`CertifiedDanger`), looks at every point.
+
+    Any number of threads may ask at the same time, also while one of them moves the field; they share the `counts`,
+    which may then lose some.
     """
 
     def __init__(
@@ -123,8 +126,9 @@ class DangerField(RobotField):
             tolerance=self.tolerance,
         )
         self._obstacles: DangerousObstacles | None = None
+        self._frozen: DangerField | None = None
         self.revision = 0
-        self._take_points(points, weights)
+        self._danger_points = DangerPoints(points, weights, self.k1)
 
     @classmethod
     def of_scene(
@@ -146,6 +150,7 @@ class DangerField(RobotField):
         obstacles = DangerousObstacles(scene, spacing)
         field = cls(robot, *obstacles.points, **options)
         field._obstacles = obstacles
+        field._take_points(field._danger_points)
         return field
 
     def move(self, scene: Scene) -> None:
@@ -175,13 +180,24 @@ class DangerField(RobotField):
         return self._obstacles
 
     def _take_obstacles(self) -> None:
-        self._take_points(*self._of_known_scene.points)
+        self._take_points(DangerPoints(*self._of_known_scene.points, self.k1))
         self.revision += 1
 
-    def _take_points(self, points: ArrayLike | PointSource, weights: ArrayLike | None) -> None:
-        """Take danger points and weights, and forget what followed from others."""
-        self._danger_points = DangerPoints(points, weights, self.k1)
-        vars(self).pop("minimum", None)
+    def _take_points(self, points: DangerPoints) -> None:
+        """Take danger points and what follows from them, all at once for whoever asks in another thread."""
+        frozen = object.__new__(DangerField)
+        vars(frozen).update(vars(self), _danger_points=points, _obstacles=None, _frozen=None)
+        for followed in ("moving", "_minimum"):
+            vars(frozen).pop(followed, None)
+        self._danger_points = points
+        self._frozen = frozen
+
+    def frozen(self) -> DangerField:
+        """Return the field at the danger points of now, where they stay if this one moves.
+
+        What asks more than once about the same danger points asks this one: another thread may move them.
+        """
+        return self if self._frozen is None else self._frozen
 
     def __repr__(self) -> str:
         points = repr(self._danger_points.source) if self.points is None else f"<{len(self.points)} points>"
@@ -239,11 +255,12 @@ class DangerField(RobotField):
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` for the price of the gradients."""
         Q = self._batch(Q)
-        points, charges = self._prepared(Q)
+        field = self.frozen()
+        points, charges = field._prepared(Q)
         if not points.size:
             return np.zeros(len(Q)), np.zeros(Q.shape)
-        if self._groups is not None:
-            return self._evaluation.grouped_values_and_gradients(Q, self._groups)
+        if field._groups is not None:
+            return self._evaluation.grouped_values_and_gradients(Q, field._groups)
         return self._evaluation.values_and_gradients(Q, points, charges)
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -290,13 +307,17 @@ class DangerField(RobotField):
             raise InputError("there are no danger points; give an obstacle a weight > 0")
         return int(levels.argmax())
 
-    @cached_property
+    @property
     def minimum(self) -> float:
         """A proven lower bound of the danger at any configuration: every link as far away as it can get.
 
         Zero where there are no danger points, a callable gives them, or prismatic joints make the links' lengths
         change (eq. 1).
         """
+        return self.frozen()._minimum
+
+    @cached_property
+    def _minimum(self) -> float:
         if self.points is None or not len(self.points):
             return 0.0
         if self.weighting == "length" and self._segments.lengths is None:
@@ -354,13 +375,16 @@ class DangerField(RobotField):
         InputError
             If `Q` has the wrong shape or is not finite.
         """
-        if self.points is None or not len(self.points) or self.aggregate != "max":
+        field = self.frozen()
+        points, weights = field.points, field.weights
+        if points is None or not len(points) or self.aggregate != "max":
             return self
         Q = self._batch(Q)
-        levels = self._evaluation.levels(Q, *self._prepared(Q))
+        levels = self._evaluation.levels(Q, *field._prepared(Q))
         near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
-        weights = None if self.weights is None else self.weights[near]
-        return self if near.all() else self.with_points(self.points[near], weights)
+        return (
+            self if near.all() else self.with_points(points[near], None if weights is None else weights[near])
+        )
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""
@@ -384,10 +408,10 @@ class DangerField(RobotField):
         J_l is the Jacobian of the distal end of link l; the sum goes over all danger points (paper, §4.3). It is not
         finite where a segment passes through a danger point.
         """
-        Q = self._single(q)
-        keypoints, points = self._scene(Q[0], self.points_at(Q).reshape(-1, 3))
+        Q, field = self._single(q), self.frozen()
+        keypoints, points = self._scene(Q[0], field.points_at(Q).reshape(-1, 3))
         vectors = self._vector(keypoints, points)
-        total = vectors.sum(axis=0) if self.weights is None else self.weights @ vectors
+        total = vectors.sum(axis=0) if field.weights is None else field.weights @ vectors
         pushes = np.zeros(keypoints.shape)
         np.add.at(pushes[0], self.robot.segments[:, 1], total)
         motion: FloatArray = self.robot.pull_back(Q, pushes)[0]
@@ -407,11 +431,12 @@ class DangerField(RobotField):
     # ------------------------------------------------------------------------------------------------ within
 
     def _danger(self, Q: FloatArray) -> FloatArray:
-        points, charges = self._prepared(Q)
+        field = self.frozen()
+        points, charges = field._prepared(Q)
         if not points.size:
             return np.zeros(len(Q))
-        if self._groups is not None:
-            return self._evaluation.grouped_values(Q, self._groups)
+        if field._groups is not None:
+            return self._evaluation.grouped_values(Q, field._groups)
         return self._evaluation.values(Q, points, charges)
 
     @property

@@ -78,9 +78,10 @@ class KinetostaticField:
     def values(self, Q: ArrayLike, Qd: ArrayLike) -> FloatArray:
         """Return the danger (B,) at `Q: (B, n)` while the joints move at `Qd: (B, n)`."""
         Q, Qd = self._states(Q, Qd)
-        groups = self.field.groups
+        field = self.field.frozen()
+        groups = field.groups
         if groups is None:
-            return self.field.aggregated(self._fields(*self._motions(Q, Qd), self.field.points_at(Q)))
+            return field.aggregated(self._fields(*self._motions(Q, Qd), field.points_at(Q)))
         return self._highest(Q, Qd, groups)[0]
 
     def gradients(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -93,7 +94,8 @@ class KinetostaticField:
     def values_and_gradients(self, Q: ArrayLike, Qd: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) by configuration and by joint velocities."""
         Q, Qd = self._states(Q, Qd)
-        field, groups = self.field, self.field.groups
+        field = self.field.frozen()
+        groups = field.groups
         if groups is not None:
             dangers, best, (places, velocities) = self._highest(Q, Qd, groups)
             chosen, rates = groups.columns[0].T[best][:, None], groups.charges[0][best][:, None]

@@ -76,6 +76,7 @@ class PeakSearch:
         if not len(points):
             raise InputError("path must have a configuration at least, got none")
         _check_strokes(robot, points)
+        field = field.frozen()  # what is proven is of the same danger points from the beginning to the end
         self._field, self._floor, self._ceiling = field, floor, ceiling
         lengths = field.segments.lengths
         self._lengths = lengths

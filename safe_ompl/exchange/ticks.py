@@ -80,7 +80,7 @@ def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         lines = [
             json.loads(line) for line in Path(file).read_text(encoding="utf-8").splitlines() if line.strip()
         ]
-    except (OSError, ValueError) as error:
+    except (OSError, RecursionError, ValueError) as error:
         raise InputError(f"cannot be read as JSON lines: {error}", str(file)) from None
     if not lines or not all(isinstance(line, dict) for line in lines):
         raise InputError("must hold a JSON object in every line", str(file))

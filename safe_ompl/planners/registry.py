@@ -156,7 +156,7 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
     elif name in _OMPL:
         fixed, planner = {}, getattr(og, name)(si)
     elif name in _REFUSED:
-        raise InputError(f"OMPL's {name} cannot be used from Python: {_REFUSED[name]}")
+        raise _refused(name)
     else:
         raise UnknownNameError("planner", name, planner_names())
     given = dict(parameters or {})
@@ -164,6 +164,17 @@ def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None
     for key, value in {**{key: _choices(value)[0] for key, value in fixed.items()}, **given}.items():
         _setter(planner, key)(value)
     return planner
+
+
+def check_usable(planner: Any) -> None:
+    """Raise InputError if this is one of OMPL's planners that hang, crash, or take no notice of time limits here."""
+    for kind in type(planner).__mro__:
+        if kind.__name__ in _REFUSED and kind is getattr(og, kind.__name__, None):
+            raise _refused(kind.__name__)
+
+
+def _refused(name: str) -> InputError:
+    return InputError(f"OMPL's {name} cannot be used from Python: {_REFUSED[name]}")
 
 
 def _refuse_others(name: str, given: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from itertools import islice
 from typing import Any
 
@@ -17,6 +18,10 @@ from safe_ompl.plugins.validity import CollisionFreeValidity
 
 _log = logging.getLogger(__name__)
 
+_OWN_THREAD = (
+    "the planner asks its objective in a thread of its own, as OMPL's PRM and PRMstar do, and will wait for it for "
+    "ever: end this process, as Ctrl-C does not, and take SafePRM"
+)
 _MOTION_STEP = 0.2  # [rad] between the first samples of a motion's cost
 _REFINEMENTS = 6
 
@@ -55,6 +60,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self._bridge = StateBridge(si.getStateSpace())
         self._scales: dict[Any, float] = {}
         self._revision = field.revision  # that the scales are of
+        self._thread = threading.get_ident()  # that asked last
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.field!r}, tolerance={self.tolerance:g})"
@@ -92,7 +98,19 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     def motionCostHeuristic(self, start: Any, end: Any) -> Any:
         """Return a cost that no way between two states goes below."""
-        return ob.Cost(self.field.minimum * self._motion(start, end)[2])
+        return ob.Cost(self._least() * self._motion(start, end)[2])
+
+    def _least(self) -> float:
+        """Return the danger that no configuration goes below; say so if it is a thread of OMPL's own that asks.
+
+        Such a thread waits for Python, and the planner, which keeps Python, waits for the thread.
+        """
+        thread = threading.get_ident()
+        if thread != self._thread:
+            self._thread = thread
+            if thread not in {known.ident for known in threading.enumerate()}:
+                _log.error("%s", _OWN_THREAD)
+        return self.field.minimum
 
     def values(self, Q: FloatArray) -> FloatArray:
         """Return the danger (B,) at a batch of configurations `Q: (B, n)`."""
@@ -145,7 +163,7 @@ class PeakDangerObjective(DangerObjective):
 
     def motionCostHeuristic(self, start: Any, end: Any) -> Any:
         """Return the danger that no configuration goes below."""
-        return ob.Cost(self.field.minimum)
+        return ob.Cost(self._least())
 
 
 class StateCost:

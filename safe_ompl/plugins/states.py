@@ -5,7 +5,9 @@ from __future__ import annotations
 import ctypes
 import logging
 import sys
+import threading
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from safe_ompl.arrays import BoolArray, FloatArray
 from safe_ompl.errors import InputError
 from safe_ompl.maths.kernels.intervals import within
 from safe_ompl.robot.robot import Robot
+from safe_ompl.threads import PerThread
 
 _log = logging.getLogger(__name__)
 
@@ -99,8 +102,7 @@ class StateBridge:
         # buffer costs a tenth of going through Python lists.
         if space.getSerializationLength() != 8 * self.n:
             raise InputError(f"state space {space.getName()!r} is not made of real vectors and SO(2) alone")
-        self._buffer: FloatArray = np.zeros(self.n)
-        self._capsule = _new_capsule(self._buffer.ctypes.data, b"nb_handle", None)
+        self._memory = PerThread(partial(_buffer, self.n))
         self._plain: PlainCoordinates | None = None
         if not self._buffer_works():
             _log.warning("OMPL's states cannot be read through a buffer here: the slow way is taken")
@@ -114,20 +116,22 @@ class StateBridge:
         return self.view(state).copy()
 
     def view(self, state: Any) -> FloatArray:
-        """Return the configuration (n,) of a state in a buffer that the next call overwrites."""
+        """Return the configuration (n,) of a state in a buffer that the next call of this thread overwrites."""
+        buffer, capsule = self._memory.own
         if self._plain is None:
-            self.space.serialize(self._capsule, state)
+            self.space.serialize(capsule, state)
         else:
-            self._buffer[:] = self._plain.read(state)
-        return self._buffer
+            buffer[:] = self._plain.read(state)
+        return buffer
 
     def write(self, q: FloatArray, state: Any) -> None:
         """Copy the configuration `q: (n,)` into a state."""
-        self._buffer[:] = self.wrapped(q) if self._wraps else q
+        buffer, capsule = self._memory.own
+        buffer[:] = self.wrapped(q) if self._wraps else q
         if self._plain is None:
-            self.space.deserialize(state, self._capsule)
+            self.space.deserialize(state, capsule)
         else:
-            self._plain.write(self._buffer.tolist(), state)
+            self._plain.write(buffer.tolist(), state)
 
     def _buffer_works(self) -> bool:
         """Return whether what is written through the buffer is what OMPL's own coordinates say, and back.
@@ -136,15 +140,16 @@ class StateBridge:
         """
         plain, state = PlainCoordinates(self.space), self.space.allocState()
         values = np.random.default_rng(0).uniform(-1.0, 1.0, (2, self.n))
+        buffer, capsule = self._memory.own
         try:
-            self._buffer[:] = values[0]
-            self.space.deserialize(state, self._capsule)
+            buffer[:] = values[0]
+            self.space.deserialize(state, capsule)
             written = np.array(plain.read(state))
             plain.write(values[1].tolist(), state)
-            self.space.serialize(self._capsule, state)
+            self.space.serialize(capsule, state)
         except (TypeError, RuntimeError):
             return False
-        return np.array_equal(written, values[0]) and np.array_equal(self._buffer, values[1])
+        return np.array_equal(written, values[0]) and np.array_equal(buffer, values[1])
 
     def wrapped(self, q: FloatArray) -> FloatArray:
         """Return `q: (…, n)` with the coordinates that wrap brought into [−π, π)."""
@@ -181,6 +186,12 @@ class StateBridge:
         squares = np.add.reduceat(self.difference(start, end) ** 2, self._firsts, axis=-1)
         distances: FloatArray = np.sqrt(squares) @ self._weights
         return distances
+
+
+def _buffer(n: int) -> tuple[FloatArray, Any]:
+    """Return n numbers, and the capsule by which OMPL's bindings read and write them."""
+    buffer: FloatArray = np.zeros(n)
+    return buffer, _new_capsule(buffer.ctypes.data, b"nb_handle", None)
 
 
 class PlainCoordinates:
@@ -230,15 +241,15 @@ def _values(space: Any, state: Any) -> list[float]:
     return [float(value) for value in state[0 : space.getDimension()]]
 
 
-class ScratchState:
-    """One state of a space, freed with this object."""
+class ScratchState(threading.local):
+    """One state of a space for each thread, freed with this object."""
 
     def __init__(self, bridge: StateBridge) -> None:
         self._bridge = bridge
         self.state = bridge.space.allocState()
 
     def set(self, q: FloatArray) -> Any:
-        """Write `q: (n,)` and return the state; it holds until the next call."""
+        """Write `q: (n,)` and return the state; it holds until the next call of this thread."""
         self._bridge.write(q, self.state)
         return self.state
 

@@ -30,7 +30,7 @@ from safe_ompl.robot.construction.blueprint import (
     standing,
 )
 from safe_ompl.robot.construction.parts import GuardedCopy, RobotParts, independent
-from safe_ompl.robot.construction.sources import ModelsBlueprint, UrdfBlueprint, check_models
+from safe_ompl.robot.construction.sources import ModelsBlueprint, UrdfBlueprint, check_models, owned
 from safe_ompl.robot.description.collision_shapes import CollisionSource
 from safe_ompl.robot.description.examples import find_example, robots_folder
 from safe_ompl.robot.description.urdf import existing_file
@@ -245,13 +245,14 @@ class Robot(ForwardKinematics):
         Raises
         ------
         InputError
-            If the models are not Pinocchio's, or as in `from_urdf`.
+            If the models are not Pinocchio's, a body's shape is not supported (a plane, say), or as in `from_urdf`.
         """
         check_models(model, collision_model, visual_model)
+        own_model, own_collision, own_visual = owned(model, collision_model, visual_model)
         blueprint = ModelsBlueprint(
-            model.copy(),
-            independent(collision_model),
-            None if visual_model is None else independent(visual_model),
+            own_model,
+            own_collision,
+            own_visual,
             tip,
             dict(locked or {}),
             hulls,

@@ -191,6 +191,8 @@ def _read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:
         raise InputError(f"malformed JSON: {error.msg}", f"line {error.lineno}") from None
+    except RecursionError:
+        raise InputError("malformed JSON: nested too deeply") from None
     except UnicodeDecodeError as error:
         raise InputError(f"is not text in UTF-8 ({error})") from None
     except OSError as error:

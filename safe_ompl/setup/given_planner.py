@@ -10,10 +10,11 @@ from ompl import util as ou
 
 from safe_ompl.errors import InputError
 from safe_ompl.planners.base import SafePlanner
+from safe_ompl.planners.registry import check_usable
 
 
 def check_planner(planner: Any, si: Any) -> None:
-    """Raise an error if this is neither a name nor a planner on a space information."""
+    """Raise an error if this is neither a name nor a planner on a space information, or one that cannot be used."""
     if isinstance(planner, str):
         return
     if isinstance(planner, type) and issubclass(planner, ob.Planner):
@@ -26,6 +27,7 @@ def check_planner(planner: Any, si: Any) -> None:
         raise InputError(
             f"{planner.getName()} is a planner of another setup: make it with this one's getSpaceInformation()"
         )
+    check_usable(planner)
 
 
 def seed_ompl(seed: int) -> None:

@@ -18,6 +18,7 @@ from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
 from safe_ompl.plugins.region_goal import REGION_TOLERANCE, RegionGoal
 from safe_ompl.robot.region import GoalRegion
+from safe_ompl.setup.given_planner import check_planner
 from safe_ompl.setup.inputs import configuration_of, several
 from safe_ompl.setup.tool import ToolLimitedSetup
 from safe_ompl.setup.wiring import danger_field as danger_field
@@ -210,9 +211,27 @@ class SafeProblem(ToolLimitedSetup):
         self._choose_planner()
         super().setup()
 
+    def setPlanner(self, planner: Any) -> None:
+        """Plan with a planner on this setup's space information.
+
+        Raises
+        ------
+        InputError
+            If it is none, one of another setup, or one of OMPL's that cannot be used from Python, such as PRM.
+        """
+        if isinstance(planner, str):
+            raise InputError(f"planner must be an ob.Planner, got {planner!r}; `plan` takes names")
+        check_planner(planner, self.getSpaceInformation())
+        super().setPlanner(planner)
+
     def _choose_planner(self) -> None:
-        """Take `SafeRRTConnect` where no planner is set and the goal allows, instead of what OMPL would take."""
-        if self.getPlanner() is None and isinstance(self.getGoal(), ob.GoalSampleableRegion):
+        """Take what the allocator makes where no planner is set; without one `SafeRRTConnect`, if the goal allows."""
+        allocator = self.getPlannerAllocator()
+        if self.getPlanner() is not None:
+            return
+        if allocator is not None:
+            self.setPlanner(allocator(self.getSpaceInformation()))
+        elif isinstance(self.getGoal(), ob.GoalSampleableRegion):
             self.setPlanner(SafeRRTConnect(self.getSpaceInformation()))
 
     def _adopt_plugins(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from safe_ompl.errors import InputError
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.scene import Scene
+from safe_ompl.threads import PerThread
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 
 _SHORT = 0.05  # [s] Limbs that may come so soon are looked at one by one where contact is allowed
@@ -84,8 +86,7 @@ class PeopleDistances:
         self.limbs = tuple(limbs)
         self._body: IntArray = np.array([body for body, _, _ in pairs], dtype=np.intp)
         self._limb: IntArray = np.array([limb for _, _, limb in pairs], dtype=np.intp)
-        self._data = fresh_data(self._geometry)
-        self._kinematics = robot.shared.model.createData()
+        self._memory = PerThread(partial(_memory, robot.shared.model, self._geometry))
         self.speeds: FloatArray = np.array([people.speed_of(limb) for _, limb in limbs])
 
     def move(self, scene: Scene) -> None:
@@ -108,7 +109,7 @@ class PeopleDistances:
         for part, (shape, place) in found.items():
             body = self._geometry.geometryObjects[self._parts[part]]
             body.placement, body.geometry = place, shape
-        self._data = fresh_data(self._geometry)
+        self._memory = PerThread(partial(_memory, self.robot.shared.model, self._geometry))
 
     def times_at(self, Q: FloatArray) -> FloatArray:
         """Return when the first limb may be at the robot (B,) [s] that stays at `Q: (B, n)`; see `SeparationBounds`."""
@@ -189,19 +190,24 @@ class PeopleDistances:
         near = np.flatnonzero(time <= soon)
         first = np.inf
         placed = False
+        kinematics, data = self._memory.own
         for p in near[time[near].argsort()].tolist():
             if time[p] > first and not (by_limb and time[p] < _SHORT):
                 break
             if not placed:
                 pin.updateGeometryPlacements(
                     self.robot.shared.model,
-                    self._kinematics,
+                    kinematics,
                     self._geometry,
-                    self._data,
+                    data,
                     self.robot.pinocchio_configuration(q),
                 )
                 placed = True
-            distance = pin.computeDistance(self._geometry, self._data, p).min_distance - DISTANCE_ERROR
+            distance = pin.computeDistance(self._geometry, data, p).min_distance - DISTANCE_ERROR
             bounds[p] = distance
             left = distance - half[p] - self.people.clearance
             first = min(first, left * slowness[p] - self.people.reaction_time if slowness[p] else first)
+
+
+def _memory(model: pin.Model, geometry: pin.GeometryModel) -> tuple[pin.Data, pin.GeometryData]:
+    return model.createData(), fresh_data(geometry)

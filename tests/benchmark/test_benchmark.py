@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sqlite3
@@ -19,7 +20,9 @@ from ompl import util as ou
 
 from safe_ompl.benchmark.benchmark import Benchmark
 from safe_ompl.benchmark.runs import planner_settings
+from safe_ompl.benchmark.workers import in_processes
 from safe_ompl.errors import InputError
+from safe_ompl.notices import warn_once
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
@@ -284,3 +287,23 @@ def test_a_cluster_that_loses_a_worker(tmp_path: Path) -> None:
     assert [run["status"] for run in runs] == 6 * [6]
     here = build().plan("SafePRM", seed=2)
     assert runs[-1]["danger_integral"] == here.report.danger.integral
+
+
+class Talkative:
+    """A job each of whose processes has the same to say."""
+
+    def run(self, task):
+        warn_once(logging.getLogger("safe_ompl.talk"), "said by every process")
+        logging.getLogger("safe_ompl.talk").warning("task %d", task)
+        return task
+
+    def crash(self, task, words):
+        return None
+
+
+def test_what_is_said_once_is_said_once_though_every_process_has_to_say_it(caplog):
+    done = dict(in_processes(Talkative(), list(range(4)), 2))
+    assert sorted(done) == sorted(done.values()) == list(range(4))
+    said = [record.getMessage() for record in caplog.records]
+    assert said.count("said by every process") == 1
+    assert {f"task {k}" for k in range(4)} <= set(said)

@@ -59,7 +59,7 @@ def test_not_a_number_is_never_valid(setting, rng):
         for bad in (np.nan, np.inf, -np.inf):
             state = setting.scratch.set(q)
             setting.bridge.view(state)[i] = bad  # past the bridge, which would wrap it
-            setting.si.getStateSpace().deserialize(state, setting.bridge._capsule)
+            setting.si.getStateSpace().deserialize(state, setting.bridge._memory.own[1])
             assert setting.si.isValid(state) is False
 
 

@@ -74,3 +74,63 @@ def test_other_things_than_models(models):
         Robot.from_models("robot.urdf", geometry)
     with pytest.raises(InputError, match=r"geometry must be a pin\.GeometryModel, not Model"):
         Robot.from_models(model, model)
+
+
+def arm(shapes, *, bodies=True, pairs=False):
+    """Return an arm of turning joints, one for each shape, as people write them by hand."""
+    model, geometry, parent = pin.Model(), pin.GeometryModel(), 0
+    model.name = "arm"
+    limit = np.full(1, 2.0)
+    for k, shape in enumerate(shapes):
+        kind = pin.JointModelRZ() if k % 2 else pin.JointModelRY()
+        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.4 * bool(k)]))
+        parent = model.addJoint(parent, kind, place, f"joint{k}", limit, limit, -limit, limit)
+        if bodies:
+            model.addBodyFrame(f"link{k}", parent, pin.SE3.Identity(), 0)
+        placement = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2]))
+        geometry.addGeometryObject(pin.GeometryObject(f"link{k}_0", parent, placement, shape))
+    if pairs:
+        geometry.addAllCollisionPairs()
+    return model, geometry
+
+
+@pytest.mark.parametrize("pairs", [False, True])
+@pytest.mark.parametrize("bodies", [False, True])
+def test_bodies_without_frames_and_models_without_pairs(bodies, pairs):
+    shapes = [coal.Capsule(0.05, 0.2), coal.Box(0.1, 0.1, 0.2), coal.Sphere(0.1), coal.Cone(0.1, 0.2)]
+    model, geometry = arm(shapes, bodies=bodies, pairs=pairs)
+    before = model.nframes
+    robot = Robot.from_models(model, geometry)
+    assert robot.tip == "link3"
+    assert model.nframes == before
+    checker = CollisionChecker(robot, Scene())
+    assert {("link0", "link1"), ("link0", "link2")} <= set(checker.pair_names)
+    assert not checker.in_collision(np.zeros(robot.n))
+    locked = Robot.from_models(model, geometry, locked={"joint1": 0.5}, tip="link3")
+    q = np.array([0.3, -0.4, 0.2])
+    expected = robot.tip_pose(np.insert(q, 1, 0.5))
+    np.testing.assert_allclose(locked.tip_pose(q).homogeneous, expected.homogeneous, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        (coal.Plane(np.array([0.0, 0.0, 1.0]), 0.0), "a Plane cannot be part of a robot; these can: Box, "),
+        (coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), "a Halfspace cannot be part of a robot"),
+        (coal.TriangleP(np.zeros(3), np.ones(3), np.eye(3)[0]), "a TriangleP cannot be part of a robot"),
+        (coal.OcTree(0.05), "a OcTree cannot be part of a robot"),
+        (coal.BVHModelOBBRSS(), "is a mesh without triangles"),
+        (coal.Sphere(0.0), r"radius must be positive lengths \[m\], got \[0.0\]"),
+        (coal.Box(np.nan, 1.0, 1.0), r"halfSide must be positive lengths \[m\], got \[nan, 0.5, 0.5\]"),
+    ],
+)
+def test_shapes_that_are_not_supported_are_named(shape, message):
+    with pytest.raises(InputError, match=f"geometry 'link1_0': {message}"):
+        Robot.from_models(*arm([coal.Sphere(0.1), shape, coal.Sphere(0.1)]))
+
+
+def test_a_body_on_a_joint_that_there_is_not():
+    model, geometry = arm([coal.Sphere(0.1), coal.Sphere(0.1)])
+    geometry.addGeometryObject(pin.GeometryObject("tool_0", 7, pin.SE3.Identity(), coal.Sphere(0.1)))
+    with pytest.raises(InputError, match="geometry 'tool_0': there is no joint 7 in the model"):
+        Robot.from_models(model, geometry)

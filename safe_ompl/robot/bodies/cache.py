@@ -52,7 +52,7 @@ def read(kind: str, key: str) -> Any:
         content = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as error:
+    except (OSError, RecursionError, ValueError) as error:
         _log.info("cache: %s cannot be read (%s)", file, error)
         return None
     return content.get("value") if isinstance(content, dict) and content.get("key") == key else None

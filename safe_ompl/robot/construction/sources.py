@@ -7,10 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.document import within
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.notices import warn_once
 from safe_ompl.robot.bodies.self_collision import sample_configurations, select_self_pairs
@@ -38,6 +40,12 @@ from safe_ompl.robot.joints.reduction import (
 )
 
 _log = logging.getLogger(__name__)
+
+_SHAPES = (
+    *(coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.Cone, coal.Ellipsoid),
+    *(coal.ConvexBase, coal.BVHModelBase),
+)
+_SIZES = ("halfSide", "radius", "halfLength", "radii")
 
 
 @dataclass(frozen=True)
@@ -201,10 +209,82 @@ def _samples(model: pin.Model, mimics: Mapping[str, Mimic]) -> FloatArray:
     return rows
 
 
-def check_models(model: Any, *geometries: Any) -> None:
-    """Raise InputError for anything but models of Pinocchio's."""
+def check_models(model: Any, collision: Any, visual: Any) -> None:
+    """Raise InputError for anything but models of Pinocchio's, and for bodies whose shapes are not supported."""
     if not isinstance(model, pin.Model):
         raise InputError(f"model must be a pin.Model, not {type(model).__name__}")
-    for geometry in geometries:
+    for geometry in (collision, visual):
         if geometry is not None and not isinstance(geometry, pin.GeometryModel):
             raise InputError(f"geometry must be a pin.GeometryModel, not {type(geometry).__name__}")
+        for part in () if geometry is None else geometry.geometryObjects:
+            if part.parentJoint >= model.njoints:
+                raise InputError(f"geometry {part.name!r}: there is no joint {part.parentJoint} in the model")
+    for part in collision.geometryObjects:
+        with within(f"geometry {part.name!r}", ": "):
+            _check_shape(part.geometry)
+
+
+def _check_shape(shape: Any) -> None:
+    """Raise InputError for a shape without end, one without size, and one whose distances coal cannot tell."""
+    if not isinstance(shape, _SHAPES):
+        supported = ", ".join(kind.__name__ for kind in _SHAPES)
+        raise InputError(f"a {type(shape).__name__} cannot be part of a robot; these can: {supported}")
+    if isinstance(shape, (coal.ConvexBase, coal.BVHModelBase)):
+        vertices = np.asarray(shape.points() if isinstance(shape, coal.ConvexBase) else shape.vertices())
+        if not vertices.size or (isinstance(shape, coal.BVHModelBase) and not shape.num_tris):
+            raise InputError("is a mesh without triangles")
+        if not np.isfinite(vertices).all():
+            raise InputError("has vertices that are not finite")
+        return
+    sizes = {name: np.ravel(getattr(shape, name)) for name in _SIZES if hasattr(shape, name)}
+    for name, size in sizes.items():
+        if not (np.isfinite(size) & (size > 0)).all():
+            raise InputError(f"{name} must be positive lengths [m], got {size.tolist()}")
+
+
+def owned(model: pin.Model, *geometries: pin.GeometryModel | None) -> tuple[Any, ...]:
+    """Return copies of models with the frames that a URDF's have: for each joint, and for each link with a body.
+
+    Pinocchio's shortest constructor of a geometry object leaves out the frame that it is on. It then crashes when
+    joints are locked, and refuses frames that are not on the joint of the frame before them.
+    """
+    model, given = model.copy(), model.nframes
+    for joint in range(1, model.njoints):
+        if not any(f.type == pin.FrameType.JOINT and f.parentJoint == joint for f in model.frames):
+            model.addJointFrame(joint)
+    order = [
+        0,
+        *range(given, model.nframes),
+        *range(1, given),
+    ]  # frames must come after those that they are on
+    number = {old: new for new, old in enumerate(order)}
+    for new, frame in enumerate([pin.Frame(model.frames[old]) for old in order]):
+        frame.parentFrame = number[frame.parentFrame]
+        model.frames[new] = frame
+    for frame in model.frames:
+        joint, above = frame.parentJoint, model.frames[frame.parentFrame]
+        if frame.type != pin.FrameType.JOINT and above.parentJoint != joint:
+            frame.parentFrame = _joint_frame(model, joint)
+    copies = [None if geometry is None else independent(geometry) for geometry in geometries]
+    for copy in copies:
+        for part in () if copy is None else copy.geometryObjects:
+            part.parentFrame = on = number.get(part.parentFrame, model.nframes)
+            if on == model.nframes or model.frames[on].type != pin.FrameType.BODY:
+                part.parentFrame = _link_frame(model, part)
+    return model, *copies
+
+
+def _link_frame(model: pin.Model, part: pin.GeometryObject) -> int:
+    """Return the frame of the link that a body is of; it is made where the model has none."""
+    link, joint = part.name.rsplit("_", 1)[0], part.parentJoint
+    links = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
+    own = [k for k in links.values() if model.frames[k].parentJoint == joint]
+    if own:
+        return links[link] if links.get(link) in own else own[0]
+    if link in links:
+        raise InputError(f"geometry {part.name!r}: link {link!r} is on another joint than the body")
+    return int(model.addBodyFrame(link, joint, pin.SE3.Identity(), _joint_frame(model, joint)))
+
+
+def _joint_frame(model: pin.Model, joint: int) -> int:
+    return 0 if joint == 0 else int(model.getFrameId(model.names[joint], pin.FrameType.JOINT))
