@@ -10,6 +10,7 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.queries import DISTANCE_ERROR, fresh_data
+from safe_ompl.collision.tree_distances import TreeDistances
 
 
 class PairDistances:
@@ -49,6 +50,7 @@ class PairDistances:
         self._data = fresh_data(self._geometry)
         results = list(self._data.distanceResults)
         self._results = [results[k] for k in self._coal_indices]
+        self._trees = TreeDistances(self._geometry)
 
     def _follow(self) -> None:
         """Take the places of obstacles that have moved."""
@@ -64,6 +66,7 @@ class PairDistances:
     def near(self, Q: FloatArray, within: float) -> Iterator[tuple[int, int, float]]:
         """Yield row, pair and distance [m] of what is nearer than a distance [m] at `Q: (B, n)`, row by row."""
         candidates = self._bounds(Q, within) < within
+        self._trees.forget()
         for row in np.flatnonzero(candidates.any(axis=1)).tolist():
             pairs = np.flatnonzero(candidates[row]).tolist()
             for pair, distance in zip(pairs, self._exact(Q[row], pairs), strict=True):
@@ -74,6 +77,7 @@ class PairDistances:
         """Return the least distance [m] at any of `Q: (B, n)`, or `within` where that is less."""
         bounds = self._bounds(Q, within)
         lowest = bounds.min(axis=1, initial=np.inf)
+        self._trees.forget()
         for row in np.argsort(lowest).tolist():
             if lowest[row] >= within:
                 break
@@ -92,9 +96,17 @@ class PairDistances:
         geometry, data, indices = self._geometry, self._data, self._coal_indices
         full = self._robot.pinocchio_configuration(q)
         pin.updateGeometryPlacements(self._robot.shared.model, self._kinematics, geometry, data, full)
-        return [pin.computeDistance(geometry, data, indices[k]).min_distance for k in pairs]
+        trees = self._trees
+        return [
+            trees.distance(data, indices[k])
+            if indices[k] in trees
+            else pin.computeDistance(geometry, data, indices[k]).min_distance
+            for k in pairs
+        ]
 
     def witness(self, pair: int) -> tuple[FloatArray, FloatArray]:
         """Return the nearest points of a pair where its distance was found last: of link and obstacle, (3,) [m]."""
+        if self._coal_indices[pair] in self._trees:
+            return self._trees.witness(self._coal_indices[pair])
         result = self._results[pair]
         return result.getNearestPoint1(), result.getNearestPoint2()

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.collision.near_pairs import NearPairs
+from safe_ompl.collision.tree_distances import TreeDistances
 
 DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
 
@@ -100,6 +101,9 @@ class Queries:
 class Distances:
     """Exact distances of the pairs of one geometry model, with their own working memory.
 
+    Those of large point clouds are found faster where the query before was near (`TreeDistances`); this changes them
+    by rounding only.
+
     Parameters
     ----------
     model : pin.Model
@@ -112,11 +116,17 @@ class Distances:
         self._model, self._geometry = model, geometry
         self._kinematics, self._data = model.createData(), fresh_data(geometry)
         self._results = list(self._data.distanceResults)
+        self._trees = TreeDistances(geometry)
+        for pair in self._trees.pairs:
+            self._data.deactivateCollisionPair(pair)
 
     def at(self, q: FloatArray) -> FloatArray:
         """Return the distances (P,) [m] at Pinocchio's `q: (nq,)`."""
         pin.computeDistances(self._model, self._kinematics, self._geometry, self._data, q)
-        return np.array([result.min_distance for result in self._results])
+        distances = np.array([result.min_distance for result in self._results])
+        for pair in self._trees.pairs:
+            distances[pair] = self._trees.distance(self._data, pair)
+        return distances
 
 
 def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
