@@ -31,7 +31,8 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     Planners see it as a growing list of configurations: valid solutions of the inverse kinematics from random
     seeds. The first to be offered is the safest of several; planners that go on asking get the next ones, and new
     ones are searched for. The search runs in the planner's own thread, when OMPL asks; if nothing is found
-    planners wait until their time is up, and `failure` says how near the tip came. The same seed gives the same solutions; `setSeed` begins anew.
+    planners wait until their time is up, and `failure` says how near the tip came. The same seed gives the same
+    solutions; `setSeed` begins anew.
 
     Parameters
     ----------
