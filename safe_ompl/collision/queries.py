@@ -128,6 +128,20 @@ class Distances:
             distances[pair] = self._trees.distance(self._data, pair)
         return distances
 
+    def nearest(self, Q: FloatArray) -> FloatArray:
+        """Return the same (B, P) at Pinocchio's `Q: (B, nq)`; infinity for some that are not the least to an obstacle.
+
+        It does not depend on what was asked before.
+        """
+        self._trees.forget()
+        rows = np.empty((len(Q), len(self._results)))
+        for row, q in zip(rows, Q, strict=True):
+            pin.computeDistances(self._model, self._kinematics, self._geometry, self._data, q)
+            row[:] = [result.min_distance for result in self._results]
+            for pair, distance in self._trees.nearest(self._data).items():
+                row[pair] = distance
+        return rows
+
 
 def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
     """Return working memory in which a query does not start from the result of the one before.

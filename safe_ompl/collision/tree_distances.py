@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import TypeAlias
 
 import coal
@@ -25,7 +26,7 @@ class TreeDistances:
     shortest connection of the query before, and coal begins with the distance of that connection's end on the tree as
     it is now, an upper bound. The leaves that are skipped are farther than that, so that the result is the same up to
     rounding. If the bound does not hold, because the tree is another one, coal finds nothing below it; then it is
-    asked once more without.
+    asked once more without it.
 
     Parameters
     ----------
@@ -42,6 +43,11 @@ class TreeDistances:
             for side, body in enumerate((pair.first, pair.second)):
                 if objects[body].geometry.getNodeType() == coal.NODE_TYPE.GEOM_OCTREE:
                     self._tree[k] = side
+        for k, side in self._tree.items():
+            pair = geometry.collisionPairs[k]
+            objects[pair.second if side == 0 else pair.first].geometry.computeLocalAABB()
+        # By pair: a lower bound of the distance [m], and where the body was then.
+        self._floors: dict[int, tuple[float, pin.SE3]] = {}
         self._last: dict[
             int, FloatArray
         ] = {}  # by pair: the nearest point of the tree, in its frame, (3,) [m]
@@ -62,18 +68,56 @@ class TreeDistances:
     def forget(self) -> None:
         """Begin anew: what follows does not depend, not even by rounding, on what was asked before."""
         self._last.clear()
+        self._floors.clear()
 
-    def distance(self, data: pin.GeometryData, pair: int) -> float:
-        """Return the distance [m] of a pair with a tree, with the bodies where `data` has them."""
+    def nearest(self, data: pin.GeometryData) -> dict[int, float]:
+        """Return the distance [m] of the pairs, infinite for bodies that are not the nearest one to their tree.
+
+        A body whose points have moved less than it was farther away than the nearest one is now is not measured. This
+        holds while trees stay what and where they are: else `forget` first.
+        """
+        found = dict.fromkeys(self._tree, np.inf)
+        lowest: dict[int, float] = {}
+        for low, pair in sorted((self._lower(data, pair), pair) for pair in self._tree):
+            bodies = self._geometry.collisionPairs[pair]
+            tree = (bodies.first, bodies.second)[self._tree[pair]]
+            best = lowest.get(tree, np.inf)
+            if low < max(best, 0.0):
+                found[pair] = self.distance(data, pair, best if best > 0 else np.inf)
+                lowest[tree] = min(best, found[pair])
+        return found
+
+    def _lower(self, data: pin.GeometryData, pair: int) -> float:
+        """Return a lower bound of the distance [m] of a pair, by how far the body has moved since the last query."""
+        floor, before = self._floors.get(pair, (-np.inf, None))
+        if before is None:
+            return floor
+        bodies = self._geometry.collisionPairs[pair]
+        body = (bodies.second, bodies.first)[self._tree[pair]]
+        shape, now = self._geometry.geometryObjects[body].geometry, data.oMg[body]
+        shift = now.act(shape.aabb_center) - before.act(shape.aabb_center)
+        turn = (now.rotation - before.rotation).ravel()
+        low = floor - _SPARE - sqrt(shift @ shift) - shape.aabb_radius * sqrt(turn @ turn)
+        return float(low) if low > -np.inf else -np.inf
+
+    def distance(self, data: pin.GeometryData, pair: int, below: float = np.inf) -> float:
+        """Return the distance [m] of a pair with a tree, with the bodies where `data` has them.
+
+        Infinity where it is not less than `below` [m], > 0.
+        """
         bodies, side = self._geometry.collisionPairs[pair], self._tree[pair]
         ends = (bodies.first, bodies.second)
         tree, other = (
             (self._geometry.geometryObjects[k].geometry, data.oMg[k]) for k in (ends[side], ends[1 - side])
         )
-        frame, seed = self._hint(other, tree[1], pair)
+        frame, bound = self._hint(other, tree[1], pair)
+        seed = min(bound, below)
         result = _measured(tree, other, frame, seed)
-        if not result.min_distance < seed:
-            result = _measured(tree, other, frame, np.inf)
+        if seed < below and not result.min_distance < seed:
+            result = _measured(tree, other, frame, below)
+        self._floors[pair] = float(min(result.min_distance, below)), pin.SE3(other[1])
+        if not result.min_distance < below:
+            return np.inf
         # In whichever order coal is given the two, the point of the tree comes first.
         points = frame.act(result.getNearestPoint1()), frame.act(result.getNearestPoint2())
         self._last[pair] = tree[1].actInv(points[0])

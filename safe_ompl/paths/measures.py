@@ -116,7 +116,7 @@ def clearance_along(
 ) -> ClearanceReport:
     """Return distances to obstacles along `curve`, from its `samples: (S, n)` at the arc lengths `s: (S,)` [rad]."""
     names = checker.distance_names
-    every = np.array([checker.distances(q) for q in samples])
+    every = checker.nearest_distances(samples)
     if not names:
         return ClearanceReport(np.inf, np.inf, 0.0, None, None, 0.0)
     distances = every.min(axis=1)

@@ -79,6 +79,31 @@ def test_every_query_but_the_first_has_a_bound_that_holds(checker, path, monkeyp
     assert clouds.count(np.inf) == pairs
 
 
+def test_the_nearest_bodies_are_found_whatever_is_left_out(ur5, path, rng):
+    points = rng.uniform(-1.0, 1.0, (400, 3))
+    points = points[np.linalg.norm(points, axis=1) > 0.75]
+    scene = scene_of(points, Pose()).with_obstacles(
+        Obstacle("column", PointCloud(0.01, points=column(200, 0.7)))
+    )
+    checker = CollisionChecker(ur5, scene)
+    Q = np.concatenate([path, path[::-1] + 0.01, rng.uniform(-1.5, 1.5, (20, 6))])
+    expected = np.array([plain_distances(checker, q) for q in Q])
+    found = checker.nearest_distances(Q)
+    names = np.array([obstacle for _, obstacle in checker.distance_names])
+    assert np.isinf(found).mean() > 0.2, "most bodies need not be measured"
+    for name in ("scan", "column", "wall"):
+        least, true = found[:, names == name].min(axis=1), expected[:, names == name].min(axis=1)
+        apart = true > 0
+        np.testing.assert_allclose(least[apart], true[apart], rtol=0, atol=1e-6)
+        assert (least[~apart] <= 0).all()
+        columns = found[:, names == name].argmin(axis=1)
+        rows = np.arange(len(Q))
+        np.testing.assert_allclose(
+            expected[:, names == name][rows, columns][apart], true[apart], rtol=0, atol=1e-6
+        )
+    np.testing.assert_array_equal(checker.nearest_distances(Q), found)
+
+
 def test_a_cloud_that_is_measured_anew_is_another_one(checker, path):
     for points in (column(300), column(310, 0.9), column(300, 1.4)):
         checker.move(scene_of(points))
