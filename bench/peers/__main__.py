@@ -4,8 +4,11 @@
 
 FILE holds MotionBenchMaker problems. Every system runs in a process and a virtual environment of its own (made on
 the first run, in FOLDER/environments), on one core, in turn problem by problem. CPU seconds of building, planning and
-smoothing are each system's own; robots are loaded once, before the first problem. The judge is plain Pinocchio and
-coal at 0.005 rad. Writes table.md, figure.png and runs.json; what cannot be installed is listed with the reason.
+smoothing are each system's own; robots are loaded once, before the first problem, and every system answers one problem
+before the others, which does not count, so that kernels are compiled then. The judge is plain Pinocchio and coal at
+0.005 rad. Problems whose start or goal touches something are left out and listed. A system that raises an error has not
+solved that problem; one whose process ends or hangs is started anew, three times at most. Writes table.md, figure.png
+and runs.json; what cannot be installed is listed with the reason.
 """
 
 from __future__ import annotations
@@ -23,8 +26,8 @@ import numpy as np
 from _problems import positions
 from export import export
 from judge import read
-from processes import Runner, UnavailableError
-from systems import SYSTEMS, System
+from processes import Comparison
+from systems import SYSTEMS
 from table import Run, figure, markdown
 
 from safe_ompl.scenario.mbm import MbmFile
@@ -40,47 +43,27 @@ def main() -> None:
     named = {s.name for s in SYSTEMS if _chosen(s.name, options.only, options.skip)}
     named |= {s.after for s in SYSTEMS if s.name in named}
     chosen = [s for s in SYSTEMS if s.name in named]
-    judge, runs, unavailable = read(robot), {s.name: [] for s in chosen}, {}
-    runners: dict[str, Runner] = {}
-    for system in chosen:
-        try:
-            runners[system.name] = Runner(system, robot, environments)
-        except UnavailableError as reason:
-            unavailable[system.name] = str(reason)
-    for k, problem in enumerate(problems):
+    judge, comparison = read(robot), Comparison(chosen, robot, environments)
+    blocked = [problem["name"] for problem in problems if judge.ends_touch(problem)]
+    open_ones = [problem for problem in problems if problem["name"] not in blocked]
+    if open_ones:
+        comparison.warm_up({**open_ones[0], "seed": 0, "time": options.time})
+    for k, problem in enumerate(open_ones):
         for seed in range(options.seeds):
-            asked = {**problem, "seed": seed, "time": options.time}
-            answers: dict[str, dict[str, Any]] = {}
-            for system in [s for s in chosen if s.name in runners]:
-                try:
-                    answers[system.name] = _answer(system, runners[system.name], asked, answers)
-                except UnavailableError as reason:
-                    unavailable[system.name] = f"after {len(runs[system.name])} problems: {reason}"
-                    del runners[system.name]
-                    continue
-                runs[system.name].append(_judged(answers[system.name], judge, problem, seed))
-        print(f"{k + 1}/{len(problems)} {problem['name']}", file=sys.stderr)
-    for runner in runners.values():
-        runner.close()
-    (out / "runs.json").write_text(json.dumps({"runs": runs, "unavailable": unavailable}))
+            answers = comparison.ask({**problem, "seed": seed, "time": options.time})
+            for name, answer in answers.items():
+                comparison.runs[name].append(_judged(answer, judge, problem, seed))
+        print(f"{k + 1}/{len(open_ones)} {problem['name']}", file=sys.stderr)
+    comparison.close()
+    runs, unavailable = comparison.runs, comparison.unavailable
+    (out / "runs.json").write_text(
+        json.dumps({"runs": runs, "unavailable": unavailable, "left_out": blocked})
+    )
     shown = {name: answers for name, answers in runs.items() if answers}
-    text = markdown(shown, unavailable)
+    text = markdown(shown, unavailable, blocked)
     (out / "table.md").write_text(text + "\n")
     figure(shown, out / "figure.png")
     print(text)
-
-
-def _answer(
-    system: System, runner: Runner, problem: dict[str, Any], answers: dict[str, dict[str, Any]]
-) -> dict[str, Any]:
-    """Ask a system; one that improves another's path is given it, and the time that it took."""
-    if not system.after:
-        return runner.ask(problem)
-    given = answers[system.after]
-    if given["path"] is None:
-        return given
-    answer = runner.ask({**problem, "given": given["path"]})
-    return {**answer, "planning": answer["planning"] + given["planning"] + given["smoothing"]}
 
 
 def _judged(answer: dict[str, Any], judge: Any, problem: dict[str, Any], seed: int) -> Run:
@@ -89,8 +72,9 @@ def _judged(answer: dict[str, Any], judge: Any, problem: dict[str, Any], seed: i
     run |= {
         "problem": problem["name"],
         "seed": seed,
-        "solved": bool(answer["path"]),
-    }  # some return an empty path
+        "solved": bool(answer["path"]),  # some return an empty path
+        "error": answer.get("error"),
+    }
     if run["solved"]:
         verdict = judge.verdict(problem, np.array(answer["path"]))
         run |= asdict(verdict)

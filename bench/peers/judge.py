@@ -98,6 +98,10 @@ class Judge:
             length,
         )
 
+    def ends_touch(self, problem: dict[str, Any]) -> bool:
+        """Return whether the robot touches something or itself at the start or the goal: nobody can solve that."""
+        return self._touches(problem, np.array([problem["start"], problem["goal"]]))
+
     def _scene(self, problem: dict[str, Any], own: bool) -> pin.GeometryModel:
         geometry = self._bodies.copy()
         if not own:

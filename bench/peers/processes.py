@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from selectors import EVENT_READ, DefaultSelector
 from typing import Any
@@ -14,6 +15,8 @@ from systems import System
 
 RUNNERS = Path(__file__).parent / "runners"
 GRACE = 60.0  # [s] beyond the time limit of planning, after which a runner counts as hanging
+STARTS = 3  # of a system's process
+WARMING = 900.0  # [s] for the first answer, which does not count: kernels are compiled, caches are filled
 
 
 class UnavailableError(Exception):
@@ -68,17 +71,17 @@ class Runner:
             env=environment,
             preexec_fn=_on_one_core,
         )
-        self.loading = float(self._answer(GRACE)["loading"])
+        self.loading = float(self._answer(WARMING)["loading"])
 
-    def ask(self, problem: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer to a problem; raise UnavailableError if the process ends or hangs."""
+    def ask(self, problem: dict[str, Any], grace: float | None = None) -> dict[str, Any]:
+        """Return the answer to a problem; raise UnavailableError if the process ends, or hangs."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps(problem).encode() + b"\n")
             self._process.stdin.flush()
         except BrokenPipeError:
             raise UnavailableError(f"{self._name} ended: {self._last_words()}") from None
-        return self._answer(problem["time"] + GRACE)
+        return self._answer(problem["time"] + (GRACE if grace is None else grace))
 
     def close(self) -> None:
         """End the process."""
@@ -102,6 +105,80 @@ class Runner:
         self._process.wait()
         lines = Path(self._log.name).read_text(errors="replace").strip().splitlines()
         return lines[-1] if lines else f"status {self._process.returncode}"
+
+
+class Comparison:
+    """The systems that run, what they answered, and why others do not run.
+
+    Parameters
+    ----------
+    chosen : sequence of System
+        Those that improve another's path after that one.
+    robot : path-like
+        The exported robot.
+    environments : path-like
+        Where their virtual environments are.
+    """
+
+    def __init__(self, chosen: Sequence[System], robot: Path, environments: Path) -> None:
+        self.runs: dict[str, list[Any]] = {system.name: [] for system in chosen}
+        self.unavailable: dict[str, str] = {}
+        self._systems, self._where = {system.name: system for system in chosen}, (robot, environments)
+        self._runners: dict[str, Runner] = {}
+        self._starts = dict.fromkeys(self._systems, 0)
+        for name in self._systems:
+            self._start(name)
+
+    def _start(self, name: str) -> None:
+        """Start a system, for the first time or anew."""
+        self._starts[name] += 1
+        try:
+            self._runners[name] = Runner(self._systems[name], *self._where)
+        except UnavailableError as reason:
+            self.unavailable[name] = str(reason)
+
+    def warm_up(self, problem: dict[str, Any]) -> None:
+        """Have every system answer a problem that does not count, however long that takes."""
+        self.ask(problem, WARMING)
+
+    def ask(self, problem: dict[str, Any], grace: float | None = None) -> dict[str, dict[str, Any]]:
+        """Return the answers of the systems that run, in turn; one that ends or hangs is started anew."""
+        answers: dict[str, dict[str, Any]] = {}
+        for name in [name for name in self._systems if name in self._runners]:
+            runner = self._runners[name]
+            try:
+                answers[name] = self._answer(self._systems[name], runner, problem, answers, grace)
+            except UnavailableError as reason:
+                answers[name] = {**dict.fromkeys(("building", "planning", "smoothing"), 0.0), "path": None}
+                answers[name]["error"] = str(reason)
+                del self._runners[name]
+                if self._starts[name] < STARTS:
+                    self._start(name)
+                else:
+                    self.unavailable[name] = f"after {len(self.runs[name])} problems: {reason}"
+        return answers
+
+    def _answer(
+        self,
+        system: System,
+        runner: Runner,
+        problem: dict[str, Any],
+        answers: dict[str, dict[str, Any]],
+        grace: float | None,
+    ) -> dict[str, Any]:
+        """Ask a system; one that improves another's path is given it, and the time that it took."""
+        if not system.after:
+            return runner.ask(problem, grace)
+        given = answers.get(system.after, {"path": None, "error": f"no path of {system.after}"})
+        if given["path"] is None:
+            return {**dict.fromkeys(("building", "planning", "smoothing"), 0.0), **given}
+        answer = runner.ask({**problem, "given": given["path"]}, grace)
+        return {**answer, "planning": answer["planning"] + given["planning"] + given["smoothing"]}
+
+    def close(self) -> None:
+        """End all processes."""
+        for runner in self._runners.values():
+            runner.close()
 
 
 def _on_one_core() -> None:

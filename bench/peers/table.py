@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,11 @@ OURS, OTHERS = "#1b6ca8", "#7a7a7a"
 SPREAD = ("planning [ms]", "total [ms]")  # with their 90th percentiles in brackets
 
 
-def markdown(runs: dict[str, list[Run]], unavailable: dict[str, str]) -> str:
-    """Return the table: medians over what each system solved, 90th percentiles of the times in brackets."""
+def markdown(runs: dict[str, list[Run]], unavailable: dict[str, str], left_out: Sequence[str] = ()) -> str:
+    """Return the table: medians over what each system solved, 90th percentiles of the times in brackets.
+
+    Below it stand the problems that were left out, as their start or goal touches something, and errors of systems.
+    """
     lines = [
         "| system | solved | touching | " + " | ".join(COLUMNS) + " |",
         "|---" * (3 + len(COLUMNS)) + "|",
@@ -45,6 +48,15 @@ def markdown(runs: dict[str, list[Run]], unavailable: dict[str, str]) -> str:
             numbers = [value(run) for run in solved]
             cells.append(_cell(numbers, name in SPREAD))
         lines.append(f"| {system} | " + " | ".join(cells) + " |")
+    if left_out:
+        lines.append(f"\nLeft out, start or goal in collision: {', '.join(left_out)}.")
+    for system, answers in runs.items():
+        errors = [run for run in answers if run.get("error")]
+        if errors:
+            first = errors[0]
+            lines.append(
+                f"\n{len(errors)} errors: **{system}** (first: {first['problem']}: {first['error']})."
+            )
     lines += [f"\nNot run: **{system}** ({reason})." for system, reason in unavailable.items()]
     return "\n".join(lines)
 

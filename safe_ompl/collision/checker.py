@@ -242,6 +242,12 @@ class CollisionChecker:
         self.counts.distance_queries += 1
         return self._apart.at(full)
 
+    def nearest_distances(self, Q: FloatArray) -> FloatArray:
+        """Return `distances` (B, P) at `Q: (B, n)`; infinity for some bodies that are not nearest to an obstacle."""
+        full = [self.robot.pinocchio_configuration(configuration(q, self.robot.n)) for q in Q]
+        self.counts.distance_queries += len(Q)
+        return self._apart.nearest(np.array(full))
+
     def pair_distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance (P,) [m] of the pairs that may touch at `q: (n,)`, the robot's own pairs included."""
         full = self.robot.pinocchio_configuration(configuration(q, self.robot.n))

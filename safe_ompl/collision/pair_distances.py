@@ -11,6 +11,7 @@ import pinocchio as pin
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.queries import DISTANCE_ERROR, fresh_data
+from safe_ompl.collision.tree_distances import TreeDistances
 from safe_ompl.threads import PerThread
 
 
@@ -56,6 +57,7 @@ class PairDistances:
     def near(self, Q: FloatArray, within: float) -> Iterator[tuple[int, int, float]]:
         """Yield row, pair and distance [m] of what is nearer than a distance [m] at `Q: (B, n)`, row by row."""
         candidates = self._bounds(Q, within) < within
+        self._memory.own.forget()
         for row in np.flatnonzero(candidates.any(axis=1)).tolist():
             pairs = np.flatnonzero(candidates[row]).tolist()
             for pair, distance in zip(pairs, self._exact(Q[row], pairs), strict=True):
@@ -66,6 +68,7 @@ class PairDistances:
         """Return the least distance [m] at any of `Q: (B, n)`, or `within` where that is less."""
         bounds = self._bounds(Q, within)
         lowest = bounds.min(axis=1, initial=np.inf)
+        self._memory.own.forget()
         for row in np.argsort(lowest).tolist():
             if lowest[row] >= within:
                 break
@@ -85,11 +88,19 @@ class PairDistances:
         with self._set.changes.none():
             data = own.at(self._set.revision)
             pin.updateGeometryPlacements(self._robot.shared.model, own.kinematics, geometry, data, full)
-            return [pin.computeDistance(geometry, data, indices[k]).min_distance for k in pairs]
+            return [
+                own.trees.distance(data, indices[k])
+                if indices[k] in own.trees
+                else pin.computeDistance(geometry, data, indices[k]).min_distance
+                for k in pairs
+            ]
 
     def witness(self, pair: int) -> tuple[FloatArray, FloatArray]:
         """Return the nearest points (3,) [m] of a pair, of link and obstacle, where this thread found its distance."""
-        result = self._memory.own.results[pair]
+        own = self._memory.own
+        if self._coal_indices[pair] in own.trees:
+            return own.trees.witness(self._coal_indices[pair])
+        result = own.results[pair]
         return result.getNearestPoint1(), result.getNearestPoint2()
 
 
@@ -107,4 +118,10 @@ class _Memory:
             self._revision, self._data = revision, fresh_data(self._geometry)
             results = list(self._data.distanceResults)
             self.results = [results[k] for k in self._indices]
+            self.trees = TreeDistances(self._geometry)
         return self._data
+
+    def forget(self) -> None:
+        """Let distances of trees not depend on what was asked before, not even by rounding."""
+        if self._revision >= 0:
+            self.trees.forget()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from functools import cache, partial
-from typing import Any
 from weakref import WeakSet
 
 import coal
@@ -14,6 +13,7 @@ import pinocchio as pin
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
 from safe_ompl.collision.near_pairs import NearPairs
+from safe_ompl.collision.tree_distances import TreeDistances
 from safe_ompl.threads import Changes, PerThread
 
 DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
@@ -124,25 +124,55 @@ def _remembered(
 
 
 class Distances:
-    """Exact distances of the pairs of one geometry model; any thread may ask. Parameters as of `Queries`."""
+    """Exact distances of the P pairs of one geometry model; any thread may ask. Parameters as of `Queries`.
+
+    Those of large point clouds are found faster where the query before was near (`TreeDistances`); this changes them
+    by rounding only.
+    """
 
     def __init__(self, model: pin.Model, geometry: pin.GeometryModel, changes: Changes) -> None:
         self._model, self._geometry, self._changes = model, geometry, changes
-        self._memory = PerThread(partial(_distance_memory, model, geometry))
+        self._memory = PerThread(partial(_DistanceMemory, model, geometry))
 
     def at(self, q: FloatArray) -> FloatArray:
         """Return the distances (P,) [m] at Pinocchio's `q: (nq,)`."""
-        kinematics, data, results = self._memory.own
+        memory = self._memory.own
         with self._changes.none():
-            pin.computeDistances(self._model, kinematics, self._geometry, data, q)
-        return np.array([result.min_distance for result in results])
+            distances = self._measured(memory, q)
+            for pair in memory.trees.pairs:
+                distances[pair] = memory.trees.distance(memory.data, pair)
+        return distances
+
+    def nearest(self, Q: FloatArray) -> FloatArray:
+        """Return the same (B, P) at Pinocchio's `Q: (B, nq)`; infinity for some that are not the least to an obstacle.
+
+        It does not depend on what was asked before.
+        """
+        memory = self._memory.own
+        rows = np.empty((len(Q), len(memory.results)))
+        with self._changes.none():
+            memory.trees.forget()
+            for row, q in zip(rows, Q, strict=True):
+                row[:] = self._measured(memory, q)
+                for pair, distance in memory.trees.nearest(memory.data).items():
+                    row[pair] = distance
+        return rows
+
+    def _measured(self, memory: _DistanceMemory, q: FloatArray) -> FloatArray:
+        """Return the distances (P,) [m] as Pinocchio finds them, without those of trees."""
+        pin.computeDistances(self._model, memory.kinematics, self._geometry, memory.data, q)
+        return np.array([result.min_distance for result in memory.results])
 
 
-def _distance_memory(
-    model: pin.Model, geometry: pin.GeometryModel
-) -> tuple[pin.Data, pin.GeometryData, list[Any]]:
-    data = fresh_data(geometry)
-    return model.createData(), data, list(data.distanceResults)
+class _DistanceMemory:
+    """Where one thread measures distances."""
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel) -> None:
+        self.kinematics, self.data = model.createData(), fresh_data(geometry)
+        self.results = list(self.data.distanceResults)
+        self.trees = TreeDistances(geometry)
+        for pair in self.trees.pairs:
+            self.data.deactivateCollisionPair(pair)
 
 
 def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:

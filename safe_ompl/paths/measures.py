@@ -34,7 +34,8 @@ class DangerReport:
     integral : float
         ∫ CDF(q(s)) ds [field · rad].
     avoidable : float
-        ∫ max(0, CDF(q(s)) − max(CDF(start), CDF(goal))) ds: the part that the end points do not force.
+        ∫ CDF(q(s)) − max(min_{t ≤ s} CDF(q(t)), min_{t ≥ s} CDF(q(t))) ds [field · rad]: the part that lies between two
+        less dangerous places of the path (`docs/danger.md`). Zero where danger falls to its minimum and then rises.
     """
 
     profile: FloatArray
@@ -82,7 +83,7 @@ def danger_along(path: FloatArray, field: DangerField, s: FloatArray, samples: F
     values = field.values(samples)
     peak = _proven_peak(field, path)
     integral = float(np.trapezoid(values, s))
-    excess = np.maximum(0.0, values - max(values[0], values[-1]))
+    excess = values - forced_danger(values)
     return DangerReport(
         profile=np.interp(np.linspace(0.0, s[-1], PROFILE_POINTS), s, values) if s[-1] else values,
         mean=integral / float(s[-1]) if s[-1] else float(values[0]),
@@ -91,6 +92,17 @@ def danger_along(path: FloatArray, field: DangerField, s: FloatArray, samples: F
         integral=integral,
         avoidable=float(np.trapezoid(excess, s)),
     )
+
+
+def forced_danger(values: FloatArray) -> FloatArray:
+    """Return what the ends force of the danger (S,) along a path: the larger of its minima so far and from there on.
+
+    A path has to leave a dangerous start and to come to a dangerous goal. Where it has been less dangerous before and
+    will be again, what is above both is a detour into danger.
+    """
+    before = np.minimum.accumulate(values)
+    after = np.minimum.accumulate(values[::-1])[::-1]
+    return np.maximum(before, after)
 
 
 def _proven_peak(field: DangerField, path: FloatArray) -> DangerBounds | None:
@@ -104,7 +116,7 @@ def clearance_along(
 ) -> ClearanceReport:
     """Return distances to obstacles along `curve`, from its `samples: (S, n)` at the arc lengths `s: (S,)` [rad]."""
     names = checker.distance_names
-    every = np.array([checker.distances(q) for q in samples])
+    every = checker.nearest_distances(samples)
     if not names:
         return ClearanceReport(np.inf, np.inf, 0.0, None, None, 0.0)
     distances = every.min(axis=1)

@@ -12,7 +12,7 @@ from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.plugins.states import ScratchState, StateBridge
-from safe_ompl.robot.inverse_kinematics import Place, solve_from_seed
+from safe_ompl.robot.inverse_kinematics import METRES_PER_RADIAN, Place, approach, tip_reach
 from safe_ompl.robot.place_input import place_of
 from safe_ompl.robot.robot import Robot
 
@@ -31,7 +31,8 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     Planners see it as a growing list of configurations: valid solutions of the inverse kinematics from random
     seeds. The first to be offered is the safest of several; planners that go on asking get the next ones, and new
     ones are searched for. The search runs in the planner's own thread, when OMPL asks; if nothing is found
-    planners wait until their time is up. The same seed gives the same solutions; `setSeed` begins anew.
+    planners wait until their time is up, and `failure` says how near the tip came. The same seed gives the same
+    solutions; `setSeed` begins anew.
 
     Parameters
     ----------
@@ -61,7 +62,8 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     Raises
     ------
     InputError
-        Wrong shape, NaN, a matrix that is not a rotation, a tolerance that is not positive.
+        Wrong shape, NaN, a matrix that is not a rotation, a tolerance that is not positive; or a place that is out of
+        reach, by a proven bound of the reach (`tip_reach`).
 
     Notes
     -----
@@ -91,6 +93,8 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
                 f"the space has {self._bridge.n} coordinates, but {robot.name!r} {robot.n} joints"
             )
         self._scratch = ScratchState(self._bridge)
+        self._reach = tip_reach(self.place.robot)
+        self._check_reach()
         self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed)
 
     def __repr__(self) -> str:
@@ -106,6 +110,13 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self._offered = 0  # of those found, in order
         self._next = 0  # to be handed out
         self._asked = 0
+        self._tries = 0  # seeds that were searched from,
+        self._arrived = 0  # and how many of them led to the place
+        self._nearest = (
+            np.inf,
+            np.zeros(0),
+        )  # of the others, the least distance and the configuration that has it
+        self._refused: FloatArray | None = None  # the last one that led to the place, but is not valid
 
     def getSeed(self) -> int:
         """Return the seed."""
@@ -115,6 +126,40 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     def solutions(self) -> FloatArray:
         """The goal configurations (G, n) offered so far [rad or m]."""
         return np.array(self._found[: self._offered]).reshape(-1, self._bridge.n)
+
+    @property
+    def refused(self) -> FloatArray | None:
+        """A configuration (n,) at the place that is not valid [rad or m]; None if none was found."""
+        return self._refused
+
+    def failure(self) -> str | None:
+        """Return why there is no goal configuration, as far as is known; None if there is one, or nobody looked."""
+        if self._found or not self._tries:
+            return None
+        begin = f"{self._tries} searches of the inverse kinematics found no valid goal configuration"
+        if self._arrived:
+            return f"{begin}: {self._arrived} brought the tip {self.place.robot.tip!r} to the goal, all are refused"
+        error = self.place.error(self._nearest[1])
+        off = f"{1e3 * np.linalg.norm(error[:3]):.0f} mm"
+        if len(error) > 3:
+            off += f" and {np.degrees(np.linalg.norm(error[3:]) / METRES_PER_RADIAN):.1f} deg"
+        centre, radius = self._reach
+        return (
+            f"{begin}: the tip {self.place.robot.tip!r} comes within {off} of the goal at best; "
+            f"its reach is at most {radius:.2f} m from {centre.round(3).tolist()}"
+        )
+
+    def _check_reach(self) -> None:
+        """Raise an error if the tip can be proven not to come near enough."""
+        centre, radius = self._reach
+        nearest = self.place.nearest_position(centre)
+        away = float(np.linalg.norm(nearest - centre))
+        if away > radius + self.tolerance:
+            raise InputError(
+                f"the goal {nearest.round(3).tolist()} [m] is out of reach: it is {away:.2f} m from "
+                f"{centre.round(3).tolist()}, and the tip {self.place.robot.tip!r} of {self.place.robot.name!r} is "
+                f"never more than {radius:.2f} m from there"
+            )
 
     # ------------------------------------------------------------------------------------- OMPL's questions
 
@@ -146,7 +191,9 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         if self._next >= self._offered:
             self._offer()
         if not self._offered:
-            raise PlanningError(f"no valid configuration brings the tip to {self.place!r}, as far as known")
+            raise PlanningError(
+                f"no valid configuration brings the tip to {self.place!r}, as far as known: {self.failure()}"
+            )
         self._next %= self._offered
         self._bridge.write(self._found[self._next], state)
         self._next += 1
@@ -164,11 +211,21 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         """Return new valid solutions from random seeds, the safest first."""
         robot = self.place.robot
         new: list[FloatArray] = []
+        precision = _PRECISION * self.tolerance
         for _ in range(seeds):
             seed = self._rng.uniform(robot.lower, robot.upper)
-            q = solve_from_seed(self._target(), seed, _PRECISION * self.tolerance)
-            if q is not None and self._is_new(q, new) and self._is_valid(q):
+            q, distance = approach(self._target(), seed, precision)
+            self._tries += 1
+            if distance > precision:
+                self._nearest = min(self._nearest, (self.place.distance(q), q), key=lambda found: found[0])
+                continue
+            self._arrived += 1
+            if not self._is_new(q, new):
+                continue
+            if self._is_valid(q):
                 new.append(q)
+            else:
+                self._refused = q
         if self._field is None or not new:
             return new
         return [new[k] for k in np.argsort(self._field.values(np.array(new)), kind="stable")]

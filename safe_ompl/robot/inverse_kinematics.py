@@ -103,6 +103,10 @@ class Place:
         jacobian[3:] *= METRES_PER_RADIAN
         return jacobian
 
+    def nearest_position(self, point: FloatArray) -> FloatArray:
+        """Return the position (3,) [m] of the place that is nearest to a point."""
+        return self.position
+
     def distance(self, q: FloatArray) -> float:
         """Return WS_DISTANCE = ‖Δx‖ = √(‖p‖² + c²‖ω‖²) [m] at `q: (n,)`."""
         error = self.error(q)
@@ -246,7 +250,13 @@ def _shortening(step: FloatArray, largest: float) -> float:
 
 
 def solve_from_seed(place: Place, seed: FloatArray, precision: float) -> FloatArray | None:
-    """Return a configuration (n,) within the joint limits whose tip is at the place, or None.
+    """Return a configuration (n,) within the joint limits whose tip is at the place, or None; see `approach`."""
+    q, distance = approach(place, seed, precision)
+    return q if distance <= precision else None
+
+
+def approach(place: Place, seed: FloatArray, precision: float) -> tuple[FloatArray, float]:
+    """Return a configuration (n,) within the joint limits, and how far [m] its tip is from the place.
 
     Takes `cautious_step` from one seed until it arrives or stalls, which depends on the seed: try several.
 
@@ -257,19 +267,48 @@ def solve_from_seed(place: Place, seed: FloatArray, precision: float) -> FloatAr
     seed : ndarray, shape (n,)
         Where to begin, within the limits [rad or m].
     precision : float
-        Largest distance left between tip and place [m], rotation included (`Place.distance`).
+        Distance between tip and place [m], rotation included (`Place.distance`), at which it has arrived.
     """
     limits = StepLimits.of_turns(place.robot)
     q, distance, stalls = seed, place.distance(seed), 0
     for _ in range(_ITERATIONS):
-        if distance <= precision:
-            return q
+        if distance <= precision or stalls == _PATIENCE:
+            break
         q = _within_limits(place.robot, q + limited_step(cautious_step, place, q, limits))
         before, distance = distance, place.distance(q)
         stalls = stalls + 1 if distance > _STALLED * before else 0
-        if stalls == _PATIENCE:
-            return None
-    return q if distance <= precision else None
+    return q, distance
+
+
+def tip_reach(robot: Robot) -> tuple[FloatArray, float]:
+    """Return a ball that the tip never leaves, at any configuration within the limits: its centre (3,) and radius [m].
+
+    The tip is a sum of constant offsets that joints turn, and of what prismatic joints add. Offsets that no joint
+    turns, and those along the axis of the first one that does, move the centre; every other one counts with its length,
+    and a prismatic joint with half its range. The triangle inequality does the rest.
+    """
+    chain, frame = robot.shared.chain, robot.shared.model.frames[robot.tip_frame]
+    centre, radius, rotation = np.zeros(3), 0.0, np.eye(3)
+    turned, first = (
+        0,
+        np.zeros(3),
+    )  # how many of the frames so far a joint turns; the axis of the first one that does
+    for i in (*reversed(chain.path_to_root(int(frame.parentJoint))), None):
+        placement = frame.placement if i is None else chain.placements[i]
+        offset = placement.translation.copy()
+        if i is not None and chain.prismatic[i]:
+            offset += placement.rotation @ chain.axes[i] * (chain.lower[i] + chain.upper[i]) / 2
+            radius += float(chain.upper[i] - chain.lower[i]) / 2
+        still = offset if not turned else (first @ offset) * first if turned == 1 else np.zeros(3)
+        centre = centre + rotation @ still
+        radius += float(np.linalg.norm(offset - still))
+        if turned:
+            turned += 1
+        elif i is not None:
+            rotation = rotation @ placement.rotation
+            if not chain.prismatic[i]:
+                turned, first = 1, chain.axes[i]
+    return centre, radius
 
 
 def _full_turns(robot: Robot) -> BoolArray:

@@ -203,6 +203,10 @@ class RegionPlace(Place):
         """Return Δx (m,) [m] from the tip at `q: (n,)` to the nearest pose of the region, in world axes."""
         return self.region.error(self.robot.tip_pose(q))
 
+    def nearest_position(self, point: FloatArray) -> FloatArray:
+        """Return the position (3,) [m] of the region that is nearest to a point."""
+        return self.region.nearest(pin.SE3(np.eye(3), point))[0]
+
     def sample(self, rng: np.random.Generator) -> Place:
         """Return a place of the region at random."""
         return Place(self.robot, *self.region.sample(rng))

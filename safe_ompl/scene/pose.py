@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,12 @@ from safe_ompl import document
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import shown
+from safe_ompl.notices import warn_once
 
+_log = logging.getLogger(__name__)
+
+UNLIKELY = 100.0  # [m] from the origin of a robot's world: more is taken for millimetres, and said
+_FULL_TURN = 6.3  # [rad] more is taken for degrees, and said
 _ROUNDING = 1e-12  # a quaternion this close to unit length is left as it is
 _NORM_TOLERANCE = 1e-3  # one this close is brought to unit length; one farther off is a mistake
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
@@ -43,6 +49,13 @@ class Pose:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", document.numbers("position", self.position, 3))
+        farthest = max(self.position, key=abs)
+        if abs(farthest) > UNLIKELY:
+            warn_once(
+                _log,
+                f"position: {farthest:g} m is far away: positions are in metres "
+                f"({farthest:g} mm are {farthest / 1e3:g})",
+            )
         object.__setattr__(self, "quaternion_xyzw", _unit_quaternion(self.quaternion_xyzw))
 
     def __repr__(self) -> str:
@@ -77,8 +90,7 @@ class Pose:
     @classmethod
     def from_rpy(cls, position: Sequence[float], rpy: Sequence[float]) -> Pose:
         """Return the pose turned by roll, pitch and yaw [rad] about the world's x, y and z, in this order."""
-        angles = np.array(document.numbers("rpy", rpy, 3))
-        return cls(tuple(position), tuple(pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs().tolist()))
+        return cls(tuple(position), _turned(_angles("rpy", document.numbers("rpy", rpy, 3))))
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Pose:
@@ -90,7 +102,8 @@ class Pose:
         if "rpy" in data:
             return cls.from_rpy(position, data["rpy"])
         if "yaw" in data:
-            return cls.from_rpy(position, (0.0, 0.0, document.number("yaw", data["yaw"])))
+            (yaw,) = _angles("yaw", (document.number("yaw", data["yaw"]),))
+            return cls(position, _turned((0.0, 0.0, yaw)))
         return cls(position, data.get("quaternion_xyzw", _NO_TURN))
 
     def to_mapping(self) -> dict[str, Any]:
@@ -110,6 +123,22 @@ def placed(transform: pin.SE3, points: FloatArray) -> FloatArray:
     """Return `points`, shape (M, 3), moved by a rigid transform."""
     moved: FloatArray = points @ transform.rotation.T + transform.translation
     return moved
+
+
+def _turned(rpy: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(pin.Quaternion(pin.rpy.rpyToMatrix(np.array(rpy))).coeffs().tolist())
+
+
+def _angles(key: str, angles: tuple[float, ...]) -> tuple[float, ...]:
+    """Return angles [rad]; warn where one seems to be in degrees."""
+    largest = max(angles, key=abs)
+    if abs(largest) > _FULL_TURN:
+        warn_once(
+            _log,
+            f"{key}: {largest:g} rad is more than a turn: angles are in radians "
+            f"({largest:g} degrees are {np.radians(largest):.5g})",
+        )
+    return angles
 
 
 def _unit_quaternion(value: Any) -> tuple[float, ...]:

@@ -167,6 +167,14 @@ class SafeProblem(ToolLimitedSetup):
         if needs_place and self._place is not None and self.getGoal() is self._goal_region:
             self.setGoal(self._place)
 
+    def _explain_missing_goal(self) -> None:
+        """Say why a planner had no goal configuration, where inverse kinematics found none."""
+        place = self._place
+        why = None if place is None or self.getGoal() is not place else place.failure()
+        if why is not None and place is not None:
+            objection = None if place.refused is None else self._objection(place.refused)
+            _log.warning("%s%s", why, "" if objection is None else f"; the last one{objection}")
+
     def _checked_goals(self, goals: Sequence[Any]) -> list[FloatArray]:
         if len(goals) == 1:
             return [self._checked_configuration(goals[0], "goal")]

@@ -93,7 +93,9 @@ class SafeSetup(TimedSetup):
         self._choose_planner()
         self._choose_place()
         try:
-            return super().solve(stop)
+            status = super().solve(stop)
+            self._explain_missing_goal()
+            return status
         except BaseException:
             self.getProblemDefinition().clearSolutionPaths()
             if self.getPlanner() is not None:

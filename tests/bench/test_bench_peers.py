@@ -13,6 +13,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench" / "peers"))
 
+import processes
 from export import export
 from judge import read, samples
 from processes import Runner, UnavailableError, python_of
@@ -94,6 +95,86 @@ def test_a_runner_answers_with_a_path_and_its_times(exported, tmp_path, name):
     assert min(answer[key] for key in ("building", "planning", "smoothing")) >= 0
 
 
+def test_the_judge_sees_ends_that_nobody_can_use(exported):
+    path, problem = exported
+    judge = read(path)
+    assert not judge.ends_touch(problem)
+    inside = [0.0, 0.9, 0.0, -1.6, 0.0, 2.4, 0.8]
+    for key in ("start", "goal"):
+        assert judge.verdict({**problem, key: inside}, np.array([inside, inside])).touching
+        assert judge.ends_touch({**problem, key: inside})
+
+
+FAKE = """
+import os, sys, time
+sys.path.insert(0, {folder!r})
+from protocol import serve
+
+class Fake:
+    def __init__(self, robot, options):
+        self.answered = 0
+
+    def build(self, problem):
+        self.order = problem["order"]
+
+    def plan(self, seed, seconds):
+        self.answered += 1
+        if self.order == "raise":
+            raise ValueError("start is in collision")
+        if self.order == "end":
+            os._exit(3)
+        if self.answered == 1:
+            time.sleep(2.0)  # kernels are compiled
+        return [[0.0], [1.0]]
+
+    def smooth(self, path):
+        return path
+
+serve(Fake)
+"""
+
+
+@pytest.fixture
+def comparison(exported, tmp_path, monkeypatch):
+    (tmp_path / "fake.py").write_text(FAKE.format(folder=str(processes.RUNNERS)))
+    monkeypatch.setattr(processes, "RUNNERS", tmp_path)
+    monkeypatch.setattr(processes, "GRACE", 1.0)
+    systems = (System("fake", "fake"), System("later", "fake", after="fake"))
+    comparison = processes.Comparison(systems, exported[0], tmp_path)
+    yield comparison
+    comparison.close()
+
+
+def test_warming_up_may_take_longer_than_any_answer(comparison):
+    order = {"seed": 0, "time": 0.1, "order": "solve"}
+    comparison.warm_up(order)
+    for _ in range(2):
+        answers = comparison.ask(order)
+        assert [answer["path"] for answer in answers.values()] == [[[0.0], [1.0]]] * 2
+    assert not comparison.unavailable
+
+
+def test_an_error_is_of_one_problem_alone(comparison):
+    order = {"seed": 0, "time": 0.1, "order": "solve"}
+    comparison.warm_up(order)
+    failed = comparison.ask({**order, "order": "raise"})
+    assert failed["fake"]["error"] == "ValueError: start is in collision"
+    assert failed["fake"]["path"] is failed["later"]["path"] is None
+    assert comparison.ask(order)["fake"]["path"] == [[0.0], [1.0]]
+    assert not comparison.unavailable
+
+
+def test_a_process_that_ends_is_started_anew_but_not_for_ever(comparison, monkeypatch):
+    monkeypatch.setattr(processes, "GRACE", 30.0)
+    order = {"seed": 0, "time": 0.1, "order": "solve"}
+    for end in range(processes.STARTS):
+        assert comparison.ask(order)["fake"]["path"] == [[0.0], [1.0]]
+        assert "ended" in comparison.ask({**order, "order": "end"})["fake"]["error"]
+        assert ("fake" in comparison.unavailable) == (end == processes.STARTS - 1)
+    assert "later" not in comparison.unavailable
+    assert comparison.ask(order)["later"]["error"] == "no path of fake"
+
+
 def test_a_runner_that_ends_is_reported_with_its_last_words(exported, tmp_path):
     robot, _ = exported
     with pytest.raises(UnavailableError, match="ended"):
@@ -121,7 +202,10 @@ def test_the_table_tells_contacts_and_what_was_not_run(tmp_path):
     solved |= {"min_clearance": 0.01, "mean_clearance": 0.1, "length": 2.0}
     solved |= {"mean_danger": 1.0, "peak_danger": 2.0, "integral_danger": 2.0}
     failed = {"building": 0.01, "planning": 5.0, "smoothing": 0.0, "solved": False}
-    text = markdown({"one": [solved, failed]}, {"other": "no wheel"})
+    failed |= {"error": "ValueError: no goal", "problem": "box 3"}
+    text = markdown({"one": [solved, failed]}, {"other": "no wheel"}, ["box 7"])
+    assert "Left out, start or goal in collision: box 7." in text
+    assert "1 errors: **one** (first: box 3: ValueError: no goal)." in text
     assert "| one | 1/2 | 1 | 10 | 20 (20) | 30 | 60 (60) |" in text
     assert "Not run: **other** (no wheel)." in text
     figure({"one": [solved], "two": [failed]}, tmp_path / "figure.png")

@@ -38,6 +38,22 @@ def test_only_what_exceeds_the_worse_end_is_avoidable(crank):
     assert found.danger.avoidable == pytest.approx(0.25, abs=1e-3)
 
 
+def test_a_rise_between_two_safer_places_is_avoidable_though_the_ends_are_worse(crank):
+    def function(q):  # 6.85 at −2 and 2, 4 at −1, 3.5 at 1, and 6.5 between
+        return np.interp(q, [-2, -1, 0, 1, 2], [6.85, 4.0, 6.5, 3.5, 6.85])
+
+    found = report(crank, [[-2], [2]], function=function)
+    top = 6.5 - 4.0  # a triangle above 4, the larger of the two minima beside it
+    assert found.danger.avoidable == pytest.approx(top * (1 + top / 3) / 2, abs=5e-3)
+    assert found.danger.max == pytest.approx(6.85)
+
+
+def test_danger_that_falls_and_rises_once_is_not_avoidable(crank):
+    for ends in ([-2, 1], [-1, 2], [0, 2], [-2, 0]):
+        found = report(crank, [[end] for end in ends], function=lambda q: 1 + q**2)
+        assert found.danger.avoidable == pytest.approx(0, abs=1e-12)
+
+
 def test_the_profile_runs_over_the_natural_parameter(crank):
     found = report(crank, [[0], [2], [1]], function=lambda q: q)  # 3 rad: up to 2, back to 1
     assert found.danger.profile.shape == (PROFILE_POINTS,)

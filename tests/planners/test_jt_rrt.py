@@ -22,7 +22,7 @@ from safe_ompl.setup.safe_setup import SafeSetup
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = np.array([0.35, -0.45, 0.35])
 ROTATION = pin.rpy.rpyToMatrix(3.0, 0.2, -0.4)
-FAR = [2.0, 0.0, 0.5]
+FAR = [1.1, 0.0, 0.5]  # out of reach, but not provably so
 
 PANDA_START = np.array([1.2, 0.1, 0.0, -1.7, 0.0, 2.0, 0.785])
 PANDA_POSITION = np.array([0.25, -0.5, 0.4])

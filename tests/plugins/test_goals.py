@@ -1,6 +1,7 @@
 """WorkspaceGoal: what OMPL's planners and ours get to sample, in which order, and what happens if there is nothing."""
 
 import _thread
+import re
 import subprocess
 import sys
 import threading
@@ -14,6 +15,8 @@ from ompl import geometric as og
 
 from safe_ompl.errors import InputError, PlanningError
 from safe_ompl.plugins.goals import WorkspaceGoal
+from safe_ompl.robot.inverse_kinematics import tip_reach
+from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
@@ -23,7 +26,7 @@ from safe_ompl.setup.safe_setup import SafeSetup
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = [0.35, -0.45, 0.35]
 ROTATION = pin.rpy.rpyToMatrix(3.0, 0.2, -0.4)
-FAR = [2.0, 0.0, 0.5]
+FAR = [1.1, 0.0, 0.5]  # out of reach, but not provably so
 
 EXACT = ob.PlannerStatus.EXACT_SOLUTION
 TIMEOUT = ob.PlannerStatus.TIMEOUT
@@ -220,6 +223,55 @@ def test_out_of_reach_planners_stop_in_time(setup, planner, status):
         setup.getGoal().sampleGoal(setup.getStateSpace().allocState())
 
 
+@pytest.mark.parametrize("position", [[2.0, 0.0, 0.5], [0.0, 0.0, -1.2], [0.4, 550.0, 0.3]])
+def test_a_place_beyond_the_proven_reach_is_refused_at_once(setup, position):
+    with pytest.raises(
+        InputError, match=r"out of reach: it is .* m from .* never more than 1.24 m from there"
+    ):
+        setup.setWorkspaceGoal(position)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "kinova", "xarm7", "so101"])
+def test_the_tip_never_leaves_its_reach(name, rng):
+    for base in (None, ((-1.0, 2.0), (-0.5, 0.5))):
+        arm = Robot.from_example(name, mobile_base=base)
+        centre, radius = tip_reach(arm)
+        tips = [arm.tip_pose(q).translation for q in rng.uniform(arm.lower, arm.upper, (300, arm.n))]
+        away = np.linalg.norm(np.array(tips) - centre, axis=1)
+        assert away.max() <= radius + 1e-9
+        assert away.max() > 0.4 * radius, "the bound says something"
+
+
+def test_planners_say_how_near_the_tip_came(setup, caplog):
+    setup.setWorkspaceGoal(FAR, np.eye(3))
+    assert not setup.plan("SafeRRTConnect", time=0.3)
+    (said,) = [record.message for record in caplog.records if "inverse kinematics" in record.message]
+    goal = setup.getGoal()
+    tries, off, turn = re.match(
+        r"(\d+) searches .* found no valid .* within (\d+) mm and ([0-9.]+) deg of the goal at best; its reach",
+        said,
+    ).groups()
+    assert int(tries) >= 16
+    best = goal.place.error(goal._nearest[1])
+    assert 100 < float(off) == round(1e3 * np.linalg.norm(best[:3]))
+    assert float(turn) == pytest.approx(np.degrees(np.linalg.norm(best[3:]) / 0.25), abs=0.06)
+
+
+def test_planners_say_that_every_configuration_at_the_place_is_refused(setup, caplog):
+    setup.setWorkspaceGoal([0.5, 0.0, 0.55])  # inside the ball
+    assert not setup.plan("SafeRRTConnect", time=0.3)
+    (said,) = [record.message for record in caplog.records if "inverse kinematics" in record.message]
+    assert re.search(
+        r"\d+ brought the tip .* all are refused; the last one is in collision: .* touches 'ball'", said
+    )
+
+
+def test_nothing_is_said_of_a_place_that_is_reached(setup, caplog):
+    setup.setWorkspaceGoal(POSITION)
+    assert setup.plan("SafeRRTConnect", time=10.0)
+    assert not [record for record in caplog.records if "inverse kinematics" in record.message]
+
+
 def test_an_invalid_start_is_reported_without_waiting_for_goals(setup):
     setup.setWorkspaceGoal(FAR)
     setup.getSpaceInformation().setStateValidityChecker(lambda state: False)
@@ -268,7 +320,7 @@ from safe_ompl.setup.safe_setup import SafeSetup
 ball = Obstacle("ball", Sphere(0.1), Pose((0.5, 0.0, 0.8)), weight=1.0)
 setup = SafeSetup(Robot.from_example("ur5"), Scene((ball,)))
 setup.setStartConfiguration([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
-for position in ([0.35, -0.45, 0.35], [2.0, 0.0, 0.5]):
+for position in ([0.35, -0.45, 0.35], [1.1, 0.0, 0.5]):
     setup.setWorkspaceGoal(position)
     for planner in ("SafeRRTConnect", "SafeJTRRT", "RRTConnect", "RRT"):
         setup.plan(planner, time=0.2)

@@ -97,14 +97,16 @@ def test_the_goal_may_move_in_the_region_while_the_path_is_simplified(setup):
 
 
 def test_a_region_takes_the_place_of_a_place(setup):
-    setup.setWorkspaceGoal([2.0, 0.0, 0.5])  # out of reach
+    setup.setWorkspaceGoal([1.1, 0.0, 0.5])  # out of reach
     setup.setGoalRegion(SHELF)
     assert setup.plan("SafeJTRRT", seed=1, time=20.0)
     assert setup.getGoal().region is SHELF
 
 
 def test_out_of_reach_there_is_no_solution(setup):
-    setup.setGoalRegion(GoalRegion(Pose((2.0, 0.0, 0.5)), x=(-0.1, 0.1)))
+    with pytest.raises(InputError, match="out of reach"):
+        setup.setGoalRegion(GoalRegion(Pose((2.0, 0.0, 0.5)), x=(-0.1, 0.1)))
+    setup.setGoalRegion(GoalRegion(Pose((1.15, 0.0, 0.5)), x=(-0.05, 0.1)))
     assert setup.solve(0.3) == ob.PlannerStatus.TIMEOUT
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import pickle
+from array import array as number_array
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import coal
 import numpy as np
@@ -13,9 +16,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from safe_ompl.errors import InputError
+from safe_ompl.notices import warn_once
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.cells import cell_tree, touched_cells
 from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.point_files import _lzf_decompressed
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box
 from safe_ompl.scene.shapes.cloud import PointCloud
@@ -53,6 +58,182 @@ def write_ply(path: Path, points: np.ndarray, form: str) -> Path:
         body = table.tobytes()
     path.write_bytes(header.encode() + body)
     return path
+
+
+def lzf_compressed(data: bytes) -> bytes:
+    """Return literal runs and copies, as the LZF format has them."""
+    out, literals, seen, k = bytearray(), bytearray(), {}, 0
+
+    def flush() -> None:
+        for first in range(0, len(literals), 32):
+            run = literals[first : first + 32]
+            out.extend(bytes([len(run) - 1]) + run)
+        literals.clear()
+
+    while k < len(data):
+        start, length = seen.get(data[k : k + 3], -9999), 0
+        seen[data[k : k + 3]] = k
+        if k - start <= 8192 and k + 3 <= len(data):
+            while length < 264 and k + length < len(data) and data[start + length] == data[k + length]:
+                length += 1
+        if length < 3:
+            literals.append(data[k])
+            k += 1
+            continue
+        flush()
+        offset, left = k - start - 1, length - 2
+        out.append((min(left, 7) << 5) | (offset >> 8))
+        if left >= 7:
+            out.append(left - 7)
+        out.append(offset & 255)
+        k += length
+    flush()
+    return bytes(out)
+
+
+RECORD = [
+    ("rgb", "<u4", (1,)),
+    ("y", "<f8", (1,)),
+    ("normal", "<f4", (3,)),
+    ("x", "<f4", (1,)),
+    ("z", "<f4", (1,)),
+]
+
+
+def write_pcd(path: Path, points: np.ndarray, form: str) -> Path:
+    table = np.zeros(len(points), RECORD)
+    for axis, column in zip("xyz", points.T, strict=True):
+        table[axis][:, 0] = column
+    table["rgb"] = 7
+    header = (
+        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS rgb y normal x z\nSIZE 4 8 4 4 4\n"
+        f"TYPE U F F F F\nCOUNT 1 1 3 1 1\nWIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
+        f"POINTS {len(points)}\nDATA {form}\n"
+    ).encode()
+    if form == "ascii":
+        body = "".join(f"7 {y!r} 0 0 nan {x!r} {z!r}\n" for x, y, z in points.tolist()).encode()
+    elif form == "binary":
+        body = table.tobytes()
+    else:
+        columns = b"".join(np.ascontiguousarray(table[name]).tobytes() for name, _, _ in RECORD)
+        packed = lzf_compressed(columns)
+        assert len(packed) < len(columns)
+        body = np.array([len(packed), len(columns)], "<u4").tobytes() + packed + b"padding"
+    path.write_bytes(header + body)
+    return path
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary", "binary_compressed"])
+def test_reads_pcd(tmp_path: Path, form: str) -> None:
+    points = POINTS.copy()
+    points[4] = np.nan
+    cloud = PointCloud(0.01, write_pcd(tmp_path / "cloud.pcd", points, form))
+    np.testing.assert_allclose(cloud.centres, np.delete(points, 4, axis=0), atol=1e-7)
+
+
+def test_lzf_copies_may_overlap_what_they_write() -> None:
+    # Two literals, then 20 bytes from 2 back: what liblzf makes of "ab" eleven times.
+    assert _lzf_decompressed(b"\x01ab\xe0\x0b\x01", 22) == b"ab" * 11
+    for damaged in (b"\x01ab\xe0\x0b\x05", b"\x01ab\xe0\x0b", b"\x01ab"):
+        with pytest.raises((ValueError, IndexError)):
+            _lzf_decompressed(damaged, 22)
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary", "binary_compressed"])
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.1, 0.5, 0.95])
+def test_a_damaged_pcd_is_refused(tmp_path: Path, form: str, share: float) -> None:
+    file = write_pcd(tmp_path / "cloud.pcd", POINTS, form)
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(InputError, match="cannot be read as PCD"):
+        PointCloud(0.01, file)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b"FIELDS rgb y", b"FIELDS rgb q"), (b"DATA binary", b"DATA zipped"), (b"SIZE 4 8", b"SIZE 4 7")],
+)
+def test_a_pcd_that_is_something_else_is_refused(tmp_path: Path, old: bytes, new: bytes) -> None:
+    file = write_pcd(tmp_path / "cloud.pcd", POINTS, "binary")
+    file.write_bytes(file.read_bytes().replace(old, new))
+    with pytest.raises(InputError, match="cannot be read as PCD"):
+        PointCloud(0.01, file)
+
+
+def message(points: np.ndarray, order: str = "<", padding: int = 8) -> dict[str, Any]:
+    """Return an organised cloud (2, N/2) as a PointCloud2 message has it, with gaps in points and rows."""
+    record = np.dtype(
+        {
+            "names": ["x", "y", "z"],
+            "formats": [order + "f4", order + "f8", order + "f4"],
+            "offsets": [4, 8, 20],
+        }
+        | {"itemsize": 32}
+    )
+    table = np.zeros(len(points), record)
+    for axis, column in zip("xyz", points.T, strict=True):
+        table[axis] = column
+    half = len(points) // 2
+    rows = [table[:half].tobytes(), table[half:].tobytes()]
+    fields = [
+        {"name": "intensity", "offset": 0, "datatype": 7, "count": 1},
+        {"name": "x", "offset": 4, "datatype": 7, "count": 1},
+        {"name": "y", "offset": 8, "datatype": 8, "count": 1},
+        {"name": "z", "offset": 20, "datatype": 7, "count": 1},
+    ]
+    return {
+        "height": 2,
+        "width": half,
+        "fields": fields,
+        "is_bigendian": order == ">",
+        "point_step": 32,
+        "row_step": 32 * half + padding,
+        "data": b"".join(row + b"\xff" * padding for row in rows),
+    }
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_reads_the_data_of_a_ros_message(order: str) -> None:
+    points = POINTS.copy()
+    points[7] = np.nan
+    given = message(points, order)
+    expected = np.delete(points, 7, axis=0)
+    as_object = SimpleNamespace(
+        **{**given, "fields": [SimpleNamespace(**field) for field in given["fields"]]}
+    )
+    as_object.data = number_array("B", given["data"])  # as rclpy has it
+    for form in (given, as_object):
+        cloud = PointCloud.from_message(form, 0.01, resolution=0.02)
+        np.testing.assert_allclose(cloud.centres, expected, atol=1e-7)
+        assert (cloud.radius, cloud.resolution) == (0.01, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("fields", [], "no field x and y and z"),
+        ("data", b"123", "3 bytes"),
+        ("point_step", 16, "do not fit"),
+        ("row_step", 40, "do not fit"),
+    ],
+)
+def test_a_message_that_contradicts_itself_is_refused(key: str, value: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        PointCloud.from_message({**message(POINTS), key: value}, 0.01)
+
+
+def test_a_message_without_data_is_refused() -> None:
+    with pytest.raises(InputError, match="data: the PointCloud2 message lacks it"):
+        PointCloud.from_message({key: value for key, value in message(POINTS).items() if key != "data"}, 0.01)
+
+
+@pytest.mark.parametrize(("factor", "warns"), [(1000.0, True), (1.0, False)])
+def test_a_cloud_in_millimetres_is_told(caplog: pytest.LogCaptureFixture, factor: float, warns: bool) -> None:
+    warn_once.cache_clear()
+    PointCloud(0.01, points=factor * POINTS)
+    said = [record.message for record in caplog.records if record.levelname == "WARNING"]
+    assert len(said) == warns
+    assert all("points: half of 60 points" in text and "millimetres" in text for text in said)
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import shutil
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.notices import warn_once
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
@@ -375,6 +377,32 @@ def test_mistakes_are_one_clear_line(build, message: str) -> None:
     with pytest.raises(InputError) as caught:
         build()
     assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("yaw", 180, r"yaw: 180 rad is more than a turn: angles are in radians \(180 degrees are 3.1416\)"),
+        ("rpy", [0, -90, 0], r"rpy: -90 rad is more than a turn"),
+        (
+            "position",
+            [0.4, 550, 0.2],
+            r"position: 550 m is far away: positions are in metres \(550 mm are 0.55\)",
+        ),
+        ("yaw", 3.14, None),
+        ("rpy", [0, -6.28, 1], None),
+        ("position", [40.0, -60.0, 0.0], None),
+    ],
+)
+def test_values_in_other_units_are_told(
+    caplog: pytest.LogCaptureFixture, key: str, value: object, words: str | None
+) -> None:
+    warn_once.cache_clear()
+    data = {"name": "box", "box": {"size": [1, 1, 1]}, key: value}
+    Obstacle.from_mapping(data, Path())
+    said = [record.getMessage() for record in caplog.records]
+    assert len(said) == (words is not None)
+    assert all(words and re.match(words, text) for text in said)
 
 
 def test_poses_of_all_kinds() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import coal
 import numpy as np
+import plyfile
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -166,6 +167,34 @@ def test_hull_is_solid_and_triangles_are_hollow(tmp_path: Path) -> None:
             bool(coal.collide(part.geometry, coal.Transform3s(), coal.Sphere(0.01), inside, request, result))
         )
     assert hits == [True, False]
+
+
+@pytest.mark.parametrize("form", ["ascii", "<", ">"])
+def test_ply_meshes_are_read(tmp_path: Path, form: str) -> None:
+    corners = np.array([[x, y, z] for x in (0, 100) for y in (0, 200) for z in (0, 300)], dtype=np.float32)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    kinds = [("x", "f4"), ("y", "f4"), ("z", "f4")]
+    vertices = np.array([tuple(corner) for corner in corners], dtype=kinds)
+    faces = np.array([(quad,) for quad in quads], dtype=[("vertex_indices", "i4", (4,))])
+    elements = [plyfile.PlyElement.describe(vertices, "vertex"), plyfile.PlyElement.describe(faces, "face")]
+    file = tmp_path / "box.ply"
+    plyfile.PlyData(elements, text=form == "ascii", byte_order="=" if form == "ascii" else form).write(file)
+    for convex in (True, False):
+        found, triangles = Mesh(file, (0.001, 0.001, 0.001), convex).surface
+        assert len(triangles) == 12
+        np.testing.assert_allclose(
+            np.unique(found.round(6), axis=0), np.unique(corners / 1000, axis=0), atol=1e-6
+        )
+
+
+def test_a_mesh_file_of_points_alone_is_refused(tmp_path: Path) -> None:
+    vertices = np.array(
+        [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], dtype=[("x", "f4"), ("y", "f4"), ("z", "f4")]
+    )
+    file = tmp_path / "points.ply"
+    plyfile.PlyData([plyfile.PlyElement.describe(vertices, "vertex")]).write(file)
+    with pytest.raises(InputError, match=r"file: .*points.ply"):
+        Mesh(file)
 
 
 def test_unusable_meshes_are_refused(tmp_path: Path) -> None:

@@ -30,7 +30,8 @@ class System(Protocol):
 def serve(make: Callable[[dict[str, Any], dict[str, Any]], System]) -> None:
     """Make a system from the robot and the options in the arguments, then answer problems until the input ends.
 
-    Every answer holds the path (or null) and the CPU seconds of the three steps. What libraries print goes to stderr.
+    Every answer holds the path (or null), the CPU seconds of the three steps, and the error of one that failed.
+    What libraries print goes to stderr.
     """
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
@@ -44,13 +45,17 @@ def serve(make: Callable[[dict[str, Any], dict[str, Any]], System]) -> None:
 
 
 def _answer(system: System, problem: dict[str, Any]) -> dict[str, Any]:
-    times = [process_time()]
-    system.build(problem)
-    times.append(process_time())
-    path = system.plan(problem["seed"], problem["time"])
-    times.append(process_time())
-    if path is not None:
-        path = system.smooth(path)
-    times.append(process_time())
+    """Return path and times; where the system raises an error, which it is: the next problem may be better."""
+    times, path, error = [process_time()], None, None
+    try:
+        system.build(problem)
+        times.append(process_time())
+        path = system.plan(problem["seed"], problem["time"])
+        times.append(process_time())
+        if path is not None:
+            path = system.smooth(path)
+    except Exception as raised:
+        path, error = None, f"{type(raised).__name__}: {raised}"
+    times += [process_time()] * (4 - len(times))
     building, planning, smoothing = (b - a for a, b in pairwise(times))
-    return {"path": path, "building": building, "planning": planning, "smoothing": smoothing}
+    return {"path": path, "building": building, "planning": planning, "smoothing": smoothing, "error": error}

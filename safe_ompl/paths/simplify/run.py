@@ -1,9 +1,10 @@
-"""One run of the simplifier on one path: shortcuts, retreats from its ends, then descent along the gradient."""
+"""One run of the simplifier on one path: shortcuts, retreats from its ends, descent, and all that once more."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from safe_ompl.paths.simplify.shortcut import joined, shortcut
 from safe_ompl.robot.robot import Robot
 
 _SAME = 1e-4  # [m] clearances that differ by less are the same
+_FEW = 14  # way points between which shortcuts are looked for after the descent
+_WORTHWHILE = 0.08  # share of the cost that shortcuts after the descent must save to be taken
 _ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
 
 Stop = Callable[[], bool]
@@ -108,6 +111,12 @@ class SimplificationRun:
             return
         self._look_around()
         self._shorten()
+        self._descend()
+        if not self._stop() and self._shorten_anew():
+            self._descend()
+
+    def _descend(self) -> None:
+        """Leave ends that need it, and descend."""
         if self._stop() or not path_length(self.best):
             return  # where the start is the goal, nothing is shorter
         shortened = self._divided(self.best)
@@ -136,6 +145,19 @@ class SimplificationRun:
         cost = self._cost.of(shorter)
         if self._best.take(shorter, cost):
             self._best.confirm(cost)
+
+    def _shorten_anew(self) -> bool:
+        """Take shortcuts between way points that have descended, if they lead out of a poor minimum; return whether."""
+        before = self._cost.of(self.best)
+        shorter = self._shortcut(partial(shortcut, most=_FEW), self.best)
+        if shorter is None or path_length(shorter) > self._terms.longest:
+            return False
+        self._cost.look_at(shorter)
+        cost = self._cost.of(shorter)
+        if cost > (1.0 - _WORTHWHILE) * before or not self._best.take(shorter, cost):
+            return False
+        self._best.confirm(cost)
+        return True
 
     def _descend_between_retreats(self, path: FloatArray) -> bool:
         """Leave ends that are near obstacles by retreats, and descend between; return whether that is the best."""

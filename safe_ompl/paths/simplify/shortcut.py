@@ -13,17 +13,17 @@ from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
 
 _SPACING = 0.8  # [rad] between the samples of an edge's cost
 _FEWEST, _MOST = 2, 4  # samples of an edge
-_CANDIDATES = 40  # way points of a path that edges may skip to, evenly chosen where it has more
+MOST = 40  # way points of a path that edges may skip to
 _JOINT = 1.2  # [rad]
 _BATCH = 80  # edges whose costs are estimated at once
 
 
 def shortcut(
-    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
+    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool], most: int = MOST
 ) -> FloatArray | None:
     """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order, if there is one.
 
-    Estimates the cost of the edges between up to 40 way points and of the path's own, and proves only those of the
+    Estimates the cost of the edges between up to `most` way points and of the path's own, and proves only those of the
     chain that is cheapest so far, until all of a chain is proven (as lazy roadmaps do: Bohlin & Kavraki, ICRA 2000).
 
     Parameters
@@ -36,8 +36,10 @@ def shortcut(
         Proves them; where the path's own edges are accepted already, there is a chain.
     stop : callable
         When it says so, there is none.
+    most : int
+        Way points that edges may skip to, evenly chosen where the path has more.
     """
-    candidates = np.rint(np.linspace(0, len(path) - 1, min(len(path), _CANDIDATES))).astype(int)
+    candidates = np.rint(np.linspace(0, len(path) - 1, min(len(path), most))).astype(int)
     wanted = np.eye(len(path), k=1, dtype=bool)
     wanted[np.ix_(candidates, candidates)] = True
     return _cheapest_proven_chain(path, wanted, cost, proofs, stop)

@@ -38,7 +38,8 @@ class Simplifier:
     points. Then retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0; a goal
     that is free is not. Then descent along the exact gradient of the cost, all way points between the retreats at once;
     after a few steps what has become of the path must be cheaper and proven, and way points beside an edge that is not
-    proven go back to where they were. It ends when a round of steps gains little; that does not depend on the clock.
+    proven go back to where they were. Shortcuts that then save much lead out of a poor minimum, to one more descent.
+    It ends when a round of steps gains little; that does not depend on the clock.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import InputError
+from safe_ompl.paths.measures import forced_danger
 from safe_ompl.pictures.plots.data import curve
 from safe_ompl.pictures.plots.page import ALARM, ALONG, DANGER, DPI, GREY, Page, natural
 from safe_ompl.pictures.style import Colour, planner_styles
@@ -32,7 +33,7 @@ def plot_plan(
 ) -> Any:
     """Draw the danger along one path, and the clearance below it.
 
-    The levels of start and goal are marked; what exceeds both is the avoidable danger, and shaded.
+    The levels of start and goal are marked; the avoidable danger is shaded (`safe_ompl.paths.measures.DangerReport`).
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def _draw_improvements(axes: Any, steps: FloatArray) -> None:
 
 
 def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
-    at, forced = natural(len(values)), max(values[0], values[-1])
+    at, forced = natural(len(values)), forced_danger(values)
     axes.fill_between(
         at, forced, values, where=values > forced, interpolate=True, color=ALARM, alpha=0.25, lw=0
     )

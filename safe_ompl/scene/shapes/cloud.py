@@ -18,9 +18,10 @@ from safe_ompl import document
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError
 from safe_ompl.inputs import float_array, shown
+from safe_ompl.notices import warn_once
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.cells import cell_tree, occupied, one_per_cell, touched_cells
-from safe_ompl.scene.point_files import read_points
+from safe_ompl.scene.point_files import POINT_FILES, message_points, read_points
 from safe_ompl.scene.pose import Pose, placed
 from safe_ompl.scene.shapes.basic import LONGEST, Part, Shape
 from safe_ompl.scene.shapes.mesh import array_digest, triangle_tree
@@ -30,6 +31,7 @@ _log = logging.getLogger(__name__)
 
 _MOST_BALLS = 32  # a larger cloud collides as one solid instead of one ball per point
 _LEAST_RADIUS = 1e-4  # [m]
+_UNLIKELY = 50.0  # [m] from the origin for half of the points
 _FINEST = 0.125  # of the radius: cells below it would be many, and hardly tighter
 _FEW_CELLS, _MANY_CELLS = (
     5_000,
@@ -48,7 +50,8 @@ class PointCloud(Shape):
     radius : float
         Radius of the ball about each point, from 0.0001 [m].
     file : path-like, optional
-        A PLY file (ASCII or binary), or an NPY file with an array of shape (N, 3).
+        A PLY file (ASCII or binary), an NPY file with an array of shape (N, 3), or a PCD file (ascii, binary or
+        binary_compressed).
     points : array_like, shape (N, 3), optional
         The points [m], instead of a file. Kept as a read-only array.
     resolution : float or "off", optional
@@ -85,10 +88,26 @@ class PointCloud(Shape):
         if (self.points is None) == (self.file is None):
             raise InputError("give either points or file, one of the two", "points")
         if self.file is not None:
-            self._set("file", document.file("file", self.file, (".ply", ".npy")))
+            self._set("file", document.file("file", self.file, POINT_FILES))
         self._set("points", None if self.points is None else _finite(_array(self.points), "points"))
         self.centres  # noqa: B018 (reads and checks the file now, so that it is needed no more)
         self._set("resolution", self._checked_resolution())
+
+    @classmethod
+    def from_message(
+        cls, message: Any, radius: float, *, resolution: float | str | None = None
+    ) -> PointCloud:
+        """Return the cloud of a ROS `sensor_msgs/PointCloud2` message, or of a mapping with its keys.
+
+        Points are in the frame of the message: the obstacle's pose is where that frame is in the world. ROS is not
+        needed; see `safe_ompl.scene.point_files.message_points`.
+
+        Raises
+        ------
+        InputError
+            If the message has no x, y and z, its sizes contradict each other, or no point is finite.
+        """
+        return cls(radius, points=message_points(message), resolution=resolution)
 
     @cached_property
     def centres(self) -> FloatArray:
@@ -209,6 +228,13 @@ def _finite(points: FloatArray, key: str) -> FloatArray:
         worst = int(far.argmax())
         raise InputError(
             f"point {kept[worst].tolist()} is farther than {LONGEST:g} m away; are they in metres?", key
+        )
+    middle = float(np.median(far))
+    if middle > _UNLIKELY:
+        warn_once(
+            _log,
+            f"{key}: half of {len(kept)} points are more than {middle:.0f} m from the origin: points are in metres; "
+            "those of a cloud in millimetres are to be multiplied by 0.001",
         )
     kept.flags.writeable = False
     return kept

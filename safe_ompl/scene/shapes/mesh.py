@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -15,10 +16,14 @@ import pinocchio as pin
 from safe_ompl import document
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
+from safe_ompl.notices import warn_once
 from safe_ompl.scene import surfaces
+from safe_ompl.scene.pose import UNLIKELY
 from safe_ompl.scene.shapes.basic import LONGEST, Part, Shape
 from safe_ompl.scene.shapes.convex_hull import convex_hull
 from safe_ompl.scene.surfaces import Triangles
+
+_log = logging.getLogger(__name__)
 
 _FLAT = 1e-6  # [m]; a thinner mesh has no volume: broad-phase managers drop it in silence
 
@@ -30,7 +35,7 @@ class Mesh(Shape):
     Parameters
     ----------
     file : path-like
-        An STL, OBJ or DAE file.
+        An STL, OBJ, DAE or PLY file.
     scale : sequence of 3 float, optional
         Factors along x, y and z that turn the file's units into metres.
     convex : bool, optional
@@ -44,7 +49,7 @@ class Mesh(Shape):
     convex: bool = True
 
     def __post_init__(self) -> None:
-        self._set("file", document.file("file", self.file, (".stl", ".obj", ".dae")))
+        self._set("file", document.file("file", self.file, (".stl", ".obj", ".dae", ".ply")))
         self._set("scale", document.numbers("scale", self.scale, 3, above=0.0))
         document.flag("convex", self.convex)
         self.surface  # noqa: B018 (reads and checks the file now, so that it is needed no more)
@@ -100,6 +105,8 @@ def _load(file: Path, scale: tuple[float, ...]) -> Triangles:
     except (ValueError, RuntimeError) as error:
         reason = str(error).split("message: ")[-1].replace("\n", " ").strip()
         raise InputError(f"{file} cannot be read as a mesh: {reason}", "file") from None
+    if not tree.num_tris:
+        raise InputError(f"{file} has no triangles; points alone are a pointcloud", "file")
     faces = [[tree.tri_indices(k)[i] for i in range(3)] for k in range(tree.num_tris)]
     return np.array(tree.vertices()), np.array(faces, dtype=np.intp).reshape(-1, 3)
 
@@ -112,6 +119,12 @@ def _check_volume(file: Path, vertices: FloatArray) -> None:
             f"{file} reaches {np.abs(vertices).max():g} m, {LONGEST:g} m are the most; "
             "a file in millimetres needs a scale of [0.001, 0.001, 0.001]",
             "scale",
+        )
+    if np.abs(vertices).max() > UNLIKELY:
+        warn_once(
+            _log,
+            f"scale: {file.name} reaches {np.abs(vertices).max():.0f} m: meshes are in metres; "
+            "a file in millimetres needs a scale of [0.001, 0.001, 0.001]",
         )
     centred = vertices - vertices.mean(axis=0)
     thinnest = np.linalg.eigh(centred.T @ centred)[1][:, 0]

@@ -11,15 +11,17 @@ from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
 from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.run import unrolled
+from safe_ompl.paths.simplify.run import SimplificationRun, unrolled
 from safe_ompl.paths.simplify.shortcut import shortcut
 from safe_ompl.paths.simplify.simplifier import Simplifier
 from safe_ompl.robot.inverse_kinematics import Place
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Capsule, Sphere
+from safe_ompl.setup.from_scenario import setup_scenario
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
@@ -221,3 +223,20 @@ def test_the_first_path_on_a_checker_becomes_what_it_becomes_later(planar2):
     ]  # fmt: skip
     first, again = (simplifier.simplify(path, never) for _ in range(2))
     np.testing.assert_array_equal(first, again)
+
+
+# ---------------------------------------------------------------------------------------------------- poor minima
+
+
+@pytest.mark.parametrize(("scenario", "seed"), [("panda_shelf", 1), ("xarm7_pillars", 2)])
+def test_shortcuts_after_the_descent_lead_out_of_poor_minima(scenario, seed, monkeypatch):
+    setup = setup_scenario(Scenario.load(find_scenario(scenario)))
+    setup.prepare("SafeRRTConnect", seed)
+    setup.solve(20.0)
+    given, simplifier = setup.solution(), setup.simplifier
+    found = simplifier.simplify(given, never, proven=True)
+    with monkeypatch.context() as patched:
+        patched.setattr(SimplificationRun, "_shorten_anew", lambda run: False)
+        once = simplifier.simplify(given, never, proven=True)
+    assert simplifier.cost.of(found) < 0.9 * simplifier.cost.of(once)
+    assert setup.is_free(found)

@@ -1,0 +1,134 @@
+"""Distances from point clouds, against coal's own."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.collision import tree_distances
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.pair_distances import PairDistances
+from safe_ompl.collision.queries import fresh_data
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box
+from safe_ompl.scene.shapes.cloud import PointCloud
+
+TURNED = Pose((0.1, -0.05, 0.02), (0.0, 0.0, np.sin(0.2), np.cos(0.2)))
+
+
+def column(count, x=0.5):
+    rng = np.random.default_rng(0)
+    angles, heights = rng.uniform(0, 2 * np.pi, count), rng.uniform(0, 0.9, count)
+    return np.column_stack([x + 0.08 * np.cos(angles), 0.08 * np.sin(angles), heights])
+
+
+def scene_of(points, pose=TURNED):
+    wall = Obstacle("wall", Box((0.1, 2.0, 1.0)), Pose((-0.7, 0.0, 0.5)))
+    return Scene((Obstacle("scan", PointCloud(0.01, points=points), pose, weight=1.0), wall))
+
+
+@pytest.fixture(scope="module")
+def checker(ur5):
+    return CollisionChecker(ur5, scene_of(column(300)), movable=("scan",))
+
+
+@pytest.fixture
+def path(ur5):
+    """Return a motion past the cloud, at a distance, and into it."""
+    base = [
+        [0.9, -1.2, 1.4, -1.8, -1.57, 0.0],
+        [0.5, -0.9, 1.2, -1.8, -1.57, 0.0],
+        [0.0, -0.6, 0.9, -1, -1, 0],
+    ]
+    return np.concatenate([np.linspace(base[k], base[k + 1], 8) for k in range(2)])
+
+
+def plain_distances(checker, q):
+    """Return what coal says of every pair in the world frame, with nothing known before."""
+    geometry, robot = checker._apart._geometry, checker.robot
+    data = fresh_data(geometry)
+    pin.computeDistances(
+        robot.shared.model, robot.shared.model.createData(), geometry, data, robot.pinocchio_configuration(q)
+    )
+    return np.array([result.min_distance for result in data.distanceResults])
+
+
+def test_distances_are_those_of_coal(checker, path):
+    expected = np.array([plain_distances(checker, q) for q in path])
+    found = np.array([checker.distances(q) for q in path])
+    apart = expected > 0
+    assert (~apart).any(), "the path leads into the cloud"
+    np.testing.assert_allclose(found[apart], expected[apart], rtol=0, atol=1e-9)
+    assert (found[~apart] <= 0).all()
+
+
+def test_every_query_but_the_first_has_a_bound_that_holds(checker, path, monkeypatch):
+    seeds, measured = [], tree_distances._measured
+    monkeypatch.setattr(
+        tree_distances, "_measured", lambda *args: seeds.append((args[0][0], args[3])) or measured(*args)
+    )
+    checker = CollisionChecker(checker.robot, checker.scene)
+    free = [q for q in path if plain_distances(checker, q).min() > 1e-4]
+    for q in free:
+        checker.distances(q)
+    clouds = [seed for shape, seed in seeds if isinstance(shape, coal.OcTree)]
+    pairs = sum(obstacle == "scan" for _, obstacle in checker.distance_names)
+    assert len(clouds) == pairs * len(free), "coal is never asked twice"
+    assert clouds.count(np.inf) == pairs
+
+
+def test_the_nearest_bodies_are_found_whatever_is_left_out(ur5, path, rng):
+    points = rng.uniform(-1.0, 1.0, (400, 3))
+    points = points[np.linalg.norm(points, axis=1) > 0.75]
+    scene = scene_of(points, Pose()).with_obstacles(
+        Obstacle("column", PointCloud(0.01, points=column(200, 0.7)))
+    )
+    checker = CollisionChecker(ur5, scene)
+    Q = np.concatenate([path, path[::-1] + 0.01, rng.uniform(-1.5, 1.5, (20, 6))])
+    expected = np.array([plain_distances(checker, q) for q in Q])
+    found = checker.nearest_distances(Q)
+    names = np.array([obstacle for _, obstacle in checker.distance_names])
+    assert np.isinf(found).mean() > 0.2, "most bodies need not be measured"
+    for name in ("scan", "column", "wall"):
+        least, true = found[:, names == name].min(axis=1), expected[:, names == name].min(axis=1)
+        apart = true > 0
+        np.testing.assert_allclose(least[apart], true[apart], rtol=0, atol=1e-6)
+        assert (least[~apart] <= 0).all()
+        columns = found[:, names == name].argmin(axis=1)
+        rows = np.arange(len(Q))
+        np.testing.assert_allclose(
+            expected[:, names == name][rows, columns][apart], true[apart], rtol=0, atol=1e-6
+        )
+    np.testing.assert_array_equal(checker.nearest_distances(Q), found)
+
+
+def test_a_cloud_that_is_measured_anew_is_another_one(checker, path):
+    for points in (column(300), column(310, 0.9), column(300, 1.4)):
+        checker.move(scene_of(points))
+        for q in path[:3]:
+            np.testing.assert_allclose(checker.distances(q), plain_distances(checker, q), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_nearest_points_are_given_of_the_link_first(checker, path, side):
+    checker.move(scene_of(column(300)))
+    distances = PairDistances(checker, 0.5)
+    seen = 0
+    for _, pair, distance in distances.near(path[::side], 0.5):
+        on_link, on_obstacle = distances.witness(pair)
+        assert np.linalg.norm(on_link - on_obstacle) == pytest.approx(abs(distance), abs=1e-6)
+        name = distances._set.names[distances._indices[pair]][1]
+        if name == "scan" and distance > 0.05:
+            local = TURNED.se3.actInv(on_obstacle)
+            assert np.hypot(local[0] - 0.5, local[1]) < 0.08 + 0.01 + 0.01, "on the column, not on the link"
+            seen += 1
+    assert seen > 5
+
+
+def test_what_was_asked_before_does_not_change_an_answer(checker, path):
+    checker.move(scene_of(column(300)))
+    fresh, used = PairDistances(checker, 0.5), PairDistances(checker, 0.5)
+    list(used.near(path[::-1] + 0.05, 0.5))
+    assert list(used.near(path, 0.5)) == list(fresh.near(path, 0.5))
