@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from abc import abstractmethod
-from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -60,12 +59,8 @@ class SearchStructure(Protocol):
 class SafePlanner(ob.Planner):  # type: ignore[misc]
     """Base of the planners: subclasses declare parameters and implement `_search` on arrays, without OMPL's states.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts, with any validity checker and motion validator.
-    name : str
-        Name in logs and benchmarks.
+    Every planner is made by ``Planner(si, name, parameter=value, …)``, with any space of real vectors and SO(2) parts,
+    any validity checker and motion validator.
 
     Attributes
     ----------
@@ -84,44 +79,37 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         0.0,
         "Largest length of one extension, before it moves sideways; 0 takes 7.5 % of the space's extent.",
         unit="rad",
-        at_least=0,
     )
     max_danger = Parameter(
         0.0,
         """Danger that no configuration of a path may exceed, proven along whole motions, in the units of the problem's
         danger objective; 0 for no limit. Trees that were grown under another limit are dropped.""",
-        at_least=0,
     )
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         describe(cls)
 
-    def __init__(self, si: Any, name: str) -> None:
-        super().__init__(si, name)
+    def __init__(self, si: Any, name: str | None = None, **parameters: Any) -> None:
+        super().__init__(si, name or type(self).__name__)
         self.counts = Counts()
         self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]))
         self._problem = PlanningProblem(si)
         self._bridge = self._problem.bridge
         self._read: tuple[Any, float] = _UNREAD, 0.0  # the objective and the limit on danger that are in use
+        self._make_parts()
+        for key, parameter in parameters_of(type(self)).items():
+            setattr(self, key, parameter.default)
+        for key, value in parameters.items():
+            self.setParameter(key, value)
+        self._forget()
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.getName()!r}, seed={self._seed})"
 
     # ------------------------------------------------------------------------------------------- parameters
 
-    def _begin(self, parameters: Mapping[str, Any]) -> None:
-        """Set all parameters, to what is given or else to their defaults, and begin without starts and goals.
-
-        Subclasses call it at the end of `__init__`, when they have made the parts that keep the values.
-        """
-        for name, parameter in parameters_of(type(self)).items():
-            setattr(self, name, parameter.default)
-        for name, value in parameters.items():
-            self.setParameter(name, value, stacklevel=5)
-        self._forget()
-
-    def setParameter(self, name: str, value: Any, *, stacklevel: int = 4) -> None:
+    def setParameter(self, name: str, value: Any) -> None:
         """Set the parameter that is called `name` in Python, such as "goal_bias".
 
         Raises
@@ -132,7 +120,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
             If the value is refused, or the parameter was removed.
         """
         known = parameters_of(type(self))
-        name = self.former_names.current(self.getName(), name, stacklevel)
+        name = self.former_names.current(self.getName(), name)
         if name not in known:
             raise UnknownNameError(f"parameter of {self.getName()}", name, sorted(known))
         getattr(self, f"set{camel_case(name)}")(value)
@@ -143,7 +131,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         if name[:3] not in ("set", "get") or key not in self.former_names:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         try:
-            return getattr(self, name[:3] + camel_case(self.former_names.current(self.getName(), key)))
+            return getattr(self, name[:3] + camel_case(self.former_names.current(self.getName(), key, stacklevel=3)))
         except InputError as error:
             raise AttributeError(str(error)) from None
 
@@ -225,6 +213,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self.plannerGraph().fill(data, self._bridge)
 
     # ------------------------------------------------------------------------- what a planner must implement
+
+    def _make_parts(self) -> None:
+        """Make the parts that keep values of parameters, before these are set; by default there are none."""
 
     @property
     @abstractmethod

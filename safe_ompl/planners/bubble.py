@@ -41,15 +41,6 @@ class BubblePlanner(SafePlanner):
     wait in Open; the next one to be closed minimises f = g + h + α·CDF − β·diversity, eq. (10). No edge needs a
     check: it lies within a bubble. The planner is deterministic.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its validity checker must be a `CollisionFreeValidity`: bubbles come from distances.
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
-
     Notes
     -----
     The bubbles take in the robot's own pairs, and the radii at their centres (`docs/mathematics.md` §3).
@@ -88,26 +79,22 @@ class BubblePlanner(SafePlanner):
         1.0,
         """Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations. With α = 0 the search is the
         classical one.""",
-        at_least=0,
         kept_in="_danger.alpha",
     )
     beta = Parameter(
         0.0,
         """β: weight of the diversity, how far a point is from all closed configurations of its tree. Here it seldom
         pays; the paper's form needs it.""",
-        at_least=0,
     )
     nearest_fraction = Parameter(
         1 / 3,
         "ε: share of the turns that ignore danger, so that no passage stays closed because it is dangerous.",
-        at_least=0,
         at_most=1,
     )
     danger_decay = Parameter(
         500.0,
         """Number of turns after which danger counts half; after three times as many it counts next to nothing, so
         that it cannot keep the planner out of a narrow place. 0 for no decay.""",
-        at_least=0,
         kept_in="_decay.half_life",
     )
     shape = Parameter(
@@ -121,7 +108,6 @@ class BubblePlanner(SafePlanner):
         0.8,
         """Largest sideways motion of the middle of a motion of the path, as a fraction of the range; it acts where α
         > 0.""",
-        at_least=0,
         at_most=1,
         kept_in="_descent.share",
     )
@@ -129,13 +115,11 @@ class BubblePlanner(SafePlanner):
         0,
         """Largest number of points that wait in each Open list; when it is exceeded the better half stays. 0 for no
         limit.""",
-        at_least=0,
     )
     least_clearance = Parameter(
         1e-3,
         "Points as near to contact as this are not closed: their bubbles lead nowhere.",
         unit="m",
-        at_least=0,
     )
     clearance = Parameter(
         0.05,
@@ -144,25 +128,21 @@ class BubblePlanner(SafePlanner):
         falls to 60 % after every twelve of them, and ends below 20 mm. It is in force while danger has weight, and
         needs a `CertifiedMotionValidator`. 0 for none.""",
         unit="m",
-        at_least=0,
         kept_in="_margin.largest",
     )
     iterations = Parameter(
         0,
         """k_max: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is
         up.""",
-        at_least=0,
     )
 
-    def __init__(self, si: Any, name: str = "BubblePlanner", **parameters: Any) -> None:
-        super().__init__(si, name)
-        self._validity = bubble_validity(si, name)
+    def _make_parts(self) -> None:
+        self._validity = bubble_validity(self.getSpaceInformation(), self.getName())
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._margin = AdaptiveMargin(self._problem, self._danger, WORTHWHILE)
         self._band = ElasticBand(self._problem, self._danger, self._descent)
-        self._begin(parameters)
 
     @property
     def _checker(self) -> CollisionChecker:

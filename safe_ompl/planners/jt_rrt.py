@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from itertools import count
 from typing import Any
 
@@ -22,6 +23,7 @@ from safe_ompl.planners.parts.danger import (
 from safe_ompl.planners.parts.extend import Extension, SafeStep, TangentialDescent
 from safe_ompl.planners.parts.goal_step import STALLED, Approach, GoalStep
 from safe_ompl.planners.parts.tree import Trees
+from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.robot.inverse_kinematics import Place
 
@@ -38,15 +40,6 @@ class SafeJTRRT(SafePlanner):
     near the goal and follow the pseudoinverse of the arm's Jacobian, which brings the tip straight there;
     the freedom that this leaves to the arm, its null space, turns the links away from danger. The goal must be a
     `WorkspaceGoal`; no inverse kinematics is needed.
-
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
 
     Notes
     -----
@@ -90,31 +83,12 @@ class SafeJTRRT(SafePlanner):
         """Weight of danger α, as for `SafeRRTConnect`. It also weighs the danger in the choice of the node from which
         to go to the goal; there the distance is the tip's, and a radian counts as many metres as it typically moves
         the tip (`Place.lever`). 0 plans classically.""",
-        at_least=0,
         kept_in="_danger.alpha",
     )
-    nearest_fraction = Parameter(
-        0.1,
-        "ε: share of the choices of a node for a random extension by distance alone.",
-        at_least=0,
-        at_most=1,
-        kept_in="_selection.nearest_fraction",
-    )
-    slide = Parameter(
-        0.8,
-        """Largest sideways motion of a new node of a random extension down the gradient of the danger, as a fraction of
-        the range.""",
-        at_least=0,
-        at_most=1,
-        kept_in="_descent.share",
-    )
-    threshold_rise = Parameter(
-        0.05,
-        """Share by which the adaptive threshold on the danger of random extensions rises after eight refusals, as for
-        `SafeRRTConnect`; 0 for no threshold.""",
-        at_least=0,
-        kept_in="_threshold.rise",
-    )
+    # Of random extensions, as for SafeRRTConnect.
+    nearest_fraction = replace(SafeRRTConnect.nearest_fraction, default=0.1)
+    slide = SafeRRTConnect.slide
+    threshold_rise = SafeRRTConnect.threshold_rise
     step = Parameter(
         0.1,
         """Largest length ‖Δq‖ of one step towards the goal. It takes the place of the paper's gain k₂: far from the
@@ -126,7 +100,6 @@ class SafeJTRRT(SafePlanner):
     goal_bias = Parameter(
         0.05,
         "p_g: share of the extensions that go towards the goal. More is faster, less is safer.",
-        at_least=0,
         at_most=1,
     )
     null_space_gain = Parameter(
@@ -134,7 +107,6 @@ class SafeJTRRT(SafePlanner):
         """k₁: length of the posture motion Δq₀ relative to the motion that the tip's way needs. It goes down the
         gradient of the danger, Δq₀ ∝ −∇CDF: the paper's Σ Jᵀ CDF, with the share of every link in the field. It needs
         an objective with gradients (`DangerObjective`). 0 leaves the posture alone.""",
-        at_least=0,
         kept_in="_step.null_space_gain",
     )
     danger_threshold = Parameter(
@@ -152,29 +124,19 @@ class SafeJTRRT(SafePlanner):
     random_starts = Parameter(
         0.3,
         """Share of the extensions towards the goal that begin at any node not chosen before, instead of the best.""",
-        at_least=0,
         at_most=1,
     )
-    danger_decay = Parameter(
-        100.0,
-        """Number of turns after which half of the turns ignore danger; after three times as many nearly all do. So
-        danger that keeps the planner out of a narrow place costs no more than about that many turns. 0 for no
-        decay.""",
-        at_least=0,
-        kept_in="_decay.half_life",
-    )
+    danger_decay = SafeRRTConnect.danger_decay
     clearance = Parameter(
         0.05,
         """Largest margin that motions keep from all obstacles, dangerous or not. It is no more than 80 % of what the
         start keeps, falls to 60 % after every twelve trapped steps, and ends below 10 mm. It is in force while danger
         has weight, and needs a `CertifiedMotionValidator`. 0 for none.""",
         unit="m",
-        at_least=0,
         kept_in="_margin.largest",
     )
 
-    def __init__(self, si: Any, name: str = "SafeJTRRT", **parameters: Any) -> None:
-        super().__init__(si, name)
+    def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
         self._selection = SafeSelection(self._danger)
@@ -188,7 +150,7 @@ class SafeJTRRT(SafePlanner):
         self._step = GoalStep(self._problem)
         self._goal: Any = None
         self._place: Place
-        self._begin(parameters)
+        self._approach: Approach
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 

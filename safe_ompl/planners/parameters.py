@@ -23,7 +23,7 @@ class Parameter(Generic[T]):
     """A parameter of a planner, declared as an attribute of its class.
 
     >>> class Planner(SafePlanner):  # doctest: +SKIP
-    ...     goal_bias = Parameter(0.05, "Share of the extensions towards a goal.", at_least=0, at_most=1)
+    ...     goal_bias = Parameter(0.05, "Share of the extensions towards a goal.", at_most=1)
 
     The declaration gives `Planner` the methods `setGoalBias` and `getGoalBias`, the keyword argument ``goal_bias`` and
     an entry in its docstring; `planner.goal_bias` is the value. What is set is checked.
@@ -36,8 +36,8 @@ class Parameter(Generic[T]):
         What it means.
     unit : str
         Its unit, such as "rad".
-    above, at_least, at_most : float, optional
-        Bounds of a number.
+    at_least, above, at_most : float, optional
+        Bounds of a number, at least 0 unless it is to be above something.
     choices : collection of str
         The values that a text may have.
     kept_in : str
@@ -48,8 +48,8 @@ class Parameter(Generic[T]):
     default: T
     doc: str
     unit: str = ""
+    at_least: float = 0.0
     above: float | None = None
-    at_least: float | None = None
     at_most: float | None = None
     choices: Collection[str] = ()
     kept_in: str = ""
@@ -57,7 +57,7 @@ class Parameter(Generic[T]):
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
         self._part, _, self._attribute = self.kept_in.rpartition(".")
-        for method in (self._setter(), self._getter()):
+        for method in self._methods():
             if method.__name__ not in vars(owner):
                 method.__qualname__ = f"{owner.__qualname__}.{method.__name__}"
                 setattr(owner, method.__name__, method)
@@ -82,57 +82,47 @@ class Parameter(Generic[T]):
 
     def checked(self, value: Any) -> T:
         """Return a value as the parameter's type, or raise an InputError that says what would be right."""
-        kind, found = type(self.default), value
+        kind, found, least = type(self.default), value, self.at_least
         if kind is str:
             if value not in tuple(self.choices):
                 raise UnknownNameError(self.name, value, self.choices)
         elif kind is bool:
             found = flag(self.name, value)
         elif kind is int:
-            low, high = (None if bound is None else int(bound) for bound in (self.at_least, self.at_most))
-            found = whole_number(self.name, value, at_least=low, at_most=high)
-        elif not (isinstance(value, float) and value == self.default):  # which may be infinite
-            bounds = {"above": self.above, "at_least": self.at_least, "at_most": self.at_most}
-            found = number(self.name, value, **bounds)
+            found = whole_number(self.name, value, at_least=int(least))
+        elif self.above is not None:
+            is_default = isinstance(value, float) and value == self.default  # which may be infinite
+            found = value if is_default else number(self.name, value, above=self.above)
+        else:
+            found = number(self.name, value, at_least=least, at_most=self.at_most)
         return cast(T, found)
 
     @property
     def entry(self) -> str:
         """The parameter as an entry of a NumPy-style docstring."""
-        bounds = [
-            words.format(bound)
-            for words, bound in (
-                ("> {:g}", self.above),
-                (">= {:g}", self.at_least),
-                ("<= {:g}", self.at_most),
-            )
-            if bound is not None
-        ]
-        kind = "{" + ", ".join(map(repr, self.choices)) + "}" if self.choices else type(self.default).__name__
-        head = ", ".join([kind, *bounds, f"default {self.default!r}"]) + (
-            f" [{self.unit}]" if self.unit else ""
+        kind = type(self.default).__name__
+        if self.choices:
+            kind = "{" + ", ".join(map(repr, self.choices)) + "}"
+        elif kind != "bool":
+            kind += f" >= {self.at_least:g}" if self.above is None else f" > {self.above:g}"
+            kind += "" if self.at_most is None else f", <= {self.at_most:g}"
+        unit = f" [{self.unit}]" if self.unit else ""
+        words = textwrap.fill(
+            " ".join(self.doc.split()), _WIDTH, initial_indent="    ", subsequent_indent="    "
         )
-        return f"{self.name} : {head}\n" + textwrap.indent(self._text, "    ")
+        return f"{self.name} : {kind}, default {self.default!r}{unit}\n{words}"
 
-    @property
-    def _text(self) -> str:
-        return textwrap.fill(" ".join(self.doc.split()), _WIDTH)
-
-    def _setter(self) -> Any:
+    def _methods(self) -> tuple[Any, Any]:
         def setter(planner: Any, value: Any) -> None:
             setattr(planner, self.name, value)
 
-        setter.__name__ = f"set{camel_case(self.name)}"
-        setter.__doc__ = f"Set the parameter `{self.name}`.\n\n{self.entry}"
-        return setter
-
-    def _getter(self) -> Any:
         def getter(planner: Any) -> Any:
             return getattr(planner, self.name)
 
-        getter.__name__ = f"get{camel_case(self.name)}"
-        getter.__doc__ = f"Return the parameter `{self.name}`.\n\n{self.entry}"
-        return getter
+        for method, verb in ((setter, "Set"), (getter, "Get")):
+            method.__name__ = f"{verb.lower()}{camel_case(self.name)}"
+            method.__doc__ = f"{verb} the parameter `{self.name}`.\n\n{self.entry}"
+        return setter, getter
 
 
 def parameters_of(kind: type) -> dict[str, Parameter[Any]]:
@@ -145,18 +135,28 @@ def parameters_of(kind: type) -> dict[str, Parameter[Any]]:
     return found
 
 
+_ARGUMENTS = """Parameters
+----------
+si : ob.SpaceInformation
+    What the planner plans in.
+name : str
+    Name in logs and benchmarks; by default that of the class.
+"""
+
+
 def describe(kind: type) -> None:
-    """Append the parameters of a class of planners to its docstring, and name them in its signature."""
+    """Put the parameters of a class of planners into its docstring, before notes and references, and its signature."""
     declared = parameters_of(kind)
-    lines = ["Other Parameters", "----------------", *(parameter.entry for parameter in declared.values())]
-    kind.__doc__ = inspect.cleandoc(kind.__doc__ or kind.__name__) + "\n\n" + "\n".join(lines) + "\n"
-    own = list(inspect.signature(kind.__init__).parameters.values())[1:]  # type: ignore[misc]
-    keywords = (
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=parameter.default)
-        for name, parameter in declared.items()
-    )
-    given = [parameter for parameter in own if parameter.kind is not inspect.Parameter.VAR_KEYWORD]
-    kind.__signature__ = inspect.Signature([*given, *keywords])  # type: ignore[attr-defined]
+    section = _ARGUMENTS + "\n".join(parameter.entry for parameter in declared.values()) + "\n"
+    text = inspect.cleandoc(kind.__doc__ or kind.__name__)
+    cut = re.search(r"^(Notes|References)\n-+$", text, re.MULTILINE)
+    end = cut.start() if cut else len(text)
+    kind.__doc__ = f"{text[:end].rstrip()}\n\n{section}\n{text[end:]}"
+    usual = inspect.Parameter
+    arguments = [usual("si", usual.POSITIONAL_OR_KEYWORD)]
+    arguments.append(usual("name", usual.POSITIONAL_OR_KEYWORD, default=kind.__name__))
+    arguments += [usual(name, usual.KEYWORD_ONLY, default=each.default) for name, each in declared.items()]
+    kind.__signature__ = inspect.Signature(arguments)  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ class FormerNames:
     def __contains__(self, name: str) -> bool:
         return name in self.renamed or name in self.removed
 
-    def current(self, planner: str, name: str, stacklevel: int = 3) -> str:
+    def current(self, planner: str, name: str, stacklevel: int = 4) -> str:
         """Return what a parameter is called now; `name` itself where it was never another.
 
         Raises

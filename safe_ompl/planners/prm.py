@@ -32,16 +32,6 @@ class SafePRM(SafePlanner):
     The roadmap, with all verdicts on milestones and edges, is kept from query to query: `clearQuery` forgets start and
     goal only, `clear` everything.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts. If its validity checker is a `CollisionFreeValidity`, neighbours
-        are chosen by the ends of the robot's links, eq. (11), else by the space's own distance.
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
-
     Notes
     -----
     The planner as it is printed in [1] is `PaperSafePRM`, and with α = 0 `PaperPRM`. What differs here, and why:
@@ -91,7 +81,6 @@ class SafePRM(SafePlanner):
         5.0,
         """Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, as much danger as a
         typical step of 1 rad adds is worth a detour of 1 rad. 0 plans classically.""",
-        at_least=0,
         kept_in="_danger.alpha",
     )
     neighbors = Parameter(25, "K: how many of the nearest milestones are neighbours.", at_least=1)
@@ -102,7 +91,6 @@ class SafePRM(SafePlanner):
         the paper. Edges of the path that are longer than twice the range move down the gradient of the danger in
         their middle, where both halves stay free; so do the halves. It acts where α > 0 and the objective offers
         gradients (`DangerObjective` does).""",
-        at_least=0,
         at_most=1,
         kept_in="_descent.share",
     )
@@ -111,7 +99,6 @@ class SafePRM(SafePlanner):
         """Number of searches, each with more samples, after which danger counts half; after three times as many it
         counts next to nothing. 0 for no decay: here none is needed, because where milestones are dense danger leads
         out of narrow places.""",
-        at_least=0,
         kept_in="_decay.half_life",
     )
     clearance = Parameter(
@@ -121,19 +108,16 @@ class SafePRM(SafePlanner):
         60 % each time when samples do not suffice, and ends below 20 mm. It is in force while danger has weight, and
         needs a `CertifiedMotionValidator`. 0 for none.""",
         unit="m",
-        at_least=0,
         kept_in="_margin.largest",
     )
 
-    def __init__(self, si: Any, name: str = "SafePRM", **parameters: Any) -> None:
-        super().__init__(si, name)
+    def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
         self._descent = TangentialDescent(self._bridge, self._danger)
         self._band = ElasticBand(self._problem, self._danger, self._descent)
         self._margin = PenaltyMargin(self._problem, self._danger)
         self._sampler = Samples(self._bridge)
-        self._begin(parameters)
 
     def clearQuery(self) -> None:
         """Forget start and goal, but keep the roadmap and all that is known of it."""

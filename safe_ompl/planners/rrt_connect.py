@@ -21,15 +21,6 @@ class SafeRRTConnect(SafePlanner):
     danger; then the other tree tries to connect to the new node. On its way every new node moves down the gradient
     of the danger, at right angles to the step, as far as the way stays free. With α = 0 it is RRT-Connect.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts.
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
-
     Notes
     -----
     The planner as it is printed in [1] is `PaperSafeRRTConnect`, and RRT-Connect as printed in [2] `PaperRRTConnect`.
@@ -63,14 +54,12 @@ class SafeRRTConnect(SafePlanner):
         1.0,
         """Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, nodes that differ in
         danger as much as a typical step of 1 rad changes it are set 1 rad apart. 0 plans classically.""",
-        at_least=0,
         kept_in="_danger.alpha",
     )
     nearest_fraction = Parameter(
         0.3,
         """ε: share of the choices of a node by distance alone. Any ε > 0 keeps the planner probabilistically complete:
         a node in a dangerous passage would otherwise never be chosen again.""",
-        at_least=0,
         at_most=1,
         kept_in="_selection.nearest_fraction",
     )
@@ -79,7 +68,6 @@ class SafeRRTConnect(SafePlanner):
         """Largest sideways motion of a new node down the gradient of the danger, as a fraction of the range; 0 gives
         the paper's straight extension. It acts where α > 0 and the objective offers gradients (`DangerObjective`
         does).""",
-        at_least=0,
         at_most=1,
         kept_in="_descent.share",
     )
@@ -88,7 +76,6 @@ class SafeRRTConnect(SafePlanner):
         """No node is added that is more dangerous than its parent and than a threshold. This is at first the danger of
         the more dangerous end, which no path can avoid; after every eight refusals it rises by this share. It keeps the
         peak of the danger low. 0 for no threshold.""",
-        at_least=0,
         kept_in="_threshold.rise",
     )
     short_steps = Parameter(
@@ -103,7 +90,6 @@ class SafeRRTConnect(SafePlanner):
         """Number of turns after which half of the turns ignore danger; after three times as many nearly all do. So
         danger that keeps the planner out of a narrow place costs no more than about that many turns. 0 for no
         decay.""",
-        at_least=0,
         kept_in="_decay.half_life",
     )
     clearance = Parameter(
@@ -112,17 +98,14 @@ class SafeRRTConnect(SafePlanner):
         and goal keep, and falls to 60 % after every twelve trapped steps. It is in force while danger has weight, and
         needs a `CertifiedMotionValidator`. 0 for none.""",
         unit="m",
-        at_least=0,
         kept_in="_margin.largest",
     )
     iterations = Parameter(
         0,
         "K: how many turns the trees take before the planner gives up, with the status TIMEOUT; 0: until time is up.",
-        at_least=0,
     )
 
-    def __init__(self, si: Any, name: str = "SafeRRTConnect", **parameters: Any) -> None:
-        super().__init__(si, name)
+    def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
         self._selection = SafeSelection(self._danger)
@@ -134,7 +117,6 @@ class SafeRRTConnect(SafePlanner):
         self._step = SafeStep(
             self._bridge, self._danger, self._descent, self._threshold, self._margin.motion_is_free
         )
-        self._begin(parameters)
 
     # ------------------------------------------------------------------------------- the paper's pseudocode
 

@@ -27,34 +27,18 @@ class HRRT(SafePlanner):
     of the tree. The cost of a motion is its length times 1 + λ CDF/CDF₀: CDF the mean danger of its ends, CDF₀ that of
     start and goal. The rest is estimated by its length, which never overestimates.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts.
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
-
     References
     ----------
     .. [1] C. Urmson, R. Simmons: Approaches for heuristically biasing RRT growth. IROS 2003.
     """
 
-    goal_bias = Parameter(0.05, "Share of the extensions that go towards a goal.", at_least=0, at_most=1)
+    goal_bias = Parameter(0.05, "Share of the extensions that go towards a goal.", at_most=1)
     floor = Parameter(
         0.1,
         "Least probability with which a node is accepted, however poor: without one the tree may stop exploring.",
-        at_least=0,
         at_most=1,
     )
-    danger_weight = Parameter(
-        1.0, "λ: weight of danger in the cost of a motion; 0 for lengths alone.", at_least=0
-    )
-
-    def __init__(self, si: Any, name: str = "HRRT", **parameters: Any) -> None:
-        super().__init__(si, name)
-        self._begin(parameters)
+    danger_weight = Parameter(1.0, "λ: weight of danger in the cost of a motion; 0 for lengths alone.")
 
     # ---------------------------------------------------------------------------------------------- the search
 

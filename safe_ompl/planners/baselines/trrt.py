@@ -130,26 +130,13 @@ class TRRT(SafePlanner):
     A step up the cost is taken with a probability that falls with its slope and rises with the planner's lack of
     success. It needs an objective; without one it is an RRT.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts.
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
-
     References
     ----------
     .. [1] L. Jaillet, J. Cortés, T. Siméon: Sampling-based path planning on configuration-space costmaps.
        IEEE Trans. Robotics, 2010.
     """
 
-    goal_bias = Parameter(0.05, "Share of the extensions that go towards a goal.", at_least=0, at_most=1)
-
-    def __init__(self, si: Any, name: str = "TRRT", **parameters: Any) -> None:
-        super().__init__(si, name)
-        self._begin(parameters)
+    goal_bias = Parameter(0.05, "Share of the extensions that go towards a goal.", at_most=1)
 
     def _search(self, ptc: Any) -> FloatArray | None:
         tree, goals = self._trees.start, self._trees.goal
@@ -185,13 +172,6 @@ class BiTRRT(SafePlanner):
 
     With `descends` it is GradienT-RRT [2].
 
-    Parameters
-    ----------
-    si, name
-        As for `TRRT`.
-    **parameters
-        Values of the parameters below.
-
     References
     ----------
     .. [1] D. Devaurs, T. Siméon, J. Cortés: Enhancing the transition-based RRT to deal with complex cost spaces.
@@ -204,10 +184,6 @@ class BiTRRT(SafePlanner):
         """Whether a step that is too dear follows the gradient of the cost down and is tried again. It needs an
         objective with gradients.""",
     )
-
-    def __init__(self, si: Any, name: str = "BiTRRT", **parameters: Any) -> None:
-        super().__init__(si, name)
-        self._begin(parameters)
 
     def _search(self, ptc: Any) -> FloatArray | None:
         tree, other = self._trees.start, self._trees.goal

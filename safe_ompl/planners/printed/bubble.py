@@ -29,31 +29,20 @@ class PaperSafeBubble(SafePlanner):
     limits; of several bubbles that intersect the new one, the path takes the one that it overlaps most. The planner
     is deterministic.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its validity checker must be a `CollisionFreeValidity`: bubbles come from distances.
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
-
     References
     ----------
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
     """
 
-    alpha = Parameter(1.0, "Weight of danger α, as length per danger.", at_least=0)
-    beta = Parameter(0.0, "Weight β of the diversity.", at_least=0)
+    alpha = Parameter(1.0, "Weight of danger α, as length per danger.")
+    beta = Parameter(0.0, "Weight β of the diversity.")
     shape = Parameter(
         "paper", "The paper's diamond (9), or the largest cube in it.", choices=("paper", "paper_cube")
     )
-    iterations = Parameter(0, "k_max: how many turns the trees take; 0: until time is up.", at_least=0)
+    iterations = Parameter(0, "k_max: how many turns the trees take; 0: until time is up.")
 
-    def __init__(self, si: Any, name: str = "PaperSafeBubble", **parameters: Any) -> None:
-        super().__init__(si, name)
-        self._validity = bubble_validity(si, name)
-        self._begin(parameters)
+    def _make_parts(self) -> None:
+        self._validity = bubble_validity(self.getSpaceInformation(), self.getName())
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """BUBBLE_PLANNER."""
@@ -86,7 +75,7 @@ class PaperSafeBubble(SafePlanner):
     def _f(self, tree: VolumeTree, current_goal: FloatArray) -> FloatArray:
         """Return f = g + h + α·CDF − β·diversity, eq. (10), for the points in Open(1)."""
         rows = tree.open
-        f = self._metric.lengths(rows["q"], current_goal) + rows["path_length"]
+        f: FloatArray = self._metric.lengths(rows["q"], current_goal) + rows["path_length"]
         if self.alpha:
             f += self.alpha * rows["cost"]
         if self.beta:
@@ -97,7 +86,8 @@ class PaperSafeBubble(SafePlanner):
         """BUBBLE_ENDPOINTS: the vertices (K, n)."""
         bridge = self._bridge
         points = bridge.inside(bubble.vertices(bridge.lower, bridge.upper, bridge.circular))
-        return points[self._metric.separations(bubble.q, points) > 1e-9]
+        found: FloatArray = points[self._metric.separations(bubble.q, points) > 1e-9]
+        return found
 
     @property
     def _structure(self) -> VolumeTrees:

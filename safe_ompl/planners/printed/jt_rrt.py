@@ -25,15 +25,6 @@ class PaperSafeJTRRT(SafePlanner):
     and kept within the joint limits; a node from which a step was tried counts as chosen before, and where all are,
     an extension is random; the vectors CDF carry the weights of their danger points.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
-
     References
     ----------
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
@@ -43,27 +34,23 @@ class PaperSafeJTRRT(SafePlanner):
 
     plans_to = WorkspaceGoal
 
-    alpha = Parameter(
-        1.0, "Weight of danger α, as length per danger, in rad and in metres alike.", at_least=0
-    )
-    goal_bias = Parameter(0.05, "p_g: share of the extensions towards the goal.", at_least=0, at_most=1)
+    alpha = Parameter(1.0, "Weight of danger α, as length per danger, in rad and in metres alike.")
+    goal_bias = Parameter(0.05, "p_g: share of the extensions towards the goal.", at_most=1)
     step = Parameter(0.1, "Largest length of a step towards the goal.", unit="rad", above=0)
     gain = Parameter(0.1, "k₂: gain of a step towards the goal.", above=0)
     null_space_gain = Parameter(
         1.0,
         """k₁: gain of the posture motion. The more danger points, the smaller it must be: a thousandth serves the
         paper's scenes.""",
-        at_least=0,
     )
     danger_threshold = Parameter(
         np.inf, "CDF_Threshold: danger from which on a step towards the goal is refused.", above=0
     )
     transpose = Parameter(False, "Whether the step is k₂JᵀΔx, as in the classical JT-RRT.")
 
-    def __init__(self, si: Any, name: str = "PaperSafeJTRRT", **parameters: Any) -> None:
-        super().__init__(si, name)
+    def _make_parts(self) -> None:
         self._goal: Any = None
-        self._begin(parameters)
+        self._approach: Approach
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_JT-RRT."""

@@ -21,28 +21,14 @@ class PaperSafePRM(SafePlanner):
     is, which would not underestimate it in another; a milestone that is offered twice takes the better offer; two
     graphs that met are connected even where an Open list has become empty.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts. If its validity checker is a `CollisionFreeValidity`, neighbours
-        are chosen by the ends of the robot's links, eq. (11), else by the space's own distance.
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
-
     References
     ----------
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
     """
 
-    alpha = Parameter(5.0, "Weight of danger α, as length per danger.", at_least=0)
+    alpha = Parameter(5.0, "Weight of danger α, as length per danger.")
     neighbors = Parameter(25, "K: how many of the nearest milestones are neighbours.", at_least=1)
     samples = Parameter(50, "N: number of milestones.", at_least=1)
-
-    def __init__(self, si: Any, name: str = "PaperSafePRM", **parameters: Any) -> None:
-        super().__init__(si, name)
-        self._begin(parameters)
 
     def clearQuery(self) -> None:
         """Forget start and goal, but keep the samples."""
@@ -83,9 +69,10 @@ class PaperSafePRM(SafePlanner):
     def _neighbors(self, graph: SearchGraph, new: int, ptc: Any) -> IntArray:
         """NEIGHBORS: of Samples ∖ Closed(1) those of the K nearest to `new` that a free edge connects to it."""
         local = LocalPlanner(self._problem, self._roadmap)
-        nearest = self._roadmap.nearest(new, graph.closed)[: self.neighbors]
+        nearest: IntArray = self._roadmap.nearest(new, graph.closed)[: self.neighbors]
         connected = [not ptc() and local.check(*graph.as_driven(new, other)) for other in nearest.tolist()]
-        return nearest[np.array(connected, dtype=bool)]
+        free: IntArray = nearest[np.array(connected, dtype=bool)]
+        return free
 
     def _lengths_from(self, milestone: int) -> FloatArray:
         """Return the distances (N,) in the 1-norm between all milestones and one of them."""

@@ -17,27 +17,14 @@ class PaperSafeRRTConnect(SafePlanner):
 
     The argument x_g is read as q_g, and CONNECT is skipped where EXTEND was trapped, as there is no q_new.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts.
-    name : str
-        Name in logs and benchmarks.
-    **parameters
-        Values of the parameters below.
-
     References
     ----------
     .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
     .. [2] J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
     """
 
-    alpha = Parameter(1.0, "Weight of danger α, as length per danger.", at_least=0)
-    iterations = Parameter(0, "K: how many turns the trees take; 0: until time is up.", at_least=0)
-
-    def __init__(self, si: Any, name: str = "PaperSafeRRTConnect", **parameters: Any) -> None:
-        super().__init__(si, name)
-        self._begin(parameters)
+    alpha = Parameter(1.0, "Weight of danger α, as length per danger.")
+    iterations = Parameter(0, "K: how many turns the trees take; 0: until time is up.")
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_RRT-CONNECT."""
