@@ -26,6 +26,7 @@ from safe_ompl.planners.parameters import (
     snake_case,
 )
 from safe_ompl.planners.parts.problem import PlanningProblem, first_goals, later_goals
+from safe_ompl.planners.parts.tree import Trees
 
 _log = logging.getLogger(__name__)
 
@@ -131,7 +132,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         if name[:3] not in ("set", "get") or key not in self.former_names:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         try:
-            return getattr(self, name[:3] + camel_case(self.former_names.current(self.getName(), key, stacklevel=3)))
+            return getattr(
+                self, name[:3] + camel_case(self.former_names.current(self.getName(), key, stacklevel=3))
+            )
         except InputError as error:
             raise AttributeError(str(error)) from None
 
@@ -218,13 +221,13 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Make the parts that keep values of parameters, before these are set; by default there are none."""
 
     @property
-    @abstractmethod
     def _structure(self) -> SearchStructure:
-        """What has been built so far."""
+        """What has been built so far; by default two trees."""
+        return self._trees
 
-    @abstractmethod
     def _forget(self) -> None:
         """Drop what has been built, and begin anew without starts and goals."""
+        self._trees = Trees(self._bridge, self._problem.cost, self.counts)
 
     @abstractmethod
     def _search(self, ptc: Any) -> FloatArray | None:

@@ -154,7 +154,7 @@ class BubblePlanner(SafePlanner):
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """BUBBLE_PLANNER."""
-        tree, other = self._trees.start, self._trees.goal
+        tree, other = self._volumes.start, self._volumes.goal
         for _ in islice(count(), self.iterations or None):
             if ptc() or not (len(tree.open) or len(other.open)):
                 break
@@ -162,7 +162,7 @@ class BubblePlanner(SafePlanner):
             self._decay.fade()
             if self._margin.is_unknown:
                 self._margin.begin_between(
-                    [tree.bubbles()[0] for tree in (self._trees.start, self._trees.goal)]
+                    [tree.bubbles()[0] for tree in (self._volumes.start, self._volumes.goal)]
                 )
             for current_goal in self._headings(other):
                 path = self._expand(tree, other, current_goal, ptc)
@@ -259,14 +259,14 @@ class BubblePlanner(SafePlanner):
 
     @property
     def _structure(self) -> VolumeTrees:
-        return self._trees
+        return self._volumes
 
     def _prepare(self) -> None:
         self._danger.prepare()
 
     def _forget(self) -> None:
         self._metric = JointMetric(self._bridge, self._checker.robot.arm_rates, taxicab=False)
-        self._trees = VolumeTrees(self._bridge, self._metric, diverse=self.beta > 0)
+        self._volumes = VolumeTrees(self._bridge, self._metric, diverse=self.beta > 0)
         self._turns = self._places = 0
         self._decay.reset()
         self._margin.reset()

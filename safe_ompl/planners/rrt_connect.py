@@ -11,7 +11,7 @@ from safe_ompl.planners.parameters import FormerNames, Parameter
 from safe_ompl.planners.parts.clearance import AdaptiveMargin
 from safe_ompl.planners.parts.danger import AdaptiveThreshold, DangerDecay, DangerWeight, SafeSelection
 from safe_ompl.planners.parts.extend import Extension, SafeStep, ShortSteps, TangentialDescent
-from safe_ompl.planners.parts.tree import Tree, Trees, TreeSchedule
+from safe_ompl.planners.parts.tree import Tree, TreeSchedule
 
 
 class SafeRRTConnect(SafePlanner):
@@ -163,15 +163,11 @@ class SafeRRTConnect(SafePlanner):
 
     # ------------------------------------------------------------------------------------------------- the trees
 
-    @property
-    def _structure(self) -> Trees:
-        return self._trees
-
     def _prepare(self) -> None:
         self._danger.prepare()
 
     def _forget(self) -> None:
-        self._trees = Trees(self._bridge, self._problem.cost, self.counts)
+        super()._forget()
         self._threshold.reset()
         self._margin.reset()
         self._decay.reset()

@@ -107,8 +107,8 @@ def test_the_elastic_band_is_shorter_than_the_chain_of_bubbles_and_proven(planar
 def test_open_lists_stay_bounded(arm):
     planner = planner_on(arm, max_open=40)
     assert arm.plan(planner, time=20.0)
-    assert len(planner._trees.start.open) <= 40
-    assert len(planner._trees.goal.open) <= 40
+    assert len(planner._volumes.start.open) <= 40
+    assert len(planner._volumes.goal.open) <= 40
 
 
 def test_a_goal_behind_a_wall_is_not_reached_and_the_lists_stay_bounded(arm_between_walls):
@@ -117,7 +117,7 @@ def test_a_goal_behind_a_wall_is_not_reached_and_the_lists_stay_bounded(arm_betw
     assert result.status == "Timeout"
     assert result.path is None
     assert result.counts.nodes > 0
-    assert max(len(planner._trees.start.open), len(planner._trees.goal.open)) <= 100
+    assert max(len(planner._volumes.start.open), len(planner._volumes.goal.open)) <= 100
 
 
 def test_goals_beyond_the_first_are_roots_too(planar):
@@ -138,7 +138,7 @@ def test_solving_again_goes_on_with_the_trees(arm):
     assert planner.solve(20.0).asString() == "Exact solution"
     assert planner.counts.nodes >= nodes
     planner.clear()
-    assert len(planner._trees.start) == 0
+    assert len(planner._volumes.start) == 0
 
 
 def test_it_needs_distances():

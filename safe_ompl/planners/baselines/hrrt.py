@@ -11,7 +11,7 @@ from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.baselines.trrt import usual_cost
 from safe_ompl.planners.parameters import Parameter
 from safe_ompl.planners.parts.extend import Extension
-from safe_ompl.planners.parts.tree import Tree, Trees
+from safe_ompl.planners.parts.tree import Tree
 
 
 class HRRT(SafePlanner):
@@ -117,11 +117,7 @@ class HRRT(SafePlanner):
         danger = float(tree.costs[[start, end]].mean()) / usual_cost(self._trees)
         return length * (1.0 + self.danger_weight * danger)
 
-    @property
-    def _structure(self) -> Trees:
-        return self._trees
-
     def _forget(self) -> None:
-        self._trees = Trees(self._bridge, self._problem.cost, self.counts)
+        super()._forget()
         self._costs: list[float] = []  # of the way to each node
         self._through: list[float] = []  # of the best path through it, as far as known

@@ -159,13 +159,6 @@ class TRRT(SafePlanner):
                     return tree.branch(met)
         return None
 
-    @property
-    def _structure(self) -> Trees:
-        return self._trees
-
-    def _forget(self) -> None:
-        self._trees = Trees(self._bridge, self._problem.cost, self.counts)
-
 
 class BiTRRT(SafePlanner):
     """Two such trees that try to connect [1]; new nodes that only refine what is explored are few.
@@ -225,13 +218,6 @@ class BiTRRT(SafePlanner):
                 break
             q = self._bridge.inside(q - (step / steepness) * gradient)
         return q
-
-    @property
-    def _structure(self) -> Trees:
-        return self._trees
-
-    def _forget(self) -> None:
-        self._trees = Trees(self._bridge, self._problem.cost, self.counts)
 
 
 def _connect(step: TransitionStep, tree: Tree, target: FloatArray, ptc: Any) -> tuple[Extension, int]:

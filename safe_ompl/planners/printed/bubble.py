@@ -46,7 +46,7 @@ class PaperSafeBubble(SafePlanner):
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """BUBBLE_PLANNER."""
-        tree, other = self._trees.start, self._trees.goal
+        tree, other = self._volumes.start, self._volumes.goal
         for _ in islice(count(), self.iterations or None):
             if ptc() or not (len(tree.open) or len(other.open)):
                 break
@@ -91,8 +91,8 @@ class PaperSafeBubble(SafePlanner):
 
     @property
     def _structure(self) -> VolumeTrees:
-        return self._trees
+        return self._volumes
 
     def _forget(self) -> None:
         self._metric = JointMetric(self._bridge, np.ones(self._bridge.n), taxicab=True)
-        self._trees = VolumeTrees(self._bridge, self._metric, diverse=self.beta > 0)
+        self._volumes = VolumeTrees(self._bridge, self._metric, diverse=self.beta > 0)

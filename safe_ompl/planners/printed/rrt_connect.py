@@ -9,7 +9,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.parameters import Parameter
 from safe_ompl.planners.parts.extend import Extension, straight_extension
-from safe_ompl.planners.parts.tree import Tree, Trees
+from safe_ompl.planners.parts.tree import Tree
 
 
 class PaperSafeRRTConnect(SafePlanner):
@@ -53,10 +53,3 @@ class PaperSafeRRTConnect(SafePlanner):
         while outcome is Extension.ADVANCED and not ptc():
             outcome, node = self._extend(tree, node, target)
         return outcome, node
-
-    @property
-    def _structure(self) -> Trees:
-        return self._trees
-
-    def _forget(self) -> None:
-        self._trees = Trees(self._bridge, self._problem.cost, self.counts)
