@@ -28,10 +28,9 @@ FORMS: dict[str, tuple[str, dict[str, Any]]] = {
     "as printed, alpha 0": ("PaperBubble", {"beta": 3.0}),
     "as printed, little danger": (PAPER, {"alpha": 0.1, "beta": 20.0}),
     "as printed, little diversity": (PAPER, {"alpha": 0.1, "beta": 2.0}),
-    "normalised": (OURS, {"guided": False, "beta": 1.0}),
-    "guided": (OURS, {}),
-    "guided, alpha 0": (OURS, {"alpha": 0.0}),
-    "guided, cubes": (OURS, {"shape": "cube"}),
+    "ours": (OURS, {}),
+    "ours, alpha 0": (OURS, {"alpha": 0.0}),
+    "ours, cubes": (OURS, {"shape": "cube"}),
 }
 
 

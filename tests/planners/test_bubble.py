@@ -1,7 +1,5 @@
 """BubblePlanner: its bubbles are free, it solves what can be solved, and it says what it cannot do."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from plane import PlaneProblem
@@ -11,6 +9,10 @@ from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths import bubbles
 from safe_ompl.maths.bubbles import BUBBLE_SHAPES
 from safe_ompl.planners.bubble import BubblePlanner
+from safe_ompl.planners.parts.danger import DangerWeight
+from safe_ompl.planners.parts.elastic_band import ElasticBand
+from safe_ompl.planners.parts.extend import TangentialDescent
+from safe_ompl.planners.parts.problem import PlanningProblem
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -72,22 +74,6 @@ def test_every_shape_goes_round_the_post(arm, shape, options):
     assert result.counts.distance_queries >= result.counts.nodes
 
 
-@pytest.mark.parametrize("alpha", [0.0, 0.1])
-def test_the_papers_form_solves_a_planar_arm(planar, alpha):
-    planner = planner_on(
-        planar,
-        shape="paper",
-        normalized=False,
-        guided=False,
-        nearest_fraction=0.0,
-        slide=0.0,
-        least_clearance=0.0,
-        alpha=alpha,
-        beta=20.0,
-    )
-    assert planar.plan(planner, time=20.0)
-
-
 def test_safety_lowers_the_danger(arm):
     safe, classic = (arm.plan(planner_on(arm, alpha=alpha), time=20.0) for alpha in (1.0, 0.0))
     assert safe.report.danger.avoidable < 0.5 * classic.report.danger.avoidable
@@ -105,33 +91,24 @@ def test_it_is_deterministic_whatever_the_seed(planar):
     np.testing.assert_array_equal(first.path, second.path)
 
 
-def test_without_guidance_consecutive_configurations_share_a_bubble(planar):
-    path = planar.plan(planner_on(planar, guided=False, beta=1.0), time=20.0).path
-    assert len(path) > 2
-    for start, end in pairwise(path):
-        reach = 0.0
-        for q, motion in ((start, end - start), (end, start - end)):
-            distances = planar.checker.pair_distances(q)
-            reach = max(reach, bubbles.reach_along(motion, planar.checker.pair_radii_at(q), distances))
-        assert reach > 1
-
-
 def test_the_elastic_band_is_shorter_than_the_chain_of_bubbles_and_proven(planar):
-    planner = planner_on(planar, guided=False, beta=1.0, slide=0.0)
-    chain = planar.plan(planner, time=20.0)
-    band = planner._band.settled(chain.path, planner.getRange(), lambda: False)
-    report = planar.report(band)
+    chain = planar.plan("PaperBubble", time=20.0, parameters={"beta": 20.0})
+    problem = PlanningProblem(planar.getSpaceInformation())
+    danger = DangerWeight(problem)
+    band = ElasticBand(problem, danger, TangentialDescent(problem.bridge, danger))
+    settled = band.settled(chain.path, 0.5, lambda: False)
+    report = planar.report(settled)
     assert report.certified
-    assert len(band) < len(chain.path)
+    assert len(settled) < len(chain.path)
     assert report.length < chain.report.length
-    np.testing.assert_array_equal(band[[0, -1]], chain.path[[0, -1]])
+    np.testing.assert_array_equal(settled[[0, -1]], chain.path[[0, -1]])
 
 
 def test_open_lists_stay_bounded(arm):
     planner = planner_on(arm, max_open=40)
     assert arm.plan(planner, time=20.0)
-    assert len(planner._trees.start.open) <= 40
-    assert len(planner._trees.goal.open) <= 40
+    assert len(planner._volumes.start.open) <= 40
+    assert len(planner._volumes.goal.open) <= 40
 
 
 def test_a_goal_behind_a_wall_is_not_reached_and_the_lists_stay_bounded(arm_between_walls):
@@ -140,7 +117,7 @@ def test_a_goal_behind_a_wall_is_not_reached_and_the_lists_stay_bounded(arm_betw
     assert result.status == "Timeout"
     assert result.path is None
     assert result.counts.nodes > 0
-    assert max(len(planner._trees.start.open), len(planner._trees.goal.open)) <= 100
+    assert max(len(planner._volumes.start.open), len(planner._volumes.goal.open)) <= 100
 
 
 def test_goals_beyond_the_first_are_roots_too(planar):
@@ -161,7 +138,7 @@ def test_solving_again_goes_on_with_the_trees(arm):
     assert planner.solve(20.0).asString() == "Exact solution"
     assert planner.counts.nodes >= nodes
     planner.clear()
-    assert len(planner._trees.start) == 0
+    assert len(planner._volumes.start) == 0
 
 
 def test_it_needs_distances():

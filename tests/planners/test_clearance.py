@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.errors import InputError
-from safe_ompl.planners.parts.margin import AdaptiveMargin, TollMargin
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.planners.parts.clearance import AdaptiveMargin, PenaltyMargin
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
@@ -53,8 +53,7 @@ def test_classical_planners_keep_none(shelf, name):
 
 @pytest.mark.parametrize("name", AS_PRINTED)
 def test_the_papers_forms_keep_none(shelf, name):
-    assert make_planner(name, shelf.getSpaceInformation(), {}).getClearance() == 0.0
-    with pytest.raises(InputError, match=r"'clearance'.* is fixed"):
+    with pytest.raises(UnknownNameError, match=f"unknown parameter of {name} 'clearance'"):
         make_planner(name, shelf.getSpaceInformation(), {"clearance": 0.05})
 
 
@@ -62,23 +61,8 @@ def test_the_papers_forms_keep_none(shelf, name):
 def test_no_solution_is_lost_where_no_motion_keeps_it(shelf, name, monkeypatch):
     """The floor is nearer than the margin wherever the arm is, and the margin is not cut to what the ends keep."""
     monkeypatch.setattr(AdaptiveMargin, "_allowed_by", lambda self, ends: LARGE)
-    monkeypatch.setattr(TollMargin, "_allowed_by", lambda self, ends: LARGE)
+    monkeypatch.setattr(PenaltyMargin, "_allowed_by", lambda self, ends: LARGE)
     assert shelf.plan(name, time=60.0, seed=0)
-
-
-def test_tolls_ask_for_less_each_time_and_then_for_nothing(shelf):
-    planner = make_planner("SafePRM", shelf.getSpaceInformation(), {})
-    assert shelf.plan(planner, time=30.0, seed=0)
-    margin = planner._margin
-    margin.level = 0.04
-    assert [margin.after(tolls) for tolls in range(3)] == pytest.approx([0.04, 0.012, 0.0])
-    margin.yield_some()
-    assert margin.after(0) == pytest.approx(0.024)
-    margin.yield_some()
-    assert margin.after(0) == 0.0, "less than is worth while"
-    margin.level = 0.04
-    planner._danger.heed = 0.0
-    assert margin.after(0) == 0.0
 
 
 def test_a_roadmap_asks_for_each_margin_of_an_edge_once(shelf, monkeypatch):
@@ -91,8 +75,10 @@ def test_a_roadmap_asks_for_each_margin_of_an_edge_once(shelf, monkeypatch):
         if is_free and 0 < roadmap.margins_of(*edge)[0] < roadmap.margins_of(*edge)[1] == np.inf
     )
     kept, _ = roadmap.margins_of(*free)
-    is_free = planner._task.motion_is_free
-    monkeypatch.setattr(planner._task, "motion_is_free", lambda *args: asked.append(args) or is_free(*args))
+    is_free = planner._problem.motion_is_free
+    monkeypatch.setattr(
+        planner._problem, "motion_is_free", lambda *args: asked.append(args) or is_free(*args)
+    )
     assert local.is_free(*free, kept)
     assert local.is_free(*free[::-1], kept / 2)
     assert not asked, "it is known"

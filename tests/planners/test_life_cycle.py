@@ -143,7 +143,7 @@ def test_any_order_of_ends(name: str, first: str) -> None:
 @pytest.mark.parametrize("name", [*OURS, "TRRT", "BiTRRT", "GradienTRRT"])
 def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name: str) -> None:
     planner = make_planner(name, build(name).getSpaceInformation())
-    part = weakref.ref(planner._task)
+    part = weakref.ref(planner._problem)
     gc.disable()
     try:
         del planner

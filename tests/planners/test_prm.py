@@ -20,11 +20,8 @@ from plane import (
 
 from safe_ompl.errors import InputError
 from safe_ompl.planners import prm
-from safe_ompl.planners.graphs.roadmap import Roadmap
-from safe_ompl.planners.graphs.roadmap_metric import LinkMetric, SpaceMetric
-from safe_ompl.planners.graphs.search_graph import Graph
-from safe_ompl.planners.parts.local_planner import LocalPlanner
-from safe_ompl.planners.parts.samples import Samples
+from safe_ompl.planners.graphs.roadmap import LinkMetric, Roadmap, SpaceMetric, roadmap_metric
+from safe_ompl.planners.graphs.roadmap_search import LocalPlanner, Samples, SearchGraph
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.objective import StateCost
@@ -119,9 +116,9 @@ def literal_search(Q, start, goal, k, cost, is_free):
 @pytest.mark.parametrize("seed", range(6))
 def test_the_search_is_the_papers_step_by_step(monkeypatch, objective, seed):
     order = []
-    add_closed = Graph.add_closed
+    add_closed = SearchGraph.add_closed
     monkeypatch.setattr(
-        Graph, "add_closed", lambda self, offer: order.append(add_closed(self, offer)) or order[-1]
+        SearchGraph, "add_closed", lambda self, offer: order.append(add_closed(self, offer)) or order[-1]
     )
     task = Problem(wall_with_a_gap, objective, seed=seed, neighbors=12, samples=200, slide=0.0)
     monkeypatch.setattr(LocalPlanner, "is_valid", lambda self, milestone: True)
@@ -131,7 +128,7 @@ def test_the_search_is_the_papers_step_by_step(monkeypatch, objective, seed):
     Q, checked = task.roadmap.configurations, {}
 
     def is_free(i, j):
-        checked[i, j] = task.planner._task.motion_is_free(Q[i], Q[j])
+        checked[i, j] = task.planner._problem.motion_is_free(Q[i], Q[j])
         return checked[i, j]
 
     def cost(q):
@@ -309,10 +306,10 @@ def test_the_metric_of_the_space_wraps():
 
 
 def test_which_metric_is_used(ur5, clutter):
-    assert isinstance(Problem().roadmap._metric, SpaceMetric)
-    assert isinstance(SafePRM(ob.SpaceInformation(ob.RealVectorStateSpace(2)))._roadmap._metric, SpaceMetric)
-    setup = SafeSetup(ur5, clutter, danger=None)
-    assert isinstance(SafePRM(setup.getSpaceInformation())._roadmap._metric, LinkMetric)
+    si = Problem().si
+    assert isinstance(roadmap_metric(si, StateBridge(si.getStateSpace())), SpaceMetric)
+    si = SafeSetup(ur5, clutter, danger=None).getSpaceInformation()
+    assert isinstance(roadmap_metric(si, StateBridge(si.getStateSpace())), LinkMetric)
 
 
 # ---------------------------------------------------------------------------------------------------- in OMPL's company

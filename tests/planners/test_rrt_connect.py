@@ -236,27 +236,7 @@ def test_a_threshold_does_not_close_a_dangerous_passage():
 
     levels = []
     for seed in range(4):
-        problem = Problem(hot_gap, SlopedHotSpot, seed=seed, threshold_rise=0.01, patience=0)
+        problem = Problem(hot_gap, SlopedHotSpot, seed=seed, threshold_rise=0.01, danger_decay=0)
         assert problem.solve() == EXACT
         levels.append(problem.planner._threshold.level)
     assert max(levels) > 1.5 * np.exp(-4 * 0.8**2)
-
-
-def test_danger_yields_where_no_path_is_found():
-    """The goal is walled in: of the turns more and more ignore danger, in the end nearly all."""
-    task = Problem(walled_in, SlopedHotSpot, seed=1, patience=20)
-    heeded = []
-    turn = task.planner._patience.turn
-
-    def noted(rng):
-        turn(rng)
-        heeded.append(task.planner._danger.heed)
-
-    task.planner._patience.turn = noted
-    task.solve(Stop(task.walls, 1000).condition)
-    assert len(heeded) > 100
-    assert set(heeded) == {0.0, 1.0}
-    assert np.mean(heeded[:10]) > 0.8
-    assert np.mean(heeded[80:]) < 0.1
-    task.planner.clear()
-    assert task.planner._danger.heed == 1.0

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.inputs import fraction, number
 from safe_ompl.planners.base import SafePlanner
-from safe_ompl.planners.baselines.transition import usual_cost
-from safe_ompl.planners.parts.growing import Extension
+from safe_ompl.planners.baselines.trrt import usual_cost
+from safe_ompl.planners.parameters import Parameter
+from safe_ompl.planners.parts.extend import Extension
 from safe_ompl.planners.parts.tree import Tree
-from safe_ompl.planners.parts.trees import Trees
 
 
 class HRRT(SafePlanner):
@@ -28,66 +27,18 @@ class HRRT(SafePlanner):
     of the tree. The cost of a motion is its length times 1 + λ CDF/CDF₀: CDF the mean danger of its ends, CDF₀ that of
     start and goal. The rest is estimated by its length, which never overestimates.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts.
-    name : str
-        Name in logs and benchmarks.
-    range : float
-        Largest length of one extension [rad]; 0 takes 7.5 % of the space's extent.
-    goal_bias : float
-        Share of the extensions that go towards a goal.
-    floor : float
-        Least probability with which a node is accepted, however poor: without one the tree may stop exploring.
-    danger_weight : float
-        λ; 0 for lengths alone.
-
     References
     ----------
     .. [1] C. Urmson, R. Simmons: Approaches for heuristically biasing RRT growth. IROS 2003.
     """
 
-    def __init__(
-        self,
-        si: Any,
-        name: str = "HRRT",
-        *,
-        range: float = 0.0,
-        goal_bias: float = 0.05,
-        floor: float = 0.1,
-        danger_weight: float = 1.0,
-    ) -> None:
-        super().__init__(si, name)
-        self._forget()
-        self.setRange(range)
-        self.setGoalBias(goal_bias)
-        self.setFloor(floor)
-        self.setDangerWeight(danger_weight)
-
-    def setGoalBias(self, share: float) -> None:
-        """Set the share in [0, 1] of extensions towards a goal."""
-        self._goal_bias = fraction("goal_bias", share)
-
-    def getGoalBias(self) -> float:
-        """Return the share of extensions towards a goal."""
-        return self._goal_bias
-
-    def setFloor(self, probability: float) -> None:
-        """Set the least probability in [0, 1] with which a node is accepted."""
-        self._floor = fraction("floor", probability)
-
-    def getFloor(self) -> float:
-        """Return the least probability with which a node is accepted."""
-        return self._floor
-
-    def setDangerWeight(self, weight: float) -> None:
-        """Set the weight λ of danger in the cost of a motion."""
-        self._danger_weight = number("danger_weight", weight, at_least=0)
-
-    def getDangerWeight(self) -> float:
-        """Return the weight λ of danger in the cost of a motion."""
-        return self._danger_weight
+    goal_bias = Parameter(0.05, "Share of the extensions that go towards a goal.", at_most=1)
+    floor = Parameter(
+        0.1,
+        "Least probability with which a node is accepted, however poor: without one the tree may stop exploring.",
+        at_most=1,
+    )
+    danger_weight = Parameter(1.0, "λ: weight of danger in the cost of a motion; 0 for lengths alone.")
 
     # ---------------------------------------------------------------------------------------------- the search
 
@@ -98,7 +49,7 @@ class HRRT(SafePlanner):
             self._measure(tree)
             target = self._target()
             old = tree.best(target, 0.0)
-            if self._rng.random() >= max(self.quality(old), self._floor):
+            if self._rng.random() >= max(self.quality(old), self.floor):
                 continue
             outcome, new = self._extend(tree, old, target)
             if outcome is not Extension.TRAPPED and (met := self._reached(tree, new)) is not None:
@@ -116,8 +67,8 @@ class HRRT(SafePlanner):
 
     def _target(self) -> FloatArray:
         """Return a random configuration (n,), now and then a goal."""
-        if self._rng.random() >= self._goal_bias:
-            return self._task.random_configuration(self._rng)
+        if self._rng.random() >= self.goal_bias:
+            return self._problem.random_configuration(self._rng)
         goals = self._trees.goal
         goal: FloatArray = goals.configurations[int(self._rng.integers(len(goals)))]
         return goal
@@ -131,7 +82,7 @@ class HRRT(SafePlanner):
             return Extension.TRAPPED, old
         reached = length <= self.getRange()
         q_new = target if reached else self._bridge.wrapped(q_old + (self.getRange() / length) * delta)
-        if not self._task.motion_is_free(q_old, q_new):
+        if not self._problem.motion_is_free(q_old, q_new):
             return Extension.TRAPPED, old
         new = self._trees.add(tree, q_new, old)
         self._measure(tree)
@@ -161,16 +112,12 @@ class HRRT(SafePlanner):
     def _motion_cost(self, tree: Tree, start: int, end: int) -> float:
         ends = tree.configurations[[start, end]]
         length = float(np.linalg.norm(self._bridge.difference(ends[0], ends[1])))
-        if self._task.cost.is_zero or not self._danger_weight:
+        if self._problem.cost.is_zero or not self.danger_weight:
             return length
         danger = float(tree.costs[[start, end]].mean()) / usual_cost(self._trees)
-        return length * (1.0 + self._danger_weight * danger)
-
-    @property
-    def _grown(self) -> Trees:
-        return self._trees
+        return length * (1.0 + self.danger_weight * danger)
 
     def _forget(self) -> None:
-        self._trees = Trees(self._bridge, self._task.cost, self.counts)
+        super()._forget()
         self._costs: list[float] = []  # of the way to each node
         self._through: list[float] = []  # of the best path through it, as far as known

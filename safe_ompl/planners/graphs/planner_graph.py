@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree as Xml
@@ -10,7 +11,10 @@ import numpy as np
 from ompl import base as ob
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.notices import warn_once
 from safe_ompl.plugins.states import StateBridge
+
+_log = logging.getLogger(__name__)
 
 _COLUMNS = (
     ("coords", "node", "string"),
@@ -121,3 +125,21 @@ def two_trees(
     )
     starts, goals = np.flatnonzero(parents < 0), np.unique(numbers[followers < 0])
     return np.concatenate([there, back[new]]), edges, starts, goals
+
+
+class UnansweredRequest:
+    """`getPlannerData` of a planner in Python: OMPL's own version, which gives nothing, and a warning that says so.
+
+    A method in Python would end the process when OMPL calls it. OMPL first looks whether there is one, and finds its
+    own here: it goes on as if nothing was overridden, and the user is warned.
+    """
+
+    def __get__(self, planner: Any, owner: type | None = None) -> Any:
+        if planner is None:
+            return ob.Planner.getPlannerData
+        warn_once(
+            _log,
+            f"{planner.getName()}: getPlannerData stays empty, as OMPL's bindings have no version of it in Python: "
+            "safe_ompl.planner_data(planner) and SafeSetup fill it",
+        )
+        return ob.Planner.getPlannerData.__get__(planner)

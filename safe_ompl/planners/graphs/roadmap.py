@@ -1,13 +1,16 @@
-"""A roadmap: milestones, how far they lie apart, and all that was ever learnt about them."""
+"""A roadmap: milestones, the metric by which they count as near, and the verdicts on them and their edges."""
 
 from __future__ import annotations
+
+from typing import Any, Protocol
 
 import numpy as np
 
 from safe_ompl.arrays import BoolArray, FloatArray, IntArray
-from safe_ompl.planners.graphs.roadmap_metric import RoadmapMetric, squares
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import StateBridge
+from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.robot.robot import Robot
 
 _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, but they come
 
@@ -15,8 +18,8 @@ _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, b
 class Roadmap:
     """Milestones as rows of one array, with the verdicts on them and on the edges between them.
 
-    Costs are evaluated when they are first asked for, all new ones in one batch. Whether a milestone is valid and an
-    edge free is for the planner to find out, once, and to note here.
+    Costs are evaluated when they are first asked for, all new ones in one batch. The planner finds out once whether a
+    milestone is valid and an edge free, and notes it here.
 
     Parameters
     ----------
@@ -32,7 +35,7 @@ class Roadmap:
     configurations : ndarray, shape (N, n)
         The milestones.
     valid, invalid : ndarray of bool, shape (N,)
-        Which of them were found valid, and invalid; of the others nothing is known yet.
+        Which of them were found valid, and invalid; the others were not checked yet.
     connected : ndarray of bool, shape (N,)
         Which of them were ever reached from a start or goal.
     edges : dict of (int, int) to bool
@@ -107,11 +110,11 @@ class Roadmap:
         return self._costs[milestones]
 
     def verdict(self, start: int, end: int) -> bool | None:
-        """Return whether the edge is free; where only the way back was looked at, whether that is; else None."""
+        """Return whether the edge is free; if only the way back was checked, whether that is free; else None."""
         return self.edges.get((start, end), self.edges.get((end, start)))
 
     def margins_of(self, start: int, end: int) -> tuple[float, float]:
-        """Return the largest margin [m] that an edge was seen to keep, and the least that it was not."""
+        """Return the largest margin [m] that an edge was proven to keep, and the smallest that it was not."""
         return self._margins.get((min(start, end), max(start, end)), (0.0, np.inf))
 
     def note_margins(self, start: int, end: int, kept: float, refused: float) -> None:
@@ -152,3 +155,77 @@ class Roadmap:
         edges = edges[np.isin(edges, kept).all(axis=1)]
         starts, goals = (np.searchsorted(kept, np.unique(ends)) for ends in (self.starts, self.goals))
         return self.configurations[kept], np.searchsorted(kept, edges), starts, goals
+
+
+class RoadmapMetric(Protocol):
+    """A distance D between configurations, measured between places that are computed once for each of them."""
+
+    def places(self, Q: FloatArray) -> FloatArray:
+        """Return the places (B, E) of configurations `Q: (B, n)`."""
+        ...
+
+    def distances(self, places: FloatArray, place: FloatArray) -> FloatArray:
+        """Return D (N,) from each of `places: (N, E)` to `place: (E,)`."""
+        ...
+
+
+class LinkMetric:
+    """The paper's metric (11): how far the ends of the links lie apart.
+
+        D(q1, q2) = Σ_i ‖p_i(q1) − p_i(q2)‖²  [m²]
+
+    with p_i the distal end of link i. The smaller it is, the less the robot sweeps between the two, and the likelier
+    the straight motion is free. The place of a configuration is the row of its key points, (3K,).
+
+    Parameters
+    ----------
+    robot : Robot
+        Gives the key points.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    def places(self, Q: FloatArray) -> FloatArray:
+        """Return the key points in a row (B, 3K) [m] for `Q: (B, n)`."""
+        points = self._robot.keypoints_batch(Q)
+        return points.reshape(len(Q), 3 * points.shape[1])
+
+    def distances(self, places: FloatArray, place: FloatArray) -> FloatArray:
+        """Return D (N,) [m²] from each of `places: (N, 3K)` to `place: (3K,)`."""
+        return squares(places - place)
+
+
+class SpaceMetric:
+    """The metric where there is no robot model: the space's own distance.
+
+    Parameters
+    ----------
+    bridge : StateBridge
+        The space.
+    """
+
+    def __init__(self, bridge: StateBridge) -> None:
+        self._bridge = bridge
+
+    def places(self, Q: FloatArray) -> FloatArray:
+        """Return `Q: (B, n)` as it is."""
+        return Q
+
+    def distances(self, places: FloatArray, place: FloatArray) -> FloatArray:
+        """Return D (N,) from each of `places: (N, n)` to `place: (n,)`."""
+        return self._bridge.distances(places, place)
+
+
+def roadmap_metric(si: Any, bridge: StateBridge) -> RoadmapMetric:
+    """Return the paper's metric where the validity checker knows the robot, else that of the space."""
+    validity = si.getStateValidityChecker()
+    if isinstance(validity, CollisionFreeValidity):
+        return LinkMetric(validity.checker.robot)
+    return SpaceMetric(bridge)
+
+
+def squares(rows: FloatArray) -> FloatArray:
+    """Return the squared norms (N,) of `rows: (N, E)`."""
+    norms: FloatArray = np.einsum("ij,ij->i", rows, rows)
+    return norms

@@ -1,15 +1,21 @@
-"""A volume tree: the bubbles that one search has closed, and the end points that it has yet to consider."""
+"""Volume trees: the bubbles that a search has closed, and the end points that wait in its Open list."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.collision.bubble import INSIDE
+from safe_ompl.errors import InputError
+from safe_ompl.maths.bubbles import BUBBLE_SHAPES
 from safe_ompl.planners.graphs.planner_graph import two_trees
+from safe_ompl.planners.parts.problem import PlanningProblem
 from safe_ompl.planners.parts.tree import ROOT
 from safe_ompl.plugins.states import StateBridge
+from safe_ompl.plugins.validity import CollisionFreeValidity
 
 
 class Rows:
@@ -66,7 +72,7 @@ class JointMetric:
     rates : ndarray, shape (n,)
         Length of a unit of each coordinate.
     taxicab : bool
-        Measure lengths of paths and distances to the goal in the 1-norm, as the paper does; else in the 2-norm.
+        Whether g and h are measured in the 1-norm, as in the paper; else in the 2-norm.
     """
 
     def __init__(self, bridge: StateBridge, rates: FloatArray, *, taxicab: bool) -> None:
@@ -101,8 +107,8 @@ class EndPoint(NamedTuple):
         g, from the root.
     cost, diversity : float
         Its danger, and how far it is from the nearest closed configuration.
-    toll : float
-        What it has paid for being near to obstacles.
+    penalty : float
+        Added to its cost-to-go because it is near to obstacles.
     """
 
     q: FloatArray
@@ -110,7 +116,7 @@ class EndPoint(NamedTuple):
     path_length: float
     cost: float
     diversity: float
-    toll: float
+    penalty: float
 
 
 class VolumeTree:
@@ -132,7 +138,7 @@ class VolumeTree:
     closed : Rows
         Bubbles: center, weights, parent, path_length, alive.
     open : Rows
-        End points: q, parent, path_length, cost, diversity, toll.
+        End points: q, parent, path_length, cost, diversity, penalty.
     """
 
     def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
@@ -144,7 +150,7 @@ class VolumeTree:
             center=vector, weights=vector, parent=(np.intp, ()), path_length=number, alive=(bool, ())
         )
         self.open = Rows(
-            q=vector, parent=(np.intp, ()), path_length=number, cost=number, diversity=number, toll=number
+            q=vector, parent=(np.intp, ()), path_length=number, cost=number, diversity=number, penalty=number
         )
 
     def __len__(self) -> int:
@@ -152,7 +158,7 @@ class VolumeTree:
 
     def add_root(self, q: FloatArray) -> None:
         """Open a start or goal configuration (n,)."""
-        self.open.extend(1, q=q, parent=ROOT, path_length=0.0, cost=0.0, diversity=0.0, toll=0.0)
+        self.open.extend(1, q=q, parent=ROOT, path_length=0.0, cost=0.0, diversity=0.0, penalty=0.0)
 
     @property
     def latest(self) -> FloatArray:
@@ -163,14 +169,14 @@ class VolumeTree:
     def take(self, row: int) -> EndPoint:
         """Remove an end point from Open and return it."""
         rows = self.open
-        numbers = (float(rows[name][row]) for name in ("path_length", "cost", "diversity", "toll"))
+        numbers = (float(rows[name][row]) for name in ("path_length", "cost", "diversity", "penalty"))
         point = EndPoint(rows["q"][row].copy(), int(rows["parent"][row]), *numbers)
         rows.remove(row)
         return point
 
-    def put_back(self, point: EndPoint, toll: float) -> None:
-        """Return an end point to Open, where it waits as if it were farther from the goal by a toll."""
-        self.open.extend(1, **point._replace(toll=toll)._asdict())
+    def put_back(self, point: EndPoint, penalty: float) -> None:
+        """Return an end point to Open, with a penalty that is added to its cost-to-go."""
+        self.open.extend(1, **point._replace(penalty=penalty)._asdict())
 
     def close(self, point: EndPoint, weights: FloatArray) -> int:
         """Add the bubble of an end point to Closed and return its index."""
@@ -197,7 +203,7 @@ class VolumeTree:
             path_length=length + self._metric.lengths(center, points),
             cost=costs,
             diversity=self._diversity(points) if self._diverse else 0.0,
-            toll=0.0,
+            penalty=0.0,
         )
 
     def branch(self, node: int) -> list[int]:
@@ -268,3 +274,76 @@ class VolumeTrees:
     def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
         """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
         return two_trees(*(tree.bubbles() for tree in (self.start, self.goal)))
+
+
+def intersect(
+    problem: PlanningProblem, shape: str, tree: VolumeTree, new: int, other: VolumeTree
+) -> FloatArray | None:
+    """INTERSECT: return the path (N, n) through a new bubble and the one of the other tree that it overlaps most.
+
+    Parameters
+    ----------
+    problem : PlanningProblem
+        Its motion validator may know more than bubbles do. What it refuses is cut off the trees.
+    shape : str
+        Shape of the bubbles.
+    tree, new
+        The tree that has just grown, and its new bubble.
+    other : VolumeTree
+        The other tree.
+    """
+    if not len(other.closed):
+        return None
+    q, weights = tree.closed["center"][new], tree.closed["weights"][new]
+    delta = problem.bridge.difference(q, other.closed["center"])
+    reach = np.abs(delta)
+    u, v = weights * reach, other.closed["weights"] * reach
+    form = BUBBLE_SHAPES[shape]
+    near = np.flatnonzero(other.closed["alive"] & form.may_meet(u, v))
+    gaps, shares = form.meetings(u[near], v[near])
+    if gaps.min(initial=np.inf) >= INSIDE:
+        return None
+    best = int(gaps.argmin())
+    met = int(near[best])
+    meeting = q + shares[best] * delta[met]
+    if tree.from_start:
+        return _path(problem, tree, new, meeting, other, met)
+    return _path(problem, other, met, meeting, tree, new)
+
+
+def _path(
+    problem: PlanningProblem,
+    first: VolumeTree,
+    there: int,
+    meeting: FloatArray,
+    second: VolumeTree,
+    back: int,
+) -> FloatArray | None:
+    """PATH: the two branches, from start to goal, joined at a point of both bubbles; None if a motion is refused."""
+    out, home = first.branch(there), second.branch(back)[::-1]
+    path = np.vstack([first.closed["center"][out], meeting, second.closed["center"][home]])
+    for k, (start, end) in enumerate(pairwise(problem.bridge.wrapped(path))):
+        if not problem.motion_is_free(start, end):
+            if k < len(out):
+                first.cut(out[min(k + 1, len(out) - 1)])
+            else:
+                second.cut(home[max(k - len(out) - 1, 0)])
+            return None
+    return problem.bridge.wrapped(path)
+
+
+def bubble_validity(si: Any, name: str) -> CollisionFreeValidity:
+    """Return the state validity checker, which gives the distances of bubbles.
+
+    Raises
+    ------
+    InputError
+        If it does not; `name` is the planner's.
+    """
+    validity = si.getStateValidityChecker()
+    if not isinstance(validity, CollisionFreeValidity):
+        raise InputError(
+            f"{name} needs a CollisionFreeValidity as state validity checker, for the distances that bubbles "
+            f"come from; got {type(validity).__name__}"
+        )
+    return validity

@@ -7,33 +7,33 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.planners.parts.danger import WeightedDanger
-from safe_ompl.planners.parts.slide import Slide
-from safe_ompl.planners.parts.task import Task
+from safe_ompl.planners.parts.danger import DangerWeight
+from safe_ompl.planners.parts.extend import TangentialDescent
+from safe_ompl.planners.parts.problem import PlanningProblem
 
-_POINTS = 8  # at which the danger of a straight motion is looked at
+_POINTS = 8  # at which the danger of a straight motion is evaluated
 
 
 class ElasticBand:
-    """What makes elastic bands of paths (Quinlan 1994); every motion of theirs is checked.
+    """Treats paths as elastic bands (Quinlan 1994); every new motion is checked.
 
     Parameters
     ----------
-    task : Task
+    problem : PlanningProblem
         Says which motions are free.
-    danger : WeightedDanger
+    danger : DangerWeight
         What the band keeps away from.
-    slide : Slide
+    descent : TangentialDescent
         How its way points move.
     """
 
-    def __init__(self, task: Task, danger: WeightedDanger, slide: Slide) -> None:
-        self._task = task
+    def __init__(self, problem: PlanningProblem, danger: DangerWeight, descent: TangentialDescent) -> None:
+        self._problem = problem
         self._danger = danger
-        self._slide = slide
+        self._descent = descent
 
     def settled(self, path: FloatArray, step: float, ptc: Any, margin: float = 0.0) -> FloatArray:
-        """Return the path (N, n) contracted where that is as safe, then bent from danger.
+        """Return a path (N, n) contracted where that is as safe, then bent away from danger.
 
         Parameters
         ----------
@@ -56,17 +56,17 @@ class ElasticBand:
     def bent(
         self, start: FloatArray, end: FloatArray, step: float, ptc: Any, margin: float = 0.0
     ) -> list[FloatArray]:
-        """Return way points between two configurations (n,): the middle, slid sideways, and those of the halves.
+        """Return way points between two configurations (n,): the middle, moved sideways, and those of the halves.
 
         Motions no longer than twice the range `step` stay straight, and so do those whose halves would not be free, or
         not keep a margin [m].
         """
-        delta = self._task.bridge.difference(start, end)
+        delta = self._problem.bridge.difference(start, end)
         length = float(np.sqrt(delta @ delta))
-        if not self._slide.acts or length <= 2 * step or ptc():
+        if not self._descent.acts or length <= 2 * step or ptc():
             return []
-        middle = self._slide.slid(start + delta / 2, delta / length, self._slide.share * step)
-        is_free = self._task.motion_is_free
+        middle = self._descent.moved(start + delta / 2, delta / length, self._descent.share * step)
+        is_free = self._problem.motion_is_free
         if middle is None or not (is_free(start, middle, margin) and is_free(middle, end, margin)):
             return []
         halves = ((start, middle), (middle, end))
@@ -81,7 +81,7 @@ class ElasticBand:
         end = len(path) - 1
         while end > at + 1 and not ptc():
             is_as_safe = self._is_as_safe(path[at : end + 1])
-            if is_as_safe and self._task.motion_is_free(path[at], path[end], margin):
+            if is_as_safe and self._problem.motion_is_free(path[at], path[end], margin):
                 return end
             end = (at + end) // 2
         return at + 1
@@ -90,7 +90,7 @@ class ElasticBand:
         """Return whether the straight motion between the ends of a path (N, n) is no more dangerous on an average."""
         if not self._danger.weight:
             return True
-        bridge = self._task.bridge
+        bridge = self._problem.bridge
         t = np.linspace(0.0, 1.0, _POINTS)[:, None]
         straight = path[0] + t * bridge.difference(path[0], path[-1])
         costs = self._danger.cost.values(np.vstack([bridge.wrapped(straight), path]))

@@ -1,15 +1,19 @@
-"""A tree of configurations that grows row by row, with the cost of every node."""
+"""Trees of configurations that grow row by row, with the cost of every node; two that are to meet; whose turn it is."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.counts import Counts
 from safe_ompl.maths.neighbours import NearestNode
+from safe_ompl.planners.graphs.planner_graph import two_trees
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import StateBridge
 
 ROOT = -1
+_LARGE = 64  # nodes; easy problems are solved before a tree has more
+_IN_A_ROW = 8  # turns of a tree that lags before the other has one
 
 
 class Tree:
@@ -126,3 +130,99 @@ class Tree:
         self._rows = np.resize(self._rows, (capacity, self._bridge.n))
         self._parents = np.resize(self._parents, capacity)
         self._costs = np.concatenate([self._costs, np.full_like(self._costs, np.nan)])
+
+
+class Trees:
+    """Two trees that are to meet.
+
+    Parameters
+    ----------
+    bridge : StateBridge
+        The space.
+    cost : StateCost
+        Cost of configurations.
+    counts : Counts
+        Counts the nodes that are added.
+
+    Attributes
+    ----------
+    start, goal : Tree
+        The trees.
+    blocked, dangerous : int
+        How many candidates for nodes were refused because the step to them is not free, and as too dangerous.
+    """
+
+    def __init__(self, bridge: StateBridge, cost: StateCost, counts: Counts) -> None:
+        self.start = Tree(bridge, cost, from_start=True)
+        self.goal = Tree(bridge, cost, from_start=False)
+        self.blocked = self.dangerous = 0
+        self._counts = counts
+
+    def add_start(self, q: FloatArray) -> None:
+        """Take a start configuration (n,)."""
+        self.start.add(q)
+
+    def add_goal(self, q: FloatArray) -> None:
+        """Take a goal configuration (n,)."""
+        self.goal.add(q)
+
+    @property
+    def has_starts(self) -> bool:
+        """Whether there is a start."""
+        return len(self.start) > 0
+
+    @property
+    def has_goals(self) -> bool:
+        """Whether there is a goal."""
+        return len(self.goal) > 0
+
+    def add(
+        self,
+        tree: Tree,
+        q: FloatArray,
+        parent: int,
+        cost: float = np.nan,
+        gradient: FloatArray | None = None,
+    ) -> int:
+        """Add a node to one of the trees, as `Tree.add`, and count it."""
+        self._counts.nodes += 1
+        return tree.add(q, parent, cost, gradient)
+
+    def path(self, tree: Tree, node: int, other: Tree, met: int) -> FloatArray:
+        """Return the two branches (N, n), from start to goal; the configuration where they meet counts once."""
+        if not tree.from_start:
+            tree, node, other, met = other, met, tree, node
+        return np.concatenate([tree.branch(node), other.branch(met)[-2::-1]])
+
+    def forced_cost(self) -> float:
+        """Return the cost that no path can avoid: of the cheapest start or the cheapest goal, whichever is dearer."""
+        roots = (tree.costs[tree.parents == ROOT] for tree in (self.start, self.goal))
+        return max(float(costs.min()) for costs in roots if len(costs))
+
+    def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
+        return two_trees(*((tree.configurations, tree.parents) for tree in (self.start, self.goal)))
+
+
+class TreeSchedule:
+    """Says which of two trees grows next: they alternate, but one that lags behind a large one has eight of nine turns.
+
+    A tree in a narrow place hardly grows, while the other fills the space outside to little avail. The larger tree
+    keeps some of the turns: the smaller one may be sealed in, and more goals are taken as nodes are added.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self._in_a_row = 1
+
+    def again(self, tree: Tree, other: Tree) -> bool:
+        """Return whether the tree that had this turn has the next one, too."""
+        lags = len(other) > max(_LARGE, len(tree))
+        if lags and self._in_a_row < _IN_A_ROW:
+            self._in_a_row += 1
+            return True
+        self._in_a_row = 1
+        return False

@@ -1,10 +1,12 @@
-"""The tree: nodes, branches, selection by distance and cost."""
+"""The tree: nodes, branches, selection by distance and cost; and which of two trees grows next."""
 
 import numpy as np
 import pytest
 from ompl import base as ob
+from plane import TIMEOUT, PlaneProblem, SlopedHotSpot, walled_in
 
-from safe_ompl.planners.parts.tree import ROOT, Tree
+from safe_ompl.planners.parts.tree import ROOT, Tree, TreeSchedule
+from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.objective import StateCost
 from safe_ompl.plugins.states import StateBridge
 
@@ -121,3 +123,64 @@ def test_distances_wrap():
     tree.add(np.array([-3.0]))
     np.testing.assert_allclose(tree.distances(np.array([3.0])), [3.0, 2 * np.pi - 6.0])
     assert tree.best(np.array([3.0]), 0.0) == 1
+
+
+# ------------------------------------------------------------------------------------------ whose turn it is
+
+
+@pytest.fixture
+def schedule():
+    return TreeSchedule()
+
+
+def pair(bridge, *counts):
+    """Return two trees with so many nodes."""
+    trees = [Tree(bridge, StateCost(None, bridge)) for _ in counts]
+    for tree, count in zip(trees, counts, strict=True):
+        for _ in range(count):
+            tree.add(np.zeros(2))
+    return trees
+
+
+def order(schedule, first, second, count):
+    """Return whose the next turns are, as a word of digits: 1 for the tree that has the first of them."""
+    tree, other, digits = first, second, ""
+    for _ in range(count):
+        digits += "1" if tree is first else "2"
+        if not schedule.again(tree, other):
+            tree, other = other, tree
+    return digits
+
+
+@pytest.mark.parametrize("counts", [(1, 1), (3, 64), (64, 3), (100, 100)])
+def test_small_trees_and_equal_ones_alternate(bridge, schedule, counts):
+    assert order(schedule, *pair(bridge, *counts), 8) == "12121212"
+
+
+@pytest.mark.parametrize("counts", [(3, 65), (690, 700)])
+def test_the_smaller_tree_has_eight_of_nine_turns(bridge, schedule, counts):
+    smaller, larger = pair(bridge, *counts)
+    assert order(schedule, smaller, larger, 18) == "111111112" * 2
+    schedule.reset()
+    assert order(schedule, larger, smaller, 18) == "122222222" * 2
+
+
+def test_a_tree_that_has_caught_up_gives_way(bridge, schedule):
+    smaller, larger = pair(bridge, 98, 100)
+    assert schedule.again(smaller, larger)
+    for _ in range(2):
+        smaller.add(np.zeros(2))
+    assert not schedule.again(smaller, larger)
+
+
+@pytest.mark.parametrize("name", ["SafeRRTConnect", "ClassicRRTConnect", "PaperSafeRRTConnect"])
+def test_the_tree_outside_grows_less_while_the_other_is_walled_in(name):
+    task = PlaneProblem(
+        lambda si: make_planner(name, si, {"range": 0.25, "iterations": 900}), walled_in, SlopedHotSpot
+    )
+    assert task.solve(60.0) == TIMEOUT
+    outside = len(task.planner.plannerGraph().configurations)
+    if name == "PaperSafeRRTConnect":  # whose trees alternate
+        assert outside > 350
+    else:
+        assert 100 < outside < 200, "every second turn at first, then one of nine"

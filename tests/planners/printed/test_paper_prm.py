@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.errors import InputError
-from safe_ompl.planners.parts.local_planner import LocalPlanner
+from safe_ompl.errors import UnknownNameError
+from safe_ompl.planners.graphs.roadmap_search import LocalPlanner
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.plugins.states import ScratchState, StateBridge
 from safe_ompl.scenario.scenario import Scenario, find_scenario
@@ -122,8 +122,8 @@ def test_too_few_samples_end_in_failure(arm):
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("slide", 0.5), ("lazy", True), ("growing", True), ("taxicab", False), ("clearance", 0.05)],
+    [("slide", 0.5), ("danger_decay", 2.0), ("clearance", 0.05)],
 )
-def test_what_is_ours_cannot_be_switched_on(arm, key, value):
-    with pytest.raises(InputError, match=f"{key!r} of PaperSafePRM is fixed"):
+def test_it_has_no_parameters_that_are_ours(arm, key, value):
+    with pytest.raises(UnknownNameError, match=f"unknown parameter of PaperSafePRM {key!r}"):
         planned(arm, "PaperSafePRM", 0, **{key: value})

@@ -1,13 +1,12 @@
 """The planners as printed, against literal transcriptions of the pseudocode: the same seed, the same path."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from plane import EXACT, GOAL, START, TIMEOUT, HotSpot, PlaneProblem, wall_with_a_gap
 
-from safe_ompl.errors import InputError
+from safe_ompl.errors import UnknownNameError
 from safe_ompl.planners.registry import make_planner
+from safe_ompl.plugins.objective import StateCost
 
 RANGE = 0.25
 
@@ -101,7 +100,7 @@ def test_rrt_connect_is_kuffners(seed):
 def test_trees_take_turns_also_where_one_hardly_grows(seed):
     task = task_of("PaperRRTConnect", seed, goal_in_a_pocket)
     assert task.solve() == EXACT
-    assert len(task.planner._trees.start) > 200 > 10 > len(task.planner._trees.goal)
+    assert len(task.planner.plannerGraph().configurations) > 200
     np.testing.assert_allclose(task.path, Transcription(task, 0.0, seed).rrt_connect(START, GOAL), atol=1e-12)
 
 
@@ -121,14 +120,17 @@ def test_alpha_makes_a_difference():
     assert plain.path.shape != safe.path.shape or (plain.path != safe.path).any()
 
 
-@pytest.mark.parametrize("key", ["slide", "nearest_fraction", "threshold_rise", "balanced"])
-def test_what_is_ours_cannot_be_switched_on(key):
-    with pytest.raises(InputError, match=f"{key!r} of PaperSafeRRTConnect is fixed"):
+@pytest.mark.parametrize("key", ["slide", "nearest_fraction", "threshold_rise", "short_steps"])
+def test_it_has_no_parameters_that_are_ours(key):
+    with pytest.raises(UnknownNameError, match=f"unknown parameter of PaperSafeRRTConnect {key!r}"):
         task_of("PaperSafeRRTConnect", 0, **{key: 0.5})
 
 
-def test_alpha_as_it_is_does_not_ask_for_the_scale():
-    task = PlaneProblem(partial(make_planner, "PaperSafeRRTConnect"), objective=HotSpot)
-    assert task.planner.getRawAlpha()
-    assert task.planner._danger.weight == task.planner.getAlpha()
-    assert task.planner._task._slope is None
+def test_the_scale_of_danger_is_not_measured(monkeypatch):
+    def measured(self, si):
+        raise AssertionError("α is taken as it is")
+
+    monkeypatch.setattr(StateCost, "slope", measured)
+    task = task_of("PaperSafeRRTConnect", 0, alpha=2.0)
+    assert task.solve() == EXACT
+    assert task.planner.getAlpha() == 2.0

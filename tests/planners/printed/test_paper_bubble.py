@@ -1,14 +1,15 @@
 """BUBBLE_PLANNER as printed, against a literal transcription: the same path."""
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from safe_ompl.collision.bubble import Bubble
 from safe_ompl.collision.checker import DISTANCE_ERROR
-from safe_ompl.errors import InputError
-from safe_ompl.maths.bubbles import diamond_meetings
+from safe_ompl.errors import UnknownNameError
+from safe_ompl.maths.bubbles import diamond_meetings, reach_along
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
@@ -113,6 +114,18 @@ def test_the_bubble_planner_is_the_papers_without_danger(name):
     assert result.counts.field_configurations == 0
 
 
+def test_consecutive_configurations_share_a_bubble():
+    setup = arm_of("planar3")
+    path = setup.plan("PaperBubble", time=20.0, parameters={"beta": 20.0}).path
+    assert len(path) > 2
+    for start, end in pairwise(path):
+        reach = 0.0
+        for q, motion in ((start, end - start), (end, start - end)):
+            distances = setup.checker.pair_distances(q)
+            reach = max(reach, reach_along(motion, setup.checker.pair_radii_at(q), distances))
+        assert reach > 1
+
+
 def test_cubes_within_the_papers_bubble_are_the_only_other_shape(arm):
     result = arm.plan(
         "PaperSafeBubble", time=30.0, parameters={"shape": "paper_cube", "alpha": 0.1, "beta": 20.0}
@@ -127,12 +140,15 @@ def test_k_max_ends_the_search(arm):
     assert result.counts.nodes == 4
 
 
-@pytest.mark.parametrize(
-    ("key", "value"), [("slide", 0.5), ("nearest_fraction", 0.3), ("guided", True), ("shape", "link")]
-)
-def test_what_is_ours_cannot_be_switched_on(arm, key, value):
-    with pytest.raises(InputError, match=f"{key!r} of PaperSafeBubble is fixed"):
-        make_planner("PaperSafeBubble", arm.getSpaceInformation(), {key: value})
+@pytest.mark.parametrize("key", ["slide", "nearest_fraction", "clearance"])
+def test_it_has_no_parameters_that_are_ours(arm, key):
+    with pytest.raises(UnknownNameError, match=f"unknown parameter of PaperSafeBubble {key!r}"):
+        make_planner("PaperSafeBubble", arm.getSpaceInformation(), {key: 0.5})
+
+
+def test_it_has_the_papers_shapes_only(arm):
+    with pytest.raises(UnknownNameError, match="unknown shape 'link'; known: paper, paper_cube"):
+        make_planner("PaperSafeBubble", arm.getSpaceInformation(), {"shape": "link"})
 
 
 def test_the_cube_of_the_paper_lies_within_its_bubble(arm):
