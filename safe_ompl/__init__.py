@@ -47,9 +47,9 @@ from safe_ompl.scene.shapes.cloud import PointCloud
 from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.from_scenario import plan
+from safe_ompl.setup.given_planner import planner_data
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup
-from safe_ompl.setup.wiring import planner_data
 from safe_ompl.trajectories.caps import StandstillError
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import PathTimer, time_path

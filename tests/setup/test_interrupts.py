@@ -26,7 +26,7 @@ from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.setup.interrupts import Interrupts
+from safe_ompl.setup.run import Interrupts
 from safe_ompl.setup.safe_setup import SafeSetup
 
 PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]

@@ -22,8 +22,8 @@ from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Sphere
+from safe_ompl.setup.given_planner import planner_data
 from safe_ompl.setup.safe_setup import SafeSetup
-from safe_ompl.setup.wiring import planner_data
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
