@@ -28,6 +28,7 @@ from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner, planner_names
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.plugins.constraints import Constraints
 from safe_ompl.plugins.duration import DurationObjective
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
@@ -86,6 +87,7 @@ __all__ = [
     "CollisionChecker",
     "CollisionError",
     "CollisionFreeValidity",
+    "Constraints",
     "Cylinder",
     "DangerField",
     "DangerLimit",

@@ -17,7 +17,13 @@ _UP = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a document, whose keys are the fields of a dataclass."""
+    """A section of a document, whose keys are the fields of a dataclass.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used; the message starts with its key.
+    """
 
     @classmethod
     def from_mapping(cls: type[SectionT], data: Mapping[str, Any]) -> SectionT:
@@ -52,11 +58,6 @@ class ToolConstraint(Section):
         The axis in the frame of the tip; default: the one that points in the direction at the start.
     direction : sequence of 3 float, optional
         Where it is to point, in the world frame; default: up.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be used; the message starts with its key.
     """
 
     angle: float
@@ -82,7 +83,7 @@ class TipBox(Section):
     Raises
     ------
     InputError
-        If bounds are no two numbers in the right order, or there are none; the message starts with the key.
+        If bounds are no two numbers in the right order, or there are none.
     """
 
     x: tuple[float, ...] | None = None
@@ -116,11 +117,6 @@ class MovingObstacles(Section):
         Bound of the speed [m/s] of each, by name.
     time : float
         [s] from the moment of the scene to the end of the last motion.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be used; the message starts with its key.
     """
 
     speeds: Mapping[str, float]
@@ -156,11 +152,6 @@ class PathLimits(Section):
         Where the tip must stay.
     moving : MovingObstacles, optional
         Obstacles that may come nearer while the path is driven: it is free whatever they do.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be used; the message starts with its key.
     """
 
     max_danger: float = 0.0
@@ -207,11 +198,6 @@ class MotionLimits(Section):
         Of the tip, and of any point of any link [m/s].
     max_danger : float, optional
         Of the kinetostatic danger, that grows with speed: k2 and gamma are options of the scenario's danger.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be used; the message starts with its key.
     """
 
     velocity: ByJoint | None = None

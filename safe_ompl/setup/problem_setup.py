@@ -100,15 +100,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.setScene(self.scene.without(name))
 
     def moveObstacle(self, name: str, place: Any) -> None:
-        """Move one obstacle; errors as `Scene.moved`.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-        place : Pose, pin.SE3, array_like or mapping
-            As in `Scene.moved`: a pose, or the key points of a person, or the points of a cloud.
-        """
+        """Move one obstacle to a pose, or a person to key points, or a cloud to points; errors as `Scene.moved`."""
         self.moveObstacles({name: place})
 
     def moveObstacles(self, places: Mapping[str, Any]) -> None:
@@ -168,19 +160,9 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
             raise
 
     def setMaxDanger(self, limit: float) -> None:
-        """Set the danger that no configuration of a path may exceed.
+        """Set the danger that no configuration of a path may exceed, in the units of the danger field; 0: any danger.
 
-        Parameters
-        ----------
-        limit : float
-            In the units of the danger field; 0: any danger.
-
-        Raises
-        ------
-        InputError
-            If it is negative or not finite, or there is no danger field.
-        CollisionError
-            As `setConstraints`.
+        Errors as `setConstraints`; an InputError if it is negative or not finite, or there is no danger field.
         """
         if self.field is None:
             raise InputError("max danger needs a danger field; this setup plans without danger")
@@ -331,17 +313,11 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
             raise
 
     def setSamplingResolution(self, distance: float) -> None:
-        """Set the distance [rad or m] in joint space between the samples of motions that the user's checker is asked.
-
-        Raises
-        ------
-        InputError
-            If it is not positive.
-        """
+        """Set the distance [rad or m] > 0 between the samples of motions that the user's checker is asked about."""
         self.wiring.resolution = distance
 
     def getSamplingResolution(self) -> float:
-        """Return the distance [rad or m] between the samples of motions that the user's checker is asked about."""
+        """Return the distance [rad or m] in joint space that `setSamplingResolution` sets."""
         return self.wiring.resolution
 
     @property
@@ -394,11 +370,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         ----------
         position, rotation, tolerance
             As in `WorkspaceGoal`: a position with or without a rotation, or a `pin.SE3`.
-
-        Raises
-        ------
-        InputError
-            Wrong shape, NaN, a matrix that is not a rotation, or a tolerance that is not positive.
+            Errors as there.
         """
         options: dict[str, Any] = {"tolerance": tolerance, "field": self.field, "seed": 0}
         self.problem.set_place(
@@ -413,12 +385,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         region : GoalRegion
             Where the tip may be.
         tolerance : float
-            How far outside of it is near enough [m]; a radian counts as 0.25 m.
-
-        Raises
-        ------
-        InputError
-            If it is no region, or the tolerance is not positive.
+            How far outside of it is near enough [m], > 0; a radian counts as 0.25 m.
         """
         options: dict[str, Any] = {"tolerance": tolerance, "field": self.field, "seed": 0}
         self.problem.set_place(RegionGoal(self.getSpaceInformation(), self.robot, region, **options))

@@ -94,14 +94,10 @@ class Run:
             simplified = clock()
         counts = setup.counts - before
         counts.nodes = nodes_of(self._planner)
-        return PlanResult(
+        return self._result(
             status=status.asString(),
             path=found if exact else None,
             approximate_path=None if exact else found,
-            report=None,
-            planner=self._name,
-            seed=self._seed,
-            joint_names=setup.robot.joint_names,
             planning_time=planned - begin,
             simplification_time=simplified - planned,
             counts=counts,
@@ -113,13 +109,13 @@ class Run:
         before, simplifier = setup.counts.copy(), setup.simplifier
         nodes, status = 0, "Timeout"
 
-        def search(start: int, seconds: float) -> FloatArray | None:
+        def search(start: int, left: float) -> FloatArray | None:
             nonlocal nodes, status
             if start:
                 setup.clear()
                 if isinstance(self._planner, SafePlanner):
                     self._planner.setSeed((self._seed + start) % 2**32)
-            found = setup.solve(max(seconds, _SHORTEST))
+            found = setup.solve(max(left, _SHORTEST))
             nodes += nodes_of(self._planner)
             if not setup.haveExactSolutionPath():
                 return None
@@ -142,13 +138,9 @@ class Run:
         counts = setup.counts - before
         counts.nodes = nodes
         first = elapsed if found.first_path is None else found.first_path
-        return PlanResult(
+        return self._result(
             status=status,
             path=path,
-            report=None,
-            planner=self._name,
-            seed=self._seed,
-            joint_names=setup.robot.joint_names,
             planning_time=first,
             simplification_time=elapsed - first,
             counts=counts,
@@ -193,14 +185,18 @@ class Run:
             motion=setup.certified_motion,
         )
 
-    def _make_cheaper(self, seconds: float) -> None:
+    def _result(self, **found: Any) -> PlanResult:
+        names = self._setup.robot.joint_names
+        return PlanResult(report=None, planner=self._name, seed=self._seed, joint_names=names, **found)
+
+    def _make_cheaper(self, time: float) -> None:
         """Simplify the solution for some seconds."""
         setup = self._setup
         if self._cost == "danger":
-            setup.simplifySolution(seconds)
+            setup.simplifySolution(time)
             return
         path = setup.solution()
-        better = FastestPath(setup.timer, setup.simplifier, self._seed).shorten(path, timed(seconds))
+        better = FastestPath(setup.timer, setup.simplifier, self._seed).shorten(path, timed(time))
         setup.set_solution(better if setup.is_free(better) else path)
 
 
@@ -237,7 +233,7 @@ class Interrupts:
         self._before(number, frame)
 
 
-def positive_time(name: str, value: Any) -> float:
+def seconds(name: str, value: Any) -> float:
     """Return a time [s], or raise InputError if it is not a positive finite number."""
     return number(name, value, above=0.0, kind="number of seconds")
 
@@ -246,7 +242,7 @@ def simplification_time(value: bool | float) -> float | None:
     """Return for how long to simplify [s], 0 without limit; None for not at all."""
     if isinstance(value, (bool, np.bool_)):
         return 0.0 if value else None
-    return positive_time("simplify", value)
+    return seconds("simplify", value)
 
 
 def stopping(time: Any) -> Stop:
@@ -255,7 +251,7 @@ def stopping(time: Any) -> Stop:
         return lambda: bool(time())
     if not isinstance(time, bool) and isinstance(time, (int, float)) and time == 0:
         return lambda: False
-    return timed(positive_time("time of simplification", time))
+    return timed(seconds("time of simplification", time))
 
 
 def termination(time: Any) -> Any:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -15,7 +16,6 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.collision.motion import FLOOR
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.maths.kernels.compiled import clock
 from safe_ompl.paths.report import PathReport
@@ -26,15 +26,13 @@ from safe_ompl.planners.registry import make_planner
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.duration import DurationObjective
 from safe_ompl.plugins.states import ScratchState
-from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.constraints import MotionLimits
 from safe_ompl.scenario.people import People
-from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.given_planner import check_planner, seed_ompl
 from safe_ompl.setup.optimise import COSTS, Cost, Simplification, Timing
 from safe_ompl.setup.problem_setup import ProblemSetup
 from safe_ompl.setup.result import PlanResult
-from safe_ompl.setup.run import Interrupts, Run, positive_time, simplification_time, stopping, termination
+from safe_ompl.setup.run import Interrupts, Run, seconds, simplification_time, stopping, termination
 from safe_ompl.trajectories.timing import PathTimer
 
 _log = logging.getLogger(__name__)
@@ -67,19 +65,15 @@ class SafeSetup(ProblemSetup):
         The danger.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        *,
-        danger: Mapping[str, Any] | None = {},
-        floor: float = FLOOR,
-        movable: Sequence[str] = (),
-    ) -> None:
-        super().__init__(robot, scene, danger=danger, floor=floor, movable=movable)
-        self._simplification = Simplification(self.field)
-        self._timing = Timing(self.field)
-        self._simplification_time = 0.0
+    _simplification_time = 0.0
+
+    @cached_property
+    def _simplification(self) -> Simplification:
+        return Simplification(self.field)
+
+    @cached_property
+    def _timing(self) -> Timing:
+        return Timing(self.field)
 
     # -------------------------------------------------------------------------------------------- planning
 
@@ -184,7 +178,7 @@ class SafeSetup(ProblemSetup):
             is returned; `PlanResult.interrupted` says so.
         """
         begin = clock()
-        time = positive_time("time limit", time if optimise is None else optimise)
+        time = seconds("time limit", time if optimise is None else optimise)
         simplification = simplification_time(simplify)
         with self._objective_of(cost, planner, parameters):
             run = Run(self, *self.prepare(planner, seed, parameters), seed=seed, cost=cost)
@@ -239,13 +233,7 @@ class SafeSetup(ProblemSetup):
     # ------------------------------------------------------------------------------------- paths and solutions
 
     def solution(self) -> FloatArray:
-        """Return the solution path (N, n) found last.
-
-        Raises
-        ------
-        InputError
-            If there is none.
-        """
+        """Return the solution path (N, n) found last; raise InputError if there is none."""
         if not self.haveSolutionPath():
             raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
         path, bridge = self.getSolutionPath(), self.wiring.bridge
@@ -292,23 +280,11 @@ class SafeSetup(ProblemSetup):
 
     @property
     def simplifier(self) -> Simplifier:
-        """What makes paths cheaper; `setSimplification` sets its options.
-
-        Raises
-        ------
-        InputError
-            If this setup plans without danger.
-        """
+        """What makes paths cheaper; raises InputError if this setup plans without danger."""
         return self._simplification.by(self.certified_motion)
 
     def setSimplification(self, **options: Any) -> None:
-        """Set the options of the danger-aware simplification: weight, exponent, clearance, … of `Simplifier`.
-
-        Raises
-        ------
-        InputError
-            If an option is out of range, or this setup plans without danger.
-        """
+        """Set options of the danger-aware simplification; names and errors as `Simplifier`."""
         self._simplification.set(self.certified_motion, options)
 
     def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
