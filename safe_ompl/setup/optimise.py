@@ -95,6 +95,7 @@ class Timing:
     ) -> None:
         self._field, self._limits, self._people = field, limits or MotionLimits(), people
         self._timer: PathTimer | None = None
+        self._made_for: tuple[Any, ...] = ()  # the motion, and the scene that its checker was in then
 
     def timer(self, motion: CertifiedMotion) -> PathTimer:
         """Return what times paths that a motion proves.
@@ -104,7 +105,8 @@ class Timing:
         InputError
             If limits are missing, people are not in the scene, or a danger is limited but none is planned with.
         """
-        if self._timer is None or self._timer.motion is not motion:
+        made_for = motion, motion.checker.scene
+        if self._timer is None or any(a is not b for a, b in zip(self._made_for, made_for, strict=True)):
             robot, limits = motion.checker.robot, self._limits
             danger = None if limits.max_danger is None or self._field is None else self._field.moving
             self._timer = PathTimer(
@@ -117,6 +119,7 @@ class Timing:
                 danger=danger,
                 max_danger=limits.max_danger,
             )
+            self._made_for = made_for
         return self._timer
 
 
