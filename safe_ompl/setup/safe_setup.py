@@ -17,6 +17,7 @@ from ompl import geometric as og
 
 from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.inputs import seed as checked_seed
 from safe_ompl.maths.kernels.compiled import clock
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.simplifier import Simplifier
@@ -78,13 +79,7 @@ class SafeSetup(ProblemSetup):
     # -------------------------------------------------------------------------------------------- planning
 
     def setup(self) -> None:
-        """Prepare for `solve`, as OMPL's `setup`.
-
-        Raises
-        ------
-        InputError
-            If no start or no goal is set.
-        """
+        """Prepare for `solve`, as OMPL's `setup`; raise InputError if no start or no goal is set."""
         self._adopt_plugins()
         self.problem.check_complete(self.getPlanner())
         self._choose_planner()
@@ -201,21 +196,20 @@ class SafeSetup(ProblemSetup):
         self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None = None
     ) -> tuple[Any, str]:
         """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
-        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**32:
-            raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
+        seed = checked_seed(seed)
         check_planner(planner, self.getSpaceInformation())
         self._adopt_plugins()
         self.problem.check_anew()  # draws random numbers, as the next line does, so they go before the seed
         if not self.getSpaceInformation().isSetup():
             self.getSpaceInformation().setup()
-        seed_ompl(int(seed))
+        seed_ompl(seed)
         name = planner if isinstance(planner, str) else planner.getName()  # BITstar renames itself kBITstar
         if isinstance(planner, str):
             planner = make_planner(planner, self.getSpaceInformation(), parameters)
         if isinstance(planner, SafePlanner):
-            planner.setSeed(int(seed))
+            planner.setSeed(seed)
         self.clear()
-        self.problem.choose_goal(planner, int(seed))
+        self.problem.choose_goal(planner, seed)
         self.setPlanner(planner)
         self.setup()
         return planner, name
