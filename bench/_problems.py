@@ -10,7 +10,7 @@ from ompl import util as ou
 
 from safe_ompl import Robot, SafeSetup
 from safe_ompl.scenario.mbm import MbmFile, MbmProblem
-from safe_ompl.setup.mbm import setup_problem
+from safe_ompl.setup.from_scenario import setup_problem
 
 
 def positions(text: str) -> slice:

@@ -11,7 +11,7 @@ from _scenes import scattered
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.motion_limits import MotionLimits
+from safe_ompl.scenario.constraints import MotionLimits
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.obstacle import Obstacle

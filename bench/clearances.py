@@ -27,8 +27,7 @@ from safe_ompl import Robot, SafeSetup
 from safe_ompl.cli.arguments import names
 from safe_ompl.scenario.mbm import MbmFile
 from safe_ompl.scenario.scenario import Scenario, find_scenario, list_scenarios
-from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.setup.mbm import setup_problem
+from safe_ompl.setup.from_scenario import setup_problem, setup_scenario
 
 PAIRS = {
     "SafeRRTConnect": "ClassicRRTConnect",

@@ -95,9 +95,7 @@ def row(name: str, scene_name: str, scene: Scene, rounds: int) -> tuple[object, 
 
 def plug_in(setup: SafeSetup, validity: CollisionFreeValidity, validator: CertifiedMotionValidator) -> None:
     """Put plug-ins in the place of a setup's own, not beside them as those of a user are."""
-    setup._validity, setup._validator = validity, validator
-    og.SimpleSetup.setStateValidityChecker(setup, validity)
-    setup.getSpaceInformation().setMotionValidator(validator)
+    setup.wiring.plug_in(validity, validator)
 
 
 def solve_all(setups: list[SafeSetup]) -> float:

@@ -28,6 +28,7 @@ from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.planners.registry import make_planner, planner_names
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.plugins.constraints import Constraints
 from safe_ompl.plugins.duration import DurationObjective
 from safe_ompl.plugins.goals import WorkspaceGoal
 from safe_ompl.plugins.motion import CertifiedMotionValidator
@@ -47,9 +48,9 @@ from safe_ompl.scene.shapes.cloud import PointCloud
 from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.from_scenario import plan
+from safe_ompl.setup.given_planner import planner_data
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup
-from safe_ompl.setup.wiring import planner_data
 from safe_ompl.trajectories.caps import StandstillError
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import PathTimer, time_path
@@ -86,6 +87,7 @@ __all__ = [
     "CollisionChecker",
     "CollisionError",
     "CollisionFreeValidity",
+    "Constraints",
     "Cylinder",
     "DangerField",
     "DangerLimit",

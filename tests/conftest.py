@@ -105,6 +105,28 @@ def nothing_said():
     warn_once.cache_clear()
 
 
+class Ticks:
+    """A clock that goes on by a millisecond whenever it is looked at; `at` says what happens at the k-th look."""
+
+    def __init__(self):
+        self.looks = 0
+        self.at = {}
+
+    def __call__(self):
+        self.looks += 1
+        self.at.pop(self.looks, lambda: None)()
+        return 1e-3 * self.looks
+
+
+@pytest.fixture
+def ticks(monkeypatch):
+    """Give setups a clock that counts, so that limits of time do not depend on the machine."""
+    clock = Ticks()
+    for module in ("run", "safe_setup", "optimise"):
+        monkeypatch.setattr(f"safe_ompl.setup.{module}.clock", clock)
+    return clock
+
+
 @pytest.fixture
 def rng():
     return np.random.default_rng(0)

@@ -15,9 +15,8 @@ from safe_ompl.planners.registry import planner_names
 from safe_ompl.robot.description.collision_shapes import CollisionSource
 from safe_ompl.robot.description.examples import find_example
 from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scenario.moving import MovingObstacles
+from safe_ompl.scenario.constraints import MovingObstacles, ToolConstraint
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.scenario.tool import ToolConstraint
 
 
 def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:

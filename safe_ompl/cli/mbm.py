@@ -22,7 +22,7 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.mbm import WHERE_FROM, MbmFile
 from safe_ompl.scene.scene import Scene
-from safe_ompl.setup.mbm import setup_problem
+from safe_ompl.setup.from_scenario import setup_problem
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup
 

@@ -34,8 +34,8 @@ from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.setup.duration import COSTS
 from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.optimise import COSTS
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.trajectories.limits import RateLimits

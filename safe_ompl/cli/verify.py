@@ -20,9 +20,9 @@ from safe_ompl.paths.certificate.verify import Verified, verify
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.setup.problem import danger_field
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.setup.wiring import danger_field
 from safe_ompl.trajectories.trajectory import Trajectory
 
 REFUSED = 1

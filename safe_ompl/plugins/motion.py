@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -10,13 +9,12 @@ from ompl import base as ob
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import FLOOR, CertifiedMotion
-from safe_ompl.collision.separation import TOUCHING_ONLY, Separation
-from safe_ompl.collision.tool_limits import ToolLimit
-from safe_ompl.danger.certified import DangerLimit
+from safe_ompl.collision.separation import TOUCHING_ONLY
+from safe_ompl.plugins.constraints import Constraints, with_former_setters
 from safe_ompl.plugins.states import StateBridge
-from safe_ompl.plugins.user_checks import BorrowedCheck, UserCheck
 
 
+@with_former_setters
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.motion.CertifiedMotion`).
 
@@ -30,19 +28,52 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         Robot and scene.
     floor : float
         [m] An edge with less clearance than about this stays undecided, and counts as blocked.
+    constraints : Constraints
+        What else motions must be proven to keep to; the state validity checker should have the same. The user's checks
+        among them are asked about what is proven free. They are not kept alive: `CollisionFreeValidity` does that.
+
+    Raises
+    ------
+    InputError
+        If the floor is not positive.
+    UnknownNameError
+        If the scene has no obstacle of a name in the constraints.
     """
 
-    def __init__(self, si: Any, checker: CollisionChecker, floor: float = FLOOR) -> None:
+    def __init__(
+        self, si: Any, checker: CollisionChecker, floor: float = FLOOR, constraints: Constraints | None = None
+    ) -> None:
         super().__init__(si)
-        self._motion = CertifiedMotion(checker, floor)
+        self._floor = floor
         self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
         self._bridge = StateBridge(self._space)
-        self._danger: DangerLimit | None = None
-        self._tool: tuple[ToolLimit, ...] = ()
-        self._checks: tuple[UserCheck, ...] = ()
+        self.setConstraints(constraints or Constraints(), checker)
 
     def __repr__(self) -> str:
         return f"CertifiedMotionValidator({self.motion!r})"
+
+    @property
+    def checker(self) -> CollisionChecker:
+        """Robot and scene."""
+        return self._motion.checker
+
+    @property
+    def motion(self) -> CertifiedMotion:
+        """What proves motions now; `setConstraints` puts another one in its place."""
+        return self._motion
+
+    def getConstraints(self) -> Constraints:
+        """Return what motions must keep to besides joint limits and collision."""
+        return self._constraints
+
+    def setConstraints(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
+        """Set what motions must keep to; with a checker also another scene of the same robot; errors as the class."""
+        borrowed = constraints.borrowed()
+        separation, limits = borrowed.separation, borrowed.limits
+        self._motion = CertifiedMotion(
+            checker or self.checker, self._floor, separation=separation, limits=limits
+        )
+        self._constraints = borrowed
 
     def adds_nothing(self, other: Any) -> bool:
         """Return whether another validator is this one, or proves nothing that this one does not prove."""
@@ -53,61 +84,6 @@ class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
         ours, theirs = self.motion, other.motion
         same = theirs.checker is ours.checker and theirs.separation in (ours.separation, TOUCHING_ONLY)
         return same and not theirs.limits
-
-    @property
-    def motion(self) -> CertifiedMotion:
-        """What proves motions now; the setters put another one in its place."""
-        return self._motion
-
-    def setDangerLimit(self, limit: DangerLimit | None) -> None:
-        """Accept only motions whose danger is proven to keep to a limit; None: whatever it is."""
-        self._danger = limit
-        self._take_limits()
-
-    def setToolLimits(self, limits: Sequence[ToolLimit]) -> None:
-        """Accept only motions whose tool is proven to keep to limits, such as an angle."""
-        self._tool = tuple(limits)
-        self._take_limits()
-
-    def setUserChecks(self, checks: Sequence[UserCheck]) -> None:
-        """Accept only motions that checks of the user's own accept, too; they are asked about what is proven free.
-
-        They are not kept alive: `CollisionFreeValidity.setUserChecks` does that.
-        """
-        self._checks = tuple(BorrowedCheck(check) for check in checks)
-        self._take_limits()
-
-    def _take_limits(self) -> None:
-        danger = () if self._danger is None else (self._danger,)
-        self._motion = self._motion.with_limits((*self._checks, *self._tool, *danger))
-
-    def setMinClearance(
-        self,
-        distance: float,
-        obstacles: Sequence[str] | None = None,
-        exempt: Sequence[tuple[str, str]] = (),
-    ) -> None:
-        """Accept only motions that are proven to keep a distance; arguments and errors of `MinClearance.of`.
-
-        The state validity checker has a setter of the same name: it should know, too.
-        """
-        self._motion = self._motion.with_min_clearance(distance, obstacles, exempt)
-
-    def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
-        """Accept only motions that are free whatever obstacles do; see `CertifiedMotion.with_moving_obstacles`."""
-        self._motion = self._motion.with_moving_obstacles(speeds, time)
-
-    def setChecker(self, checker: CollisionChecker, separation: Separation) -> None:
-        """Prove motions with another checker of the same robot from here on, and what is kept from its obstacles."""
-        self._motion = self._motion.with_checker(checker, separation)
-
-    def setSeparation(self, separation: Separation) -> None:
-        """Accept only motions that are proven to keep a separation, instead of what was set before."""
-        self._motion = self._motion.with_separation(separation)
-
-    def getSeparation(self) -> Separation:
-        """Return what motions must keep from obstacles."""
-        return self._motion.separation
 
     def checkMotion(self, start: Any, end: Any) -> bool:
         """Return whether the straight motion between two states is within limits and proven free."""

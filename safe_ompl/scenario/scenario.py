@@ -12,9 +12,8 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scenario.constraints import MotionLimits, PathLimits
 from safe_ompl.scenario.goal import Configuration, Goal, configuration_for, read_configuration
-from safe_ompl.scenario.limits import PathLimits
-from safe_ompl.scenario.motion_limits import MotionLimits
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.scene import Scene
 

@@ -1,7 +1,8 @@
-"""From a scenario to a setup, and from there to a result."""
+"""From a scenario, or a problem of MotionBenchMaker, to a setup; and from a scenario to a result."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +11,13 @@ from typing import Any
 from safe_ompl import document
 from safe_ompl.maths.kernels.compiled import clock
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.mbm import MbmProblem
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.duration import Cost
+from safe_ompl.setup.optimise import Cost
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup
+
+_log = logging.getLogger(__name__)
 
 
 def plan(
@@ -91,17 +95,36 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
         else:
             setup.setConfigurations(start, goals)
         with document.within("limits"):
-            if scenario.limits.max_danger:
-                setup.setMaxDanger(scenario.limits.max_danger)
-            if scenario.limits.min_clearance:
-                limits = scenario.limits
+            limits = scenario.limits
+            if limits.max_danger:
+                setup.setMaxDanger(limits.max_danger)
+            if limits.min_clearance:
                 setup.setMinClearance(limits.min_clearance, limits.obstacles, limits.exempt)
-            if scenario.limits.tool is not None:
-                tool = scenario.limits.tool
-                setup.setToolConstraint(tool.axis, tool.direction, tool.angle)
-            if scenario.limits.tip is not None:
-                setup.setTipBounds(*scenario.limits.tip.corners)
-            if scenario.limits.moving is not None:
+            if limits.tool is not None:
+                setup.setToolConstraint(limits.tool.axis, limits.tool.direction, limits.tool.angle)
+            if limits.tip is not None:
+                setup.setTipBounds(*limits.tip.corners)
+            if limits.moving is not None:
                 with document.within("moving", ": "):
-                    setup.setMovingObstacles(scenario.limits.moving.speeds, scenario.limits.moving.time)
+                    setup.setMovingObstacles(limits.moving.speeds, limits.moving.time)
+    return setup
+
+
+def setup_problem(problem: MbmProblem, robot: Robot) -> SafeSetup:
+    """Return a SafeSetup with the scene, start and goals of a problem.
+
+    Limits of joints are widened, with a warning, where a goal is slightly outside; see `MbmProblem.widened_limits`.
+
+    Raises
+    ------
+    InputError
+        If the joints are not those of the robot, or start or goals are outside the limits or in collision.
+    """
+    limits = problem.widened_limits(robot)
+    if limits:
+        listed = ", ".join(f"{joint} to [{low:g}, {high:g}]" for joint, (low, high) in limits.items())
+        _log.warning("%s %d: a goal is outside the limits: widened %s", problem.family, problem.index, listed)
+        robot = robot.with_limits(limits)
+    setup = SafeSetup(robot, problem.scene)
+    setup.setConfigurations(problem.start_configuration(robot), problem.goal_configurations(robot))
     return setup

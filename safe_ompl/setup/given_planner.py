@@ -50,3 +50,14 @@ def nodes_of(planner: Any) -> int:
     data = ob.PlannerData(planner.getSpaceInformation())
     planner.getPlannerData(data)
     return int(data.numVertices())
+
+
+def planner_data(planner: Any) -> Any:
+    """Return what a planner has built, as an `ob.PlannerData`: of our planners, of OMPL's, and outside `SafeSetup`.
+
+    OMPL's bindings let no planner in Python answer `getPlannerData`: under a plain `og.SimpleSetup` that stays empty.
+    """
+    data = ob.PlannerData(planner.getSpaceInformation())
+    fill = getattr(planner, "fillPlannerData", None) or planner.getPlannerData
+    fill(data)
+    return data

@@ -1,278 +1,142 @@
-"""The problem to plan: its start and its goal."""
+"""Problem: the start and the goals of a setup, as they were given, and what of it is allowed in the scene as it is."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
+from weakref import proxy
 
 import numpy as np
-from numpy.typing import ArrayLike
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import CollisionError, InputError
+from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.errors import CollisionError, InputError, PlanningError, UnknownNameError
 from safe_ompl.planners.registry import accepts
-from safe_ompl.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.plugins.goals import TOLERANCE, WorkspaceGoal
-from safe_ompl.plugins.region_goal import REGION_TOLERANCE, RegionGoal
-from safe_ompl.robot.region import GoalRegion
-from safe_ompl.setup.given_planner import check_planner
-from safe_ompl.setup.inputs import configuration_of, several
-from safe_ompl.setup.tool import ToolLimitedSetup
-from safe_ompl.setup.wiring import danger_field as danger_field
+from safe_ompl.plugins.goals import WorkspaceGoal
+from safe_ompl.plugins.states import ScratchState
+from safe_ompl.robot.robot import Robot
+from safe_ompl.setup.wiring import Wiring
 
 _log = logging.getLogger(__name__)
 
+END_TOLERANCE = 1e-6  # [rad or m] in joint space
 
-class SafeProblem(ToolLimitedSetup):
-    """The part of `SafeSetup` that says what is to be planned; parameters as there."""
 
-    _start: FloatArray | None = None  # as given
-    _goals: Sequence[FloatArray] = ()  # as given, those that do not count, too
-    _goal_region: Any = None
-    _place: WorkspaceGoal | None = None
-    _unchecked = False  # whether the scene has changed since start and goals were found free
+class Problem:
+    """Start and goals of an OMPL setup, checked when they are given and when the scene has changed.
 
-    # ------------------------------------------------------------------------------------- start and goal
+    Goal configurations and a place of the tip may both be given: a planner gets what it plans to.
 
-    def setConfigurations(self, start: Any, goals: Any) -> None:
-        """Set the start configuration (n,) and one goal (n,) or several (G, n) [rad or m].
+    Parameters
+    ----------
+    setup : og.SimpleSetup
+        Gets starts and goals; of a class of Python's. It is not kept alive, as it holds this object.
+    wiring : Wiring
+        Says what is allowed.
 
-        Parameters
-        ----------
-        start : array_like, shape (n,), or mapping of str to float
-            In the order of the robot's joints, or by their names, as `Robot.named` gives them.
-        goals : array_like, shape (n,) or (G, n), mapping, or sequence of mappings
-            One, or several.
+    Attributes
+    ----------
+    start : ndarray, shape (n,), or None
+        As given.
+    goals : sequence of ndarray, shape (n,)
+        As given, those that do not count, too.
+    place : WorkspaceGoal or None
+        Place or region of the tip.
+    """
+
+    def __init__(self, setup: Any, wiring: Wiring) -> None:
+        # OMPL's setup makes its simplifier anew with every goal, so goals go through it, not to the definition.
+        self._setup, self._wiring = proxy(setup), wiring
+        self.start: FloatArray | None = None
+        self.goals: Sequence[FloatArray] = ()
+        self.place: WorkspaceGoal | None = None
+        self._goal_states: Any = None  # those of the goals that count
+        self._unchecked = False  # whether the scene has changed since start and goals were found free
+
+    # -------------------------------------------------------------------------------------- what is given
+
+    def set_configurations(self, start: Any, goals: Any) -> None:
+        """Set start and goals; parameters and errors as `SafeSetup.setConfigurations`."""
+        given = several(goals)
+        free = self._checked_goals(given)
+        self.set_start(start)
+        self.goals = [configuration_of(self._robot, goal, "goal") for goal in given]
+        self._goal_states = self._states_of(free)
+        self._setup.setGoal(self._goal_states)
+
+    def set_start(self, start: Any) -> None:
+        """Set the start configuration (n,), numbers or by name; errors as `checked`."""
+        q = self.checked(start, "start")
+        self.start = q
+        self._setup.clearStartStates()
+        self._setup.addStartState(ScratchState(self._wiring.bridge).set(q))
+
+    def set_place(self, place: WorkspaceGoal) -> None:
+        """Set a place or a region of the tip as the goal; goal configurations stay for planners that need them."""
+        self.place = place
+        self._setup.setGoal(place)
+
+    # --------------------------------------------------------------------------------------------- checks
+
+    def checked(self, value: Any, name: str) -> FloatArray:
+        """Return a configuration (n,) from numbers or from a mapping by joint name, if it is allowed.
 
         Raises
         ------
         InputError
             Wrong shape, NaN, unknown or missing joint, or outside the limits: names joint, value and limits.
         CollisionError
-            In collision, or refused by the user's own checker: names the pair. Of several goals only those that are
-            free count; one must be.
+            If the check of configurations objects.
         """
-        given = several(goals)
-        free = self._checked_goals(given)
-        self.setStartConfiguration(start)
-        self._goals = [configuration_of(self.robot, goal, "goal") for goal in given]
-        self._goal_region = self._region_of(free)
-        self.setGoal(self._goal_region)
-
-    def _region_of(self, goals: Sequence[FloatArray]) -> Any:
-        region = ob.GoalStates(self.getSpaceInformation())
-        for q in goals:
-            region.addState(self._state(q))
-        return region
-
-    def setStartConfiguration(self, start: Any) -> None:
-        """Set the start configuration (n,) [rad or m], numbers or by name; errors as `setConfigurations`."""
-        q_start = self._checked_configuration(start, "start")
-        self._start = q_start
-        self.clearStartStates()
-        self.addStartState(self._state(q_start))
-
-    def setWorkspaceGoal(
-        self, position: ArrayLike | Any, rotation: ArrayLike | None = None, tolerance: float = TOLERANCE
-    ) -> None:
-        """Set a place for the tip as the goal.
-
-        Goal configurations set before stay for the planners that `plan` starts and that plan to configurations.
-
-        Parameters
-        ----------
-        position, rotation, tolerance
-            As in `WorkspaceGoal`: a position with or without a rotation, or a `pin.SE3`.
-
-        Raises
-        ------
-        InputError
-            Wrong shape, NaN, a matrix that is not a rotation, or a tolerance that is not positive.
-        """
-        self._place = WorkspaceGoal(
-            self.getSpaceInformation(),
-            self.robot,
-            position,
-            rotation,
-            tolerance=tolerance,
-            field=self.field,
-            seed=0,
-        )
-        self.setGoal(self._place)
-
-    def setGoalRegion(self, region: GoalRegion, tolerance: float = REGION_TOLERANCE) -> None:
-        """Set a region for the tip as the goal: position and orientation within bounds.
-
-        It takes the place of a `setWorkspaceGoal`; what is said there of configurations holds here, too.
-
-        Parameters
-        ----------
-        region : GoalRegion
-            Where the tip may be.
-        tolerance : float
-            How far outside of it is near enough [m]; a radian counts as 0.25 m.
-
-        Raises
-        ------
-        InputError
-            If it is no region, or the tolerance is not positive.
-        """
-        si = self.getSpaceInformation()
-        self._place = RegionGoal(si, self.robot, region, tolerance=tolerance, field=self.field, seed=0)
-        self.setGoal(self._place)
-
-    def _given_start(self) -> FloatArray | None:
-        return self._start
-
-    def _check_given(self) -> None:
-        """Raise an error if the start or all goals that were given are not allowed any more."""
-        if self._start is not None:
-            self._checked_configuration(self._start, "start")
-        if self._goals:
-            self._checked_goals(self._goals)
-
-    def _scene_changed(self, *, same_checker: bool) -> None:
-        super()._scene_changed(same_checker=same_checker)
-        self._unchecked = True
-        if self._place is not None:
-            self._place.setSeed(self._place.getSeed())  # forgets the configurations that it has found
-
-    def _check_anew(self) -> None:
-        """Raise an error if the scene has changed and start or all goals are not free; only goals that are count."""
-        if not self._unchecked:
-            return
-        if self._start is not None:
-            self._checked_configuration(self._start, "start")
-        if self._goals:
-            region, was_goal = self._region_of(self._checked_goals(self._goals)), self._goal_region
-            self._goal_region = region
-            if self.getGoal() is was_goal:
-                self.setGoal(region)
-        self._unchecked = False
-
-    def _choose_goal(self, planner: Any, seed: int) -> None:
-        """Of a place and goal configurations that were both set, take what the planner plans to."""
-        if self._place is None:
-            return
-        self._place.setSeed(seed)
-        if self._goal_region is not None:
-            self.setGoal(self._goal_region if accepts(planner, self._goal_region) else self._place)
-
-    def _choose_place(self) -> None:
-        """Have a planner that plans to places only do so, though goal configurations were set later."""
-        needs_place = not accepts(self.getPlanner(), self._goal_region)
-        if needs_place and self._place is not None and self.getGoal() is self._goal_region:
-            self.setGoal(self._place)
-
-    def _explain_missing_goal(self) -> None:
-        """Say why a planner had no goal configuration, where inverse kinematics found none."""
-        place = self._place
-        why = None if place is None or self.getGoal() is not place else place.failure()
-        if why is not None and place is not None:
-            objection = None if place.refused is None else self._objection(place.refused)
-            _log.warning("%s%s", why, "" if objection is None else f"; the last one{objection}")
-
-    def _checked_goals(self, goals: Sequence[Any]) -> list[FloatArray]:
-        if len(goals) == 1:
-            return [self._checked_configuration(goals[0], "goal")]
-        free, refused = [], list[CollisionError]()
-        for k, goal in enumerate(goals):
-            try:
-                free.append(self._checked_configuration(goal, f"goal {k}"))
-            except CollisionError as error:
-                refused.append(error)
-        if refused and not free:
-            raise refused[-1]
-        if refused:
-            more = "" if len(refused) == 1 else f"; and {len(refused) - 1} more"
-            _log.warning("%d of %d goals do not count: %s%s", len(refused), len(goals), refused[0], more)
-        return free
-
-    def _checked_configuration(self, value: Any, name: str) -> FloatArray:
-        super()._adopt_plugins()
-        robot = self.robot
+        self._wiring.adopt()
+        robot, check = self._robot, self._wiring.check
         q = configuration_of(robot, value, name)
-        for i in np.flatnonzero(~robot.within_limits(q)):
-            raise InputError(
-                f"{name}: joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits "
-                f"[{robot.lower[i]:g}, {robot.upper[i]:g}]"
-            )
-        objection = self._objection(q)
+        objection = check.objection(q)
         if objection is not None:
-            raise CollisionError(name + objection)
+            raise (CollisionError if check.within_limits(q) else InputError)(name + objection)
         # Within the tolerance of the limits a start is accepted; OMPL's own tolerance is smaller.
         return np.where(robot.continuous, q, np.clip(q, robot.lower, robot.upper))
 
-    def setup(self) -> None:
-        """Prepare for `solve`, as OMPL's `setup`.
+    def explain_missing_goal(self) -> None:
+        """Log why a planner had no goal configuration, where inverse kinematics found none."""
+        place = self.place
+        why = None if place is None or self._setup.getGoal() is not place else place.failure()
+        if why is not None and place is not None:
+            objection = None if place.refused is None else self._wiring.check.objection(place.refused)
+            _log.warning("%s%s", why, "" if objection is None else f"; the last one{objection}")
 
-        Raises
-        ------
-        InputError
-            If no start or no goal is set.
-        """
-        self._adopt_plugins()
-        self._check_problem()
-        self._choose_planner()
-        super().setup()
+    def check(self) -> None:
+        """Raise an error as `checked` if the start or all goals that were given are not allowed any more."""
+        if self.start is not None:
+            self.checked(self.start, "start")
+        if self.goals:
+            self._checked_goals(self.goals)
 
-    def setPlanner(self, planner: Any) -> None:
-        """Plan with a planner on this setup's space information.
+    def scene_changed(self) -> None:
+        """Note that another scene may allow another start, goals and places; `check_anew` looks."""
+        self._unchecked = True
+        if self.place is not None:
+            self.place.setSeed(self.place.getSeed())  # forgets the configurations that it has found
 
-        Raises
-        ------
-        InputError
-            If it is none, one of another setup, or one of OMPL's that cannot be used from Python, such as PRM.
-        """
-        if isinstance(planner, str):
-            raise InputError(f"planner must be an ob.Planner, got {planner!r}; `plan` takes names")
-        check_planner(planner, self.getSpaceInformation())
-        super().setPlanner(planner)
-
-    def _choose_planner(self) -> None:
-        """Take what the allocator makes where no planner is set; without one `SafeRRTConnect`, if the goal allows."""
-        allocator = self.getPlannerAllocator()
-        if self.getPlanner() is not None:
+    def check_anew(self) -> None:
+        """Check as `check` if the scene has changed, and take the goals that count now."""
+        if not self._unchecked:
             return
-        if allocator is not None:
-            self.setPlanner(allocator(self.getSpaceInformation()))
-        elif isinstance(self.getGoal(), ob.GoalSampleableRegion):
-            self.setPlanner(SafeRRTConnect(self.getSpaceInformation()))
+        if self.start is not None:
+            self.checked(self.start, "start")
+        if self.goals:
+            states, before = self._states_of(self._checked_goals(self.goals)), self._goal_states
+            self._goal_states = states
+            if self._setup.getGoal() is before:
+                self._setup.setGoal(states)
+        self._unchecked = False
 
-    def _adopt_plugins(self) -> bool:
-        adopted = super()._adopt_plugins()
-        if adopted:  # planners would only speak of an invalid start or goal
-            try:
-                self._check_given()
-            except CollisionError as error:
-                _log.warning("%s", error)
-        return adopted
-
-    def setStateValidityChecker(self, checker: Any) -> None:
-        """Have only states that a checker of the user's own accepts; parameters as in `WiredSetup`.
-
-        Raises
-        ------
-        CollisionError
-            If it refuses the start or all goals that are set. Then the checker stays what it was.
-        InputError
-            If it is no checker.
-        """
-        before = self._sampled
-        super().setStateValidityChecker(checker)
-        try:
-            self._check_given()
-        except BaseException:
-            self._take_checker(before)
-            raise
-
-    def _check_problem(self) -> None:
-        """Raise an error where OMPL would say less, or end the process."""
-        self._check_anew()
-        goal = self.getGoal()
+    def check_complete(self, planner: Any) -> None:
+        """Raise an InputError where OMPL and a planner, or None, would say less, or end the process."""
+        self.check_anew()
+        goal = self._setup.getGoal()
         if goal is None:
             raise InputError(
                 "no goal is set: call setConfigurations, setWorkspaceGoal, setGoalRegion or setGoal"
@@ -282,9 +146,113 @@ class SafeProblem(ToolLimitedSetup):
                 "OMPL's GoalLazySamples waits for itself for ever where its sampler is Python's; take a WorkspaceGoal, "
                 "or a subclass of ob.GoalSampleableRegion"
             )
-        if not self.getProblemDefinition().getStartStateCount():
+        if not self._setup.getProblemDefinition().getStartStateCount():
             raise InputError(
                 "no start is set: call setConfigurations, setStartConfiguration or addStartState"
             )
-        if isinstance(self.getPlanner(), og.SORRTstar) and self.getProblemDefinition().isTrivial():
+        if isinstance(planner, og.SORRTstar) and self._setup.getProblemDefinition().isTrivial():
             raise InputError("OMPL's SORRTstar never ends where the start is the goal; take InformedRRTstar")
+
+    def check_ends(self, path: FloatArray, name: str) -> None:
+        """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
+        bridge = self._wiring.bridge
+        distance = min(
+            (float(np.linalg.norm(bridge.difference(start, path[0]))) for start in self._valid_starts()),
+            default=np.inf,
+        )
+        if not distance <= END_TOLERANCE:
+            raise PlanningError(
+                f"{name} returned a path that begins {distance:.3g} rad away from every start"
+            )
+        goal, last = self._setup.getGoal(), ScratchState(bridge)
+        state = last.set(path[-1])
+        if isinstance(goal, ob.GoalRegion):
+            short, unit = float(goal.distanceGoal(state)), "m" if hasattr(goal, "place") else "rad"
+            if not short <= max(END_TOLERANCE, goal.getThreshold()):
+                raise PlanningError(f"{name} returned a path that ends {short:.3g} {unit} away from the goal")
+        elif not goal.isSatisfied(state):
+            raise PlanningError(f"{name} returned a path that does not end in the goal")
+
+    def _valid_starts(self) -> list[FloatArray]:
+        inputs, starts = ob.PlannerInputStates(), list[FloatArray]()
+        inputs.use(self._setup.getProblemDefinition())
+        while inputs.haveMoreStartStates():
+            state = inputs.nextStart()
+            if state is None:
+                break
+            starts.append(self._wiring.bridge.read(state))
+        return starts
+
+    # --------------------------------------------------------------------------------------- which goal
+
+    def choose_goal(self, planner: Any, seed: int) -> None:
+        """Of a place and goal configurations that were both set, take what a planner plans to."""
+        if self.place is None:
+            return
+        self.place.setSeed(seed)
+        if self._goal_states is not None:
+            self._setup.setGoal(self._goal_states if accepts(planner, self._goal_states) else self.place)
+
+    def choose_place(self, planner: Any) -> None:
+        """Have a planner that plans to places only do so, though goal configurations were set later."""
+        needs_place = not accepts(planner, self._goal_states)
+        if needs_place and self.place is not None and self._setup.getGoal() is self._goal_states:
+            self._setup.setGoal(self.place)
+
+    # ----------------------------------------------------------------------------------------- internals
+
+    @property
+    def _robot(self) -> Robot:
+        return self._wiring.checker.robot
+
+    def _states_of(self, goals: Sequence[FloatArray]) -> Any:
+        states, scratch = ob.GoalStates(self._wiring.si), ScratchState(self._wiring.bridge)
+        for q in goals:
+            states.addState(scratch.set(q))
+        return states
+
+    def _checked_goals(self, goals: Sequence[Any]) -> list[FloatArray]:
+        if len(goals) == 1:
+            return [self.checked(goals[0], "goal")]
+        free, refused = [], list[CollisionError]()
+        for k, goal in enumerate(goals):
+            try:
+                free.append(self.checked(goal, f"goal {k}"))
+            except CollisionError as error:
+                refused.append(error)
+        if refused and not free:
+            raise refused[-1]
+        if refused:
+            more = "" if len(refused) == 1 else f"; and {len(refused) - 1} more"
+            _log.warning("%d of %d goals do not count: %s%s", len(refused), len(goals), refused[0], more)
+        return free
+
+
+def configuration_of(robot: Robot, value: Any, name: str) -> FloatArray:
+    """Return a configuration (n,) [rad or m] from numbers or from a mapping by joint name, as `Robot.named` gives.
+
+    Raises
+    ------
+    UnknownNameError
+        If it names a joint that the robot does not have.
+    InputError
+        If a joint is missing, a number is none, or there is not one for each joint.
+    """
+    if isinstance(value, Mapping):
+        for joint in value:
+            if joint not in robot.joint_names:
+                raise UnknownNameError("joint", joint, robot.joint_names, f"{name} configuration")
+        missing = [joint for joint in robot.joint_names if joint not in value]
+        if missing:
+            raise InputError(f"no value for {', '.join(map(repr, missing))}", f"{name} configuration")
+        value = [value[joint] for joint in robot.joint_names]
+    return finite_array(value, (robot.n,), f"{name} configuration")
+
+
+def several(goals: Any) -> list[Any]:
+    """Return the configurations that were given: one, in any form, or several."""
+    if isinstance(goals, Mapping):
+        return [goals]
+    if isinstance(goals, Sequence) and any(isinstance(goal, Mapping) for goal in goals):
+        return list(goals)
+    return [list(row) for row in np.atleast_2d(np.asarray(goals, dtype=object))]

@@ -3,35 +3,43 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
+from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+from ompl import base as ob
+from ompl import geometric as og
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.danger.certified import DangerLimit
-from safe_ompl.errors import InputError, PlanningError
+from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.inputs import seed as checked_seed
 from safe_ompl.maths.kernels.compiled import clock
 from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplify.run import Stop
+from safe_ompl.paths.simplify.simplifier import Simplifier
+from safe_ompl.paths.validation import Validation, validate
 from safe_ompl.planners.base import SafePlanner
 from safe_ompl.planners.registry import make_planner
-from safe_ompl.setup.duration import Cost, FastestPath, TimedSetup
-from safe_ompl.setup.endpoints import check_endpoints
-from safe_ompl.setup.given_planner import check_planner, nodes_of, seed_ompl
-from safe_ompl.setup.interrupts import Interrupts
-from safe_ompl.setup.optimise import Optimisation
-from safe_ompl.setup.optimise import optimise as optimise_paths
+from safe_ompl.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.plugins.duration import DurationObjective
+from safe_ompl.plugins.states import ScratchState
+from safe_ompl.scenario.constraints import MotionLimits
+from safe_ompl.scenario.people import People
+from safe_ompl.setup.given_planner import check_planner, seed_ompl
+from safe_ompl.setup.optimise import COSTS, Cost, Simplification, Timing
+from safe_ompl.setup.problem_setup import ProblemSetup
 from safe_ompl.setup.result import PlanResult
-from safe_ompl.setup.time_limits import positive_time, simplification_time, termination
+from safe_ompl.setup.run import Interrupts, Run, seconds, simplification_time, stopping, termination
+from safe_ompl.trajectories.timing import PathTimer
 
 _log = logging.getLogger(__name__)
 
-_SHORTEST = 1e-3  # [s] a planner gets at least this
 
-
-class SafeSetup(TimedSetup):
+class SafeSetup(ProblemSetup):
     """An `og.SimpleSetup` with the robot's joint space, certified motions and the danger objective.
 
     Everything that OMPL's SimpleSetup does works as usual; `plan` is a short cut that also reports.
@@ -54,16 +62,51 @@ class SafeSetup(TimedSetup):
     ----------
     counts : Counts
         Queries and field evaluations so far.
-    checker : CollisionChecker
-        Robot against scene.
     field : DangerField or None
         The danger.
     """
 
-    def __repr__(self) -> str:
-        return f"SafeSetup({self.robot!r}, {self.scene!r})"
+    _simplification_time = 0.0
+
+    @cached_property
+    def _simplification(self) -> Simplification:
+        return Simplification(self.field)
+
+    @cached_property
+    def _timing(self) -> Timing:
+        return Timing(self.field)
 
     # -------------------------------------------------------------------------------------------- planning
+
+    def setup(self) -> None:
+        """Prepare for `solve`, as OMPL's `setup`; raise InputError if no start or no goal is set."""
+        self._adopt_plugins()
+        self.problem.check_complete(self.getPlanner())
+        self._choose_planner()
+        super().setup()
+
+    def setPlanner(self, planner: Any) -> None:
+        """Plan with a planner on this setup's space information.
+
+        Raises
+        ------
+        InputError
+            If it is none, one of another setup, or one of OMPL's that cannot be used from Python, such as PRM.
+        """
+        if isinstance(planner, str):
+            raise InputError(f"planner must be an ob.Planner, got {planner!r}; `plan` takes names")
+        check_planner(planner, self.getSpaceInformation())
+        super().setPlanner(planner)
+
+    def _choose_planner(self) -> None:
+        """Take what the allocator makes where no planner is set; without one `SafeRRTConnect`, if the goal allows."""
+        allocator = self.getPlannerAllocator()
+        if self.getPlanner() is not None:
+            return
+        if allocator is not None:
+            self.setPlanner(allocator(self.getSpaceInformation()))
+        elif isinstance(self.getGoal(), ob.GoalSampleableRegion):
+            self.setPlanner(SafeRRTConnect(self.getSpaceInformation()))
 
     def solve(self, time: Any = 1.0) -> Any:
         """Plan with the planner that is set, `SafeRRTConnect` if none is, as OMPL's `solve`; may be interrupted.
@@ -89,12 +132,12 @@ class SafeSetup(TimedSetup):
         """
         stop = termination(time)
         self._adopt_plugins()
-        self._check_problem()
+        self.problem.check_complete(self.getPlanner())
         self._choose_planner()
-        self._choose_place()
+        self.problem.choose_place(self.getPlanner())
         try:
             status = super().solve(stop)
-            self._explain_missing_goal()
+            self.problem.explain_missing_goal()
             return status
         except BaseException:
             self.getProblemDefinition().clearSolutionPaths()
@@ -150,155 +193,188 @@ class SafeSetup(TimedSetup):
             is returned; `PlanResult.interrupted` says so.
         """
         begin = clock()
-        time = positive_time("time limit", time if optimise is None else optimise)
-        duration = simplification_time(simplify)
-        with self._choosing(cost, planner, parameters):
-            planner, name = self.prepare(planner, seed, parameters)
-            if duration is None and optimise is None:
-                result = self._planned(planner, name, seed, time, None)
-                return self._validated(result, name, report, begin)
-            self._validator.setDangerLimit(self._limit_of(planner))
-            try:
+        time = seconds("time limit", time if optimise is None else optimise)
+        simplification = simplification_time(simplify)
+        with self._objective_of(cost, planner, parameters):
+            run = Run(self, *self.prepare(planner, seed, parameters), seed=seed, cost=cost)
+            if simplification is None and optimise is None:
+                return run.validated(run.planned(time), report, begin)
+            with run.under_own_limit():
                 if self.field is not None or optimise is not None:
                     self.simplifier  # noqa: B018  # is made before the clock starts, as the planner is
                 with Interrupts() as interrupts:
                     if optimise is not None:
-                        result = self._optimised(planner, name, seed, time, lambda: interrupts.happened)
+                        result = run.optimised(time, lambda: interrupts.happened)
                     else:
-                        result = self._planned(planner, name, seed, time, duration)
-                result = self._validated(result, name, report, begin)
-            finally:
-                self._validator.setDangerLimit(self._danger_limit)
+                        result = run.planned(time, simplification)
+                result = run.validated(result, report, begin)
             if interrupts.happened and not result:
                 raise KeyboardInterrupt
             return replace(result, interrupted=interrupts.happened)
-
-    def _planned(self, planner: Any, name: str, seed: int, time: float, duration: float | None) -> PlanResult:
-        """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""
-        begin, before = clock(), self.counts.copy()
-        status = self.solve(time)
-        exact = self.haveExactSolutionPath()
-        found = self.solution() if self.haveSolutionPath() else None
-        planned = simplified = clock()
-        if found is not None and exact and duration is not None:
-            left = time - (planned - begin)
-            if left > 0:
-                self._make_cheaper(min(duration, left) if duration else left, seed)
-                found = self.solution()
-            else:
-                _log.info("planning took all of the time limit: the path is not simplified")
-            simplified = clock()
-        counts = self.counts - before
-        counts.nodes = nodes_of(planner)
-        return PlanResult(
-            *(status.asString(), found if exact else None, None),
-            *(name, int(seed), self.robot.joint_names),
-            *(planned - begin, simplified - planned, counts),
-            approximate_path=None if exact else found,
-        )
-
-    def _validated(self, result: PlanResult, name: str, report: bool, begin: float) -> PlanResult:
-        """Return a result with the validation of its path; `begin` is when all began.
-
-        Raises
-        ------
-        PlanningError
-            If the path is not proven, or is none from a start to the goal.
-        """
-        setup_time = clock() - begin - result.planning_time - result.simplification_time
-        begin = clock()
-        path, short = result.path, result.approximate_path
-        speeds, duration = self.getMovingObstacles()
-        if short is not None and not self.is_free(short):
-            _log.warning("%s: the approximate solution is not proven free, and dropped", name)
-            short = None
-        examined: PathReport | None = None
-        if path is not None:
-            examined = self.report(path)
-            if not examined.certified:
-                raise PlanningError(
-                    f"{name} returned a path that is not proven free: {examined.validation.why}"
-                )
-            check_endpoints(path, self.getProblemDefinition(), self._bridge, name)
-        return replace(
-            result,
-            report=examined if report else None,
-            approximate_path=short,
-            validation=None if examined is None else examined.validation,
-            setup_time=setup_time,
-            validation_time=clock() - begin,
-            robot=self.robot,
-            scene=self.scene,
-            danger=self.danger_options,
-            moving_obstacles={"speeds": speeds, "time": duration} if speeds else None,
-            motion=self._validator.motion,
-        )
 
     def prepare(
         self, planner: str | Any, seed: int, parameters: Mapping[str, Any] | None = None
     ) -> tuple[Any, str]:
         """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
-        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**32:
-            raise InputError(f"seed must be an integer in [0, 2**32), got {seed!r}")
+        seed = checked_seed(seed)
         check_planner(planner, self.getSpaceInformation())
         self._adopt_plugins()
-        self._check_anew()  # draws random numbers, as the next line does, so they go before the seed
+        self.problem.check_anew()  # draws random numbers, as the next line does, so they go before the seed
         if not self.getSpaceInformation().isSetup():
             self.getSpaceInformation().setup()
-        seed_ompl(int(seed))
+        seed_ompl(seed)
         name = planner if isinstance(planner, str) else planner.getName()  # BITstar renames itself kBITstar
         if isinstance(planner, str):
             planner = make_planner(planner, self.getSpaceInformation(), parameters)
         if isinstance(planner, SafePlanner):
-            planner.setSeed(int(seed))
+            planner.setSeed(seed)
         self.clear()
-        self._choose_goal(planner, int(seed))
+        self.problem.choose_goal(planner, seed)
         self.setPlanner(planner)
         self.setup()
         return planner, name
 
-    def _limit_of(self, planner: Any) -> DangerLimit | None:
-        """Return the limit that holds for what is made of a planner's path: the planner's own, or the setup's."""
-        own = planner.getMaxDanger() if isinstance(planner, SafePlanner) else 0.0
-        if not own or self.field is None or (self._danger_limit and self._danger_limit.limit <= own):
-            return self._danger_limit
-        return DangerLimit(self.field, own)
-
-    def _optimised(self, planner: Any, name: str, seed: int, time: float, stop: Stop) -> PlanResult:
-        """Plan again and again; see `safe_ompl.setup.optimise`."""
-        begin, before = clock(), self.counts.copy()
-        simplifier, nodes, status = self.simplifier, 0, "Timeout"
-
-        def search(start: int, seconds: float) -> FloatArray | None:
-            nonlocal nodes, status
-            if start:
-                self.clear()
-                if isinstance(planner, SafePlanner):
-                    planner.setSeed((int(seed) + start) % 2**32)
-            found = self.solve(max(seconds, _SHORTEST))
-            nodes += nodes_of(planner)
-            if not self.haveExactSolutionPath():
-                return None
-            status = found.asString()
-            return self.solution()
-
-        left = time - (clock() - begin)
-        found: Optimisation | FastestPath
-        if self._cost == "duration":
-            found = FastestPath(self.timer, simplifier, int(seed))
-            found.search(search, left, stop)
+    def getPlannerData(self, data: Any) -> None:
+        """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
+        planner = self.getPlanner()
+        fill = getattr(planner, "fillPlannerData", None)
+        if fill is None:
+            super().getPlannerData(data)
         else:
-            found = optimise_paths(search, simplifier, left, stop)
-        path, improvements = found.settled(simplifier)
-        if self.user_checks and path is not None:
-            path = next((best for best in (path, *reversed(found.paths)) if self.is_free(best)), None)
-        if path is not None:
-            self._set_solution(path)
-        elapsed = clock() - begin
-        counts = self.counts - before
-        counts.nodes = nodes
-        first = elapsed if found.first_path is None else found.first_path
-        return PlanResult(
-            *(status, path, None, name, int(seed), self.robot.joint_names),
-            *(first, elapsed - first, counts, improvements),
-        )
+            data.clear()
+            fill(data)
+
+    # ------------------------------------------------------------------------------------- paths and solutions
+
+    def solution(self) -> FloatArray:
+        """Return the solution path (N, n) found last; raise InputError if there is none."""
+        if not self.haveSolutionPath():
+            raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
+        path, bridge = self.getSolutionPath(), self.wiring.bridge
+        return np.array([bridge.read(path.getState(i)) for i in range(path.getStateCount())])
+
+    def set_solution(self, path: FloatArray) -> None:
+        """Put a path (N, n) in the place of the solution; where that was approximate, so is this."""
+        solution, scratch = og.PathGeometric(self.getSpaceInformation()), ScratchState(self.wiring.bridge)
+        for q in path:
+            solution.append(scratch.set(q))
+        problem = self.getProblemDefinition()
+        approximate, difference = problem.hasApproximateSolution(), problem.getSolutionDifference()
+        problem.clearSolutionPaths()
+        planner = self.getPlanner()  # none, if a planner solved the problem on its own
+        name = "" if planner is None else planner.getName()
+        problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
+
+    def report(self, path: ArrayLike) -> PathReport:
+        """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""
+        self._adopt_plugins()
+        array = finite_array(path, (None, self.robot.n), "path")
+        return PathReport.of(array, self.checker, self.field, self.certified_motion)
+
+    def is_free(self, path: ArrayLike) -> Validation:
+        """Return whether a path (N, n) may be driven in this scene, under the constraints set now.
+
+        Returns
+        -------
+        Validation
+            True if so; else `why` names the edge and the pair, and `refused` holds them.
+
+        Raises
+        ------
+        InputError
+            If the path is empty, has the wrong shape, or is not finite.
+        """
+        self._adopt_plugins()
+        array = finite_array(path, (None, self.robot.n), "path")
+        if not len(array):
+            raise InputError("path must have a configuration at least, got none")
+        return validate(array, self.certified_motion)
+
+    # ----------------------------------------------------------------------------------------- simplification
+
+    @property
+    def simplifier(self) -> Simplifier:
+        """What makes paths cheaper; raises InputError if this setup plans without danger."""
+        return self._simplification.by(self.certified_motion)
+
+    def setSimplification(self, **options: Any) -> None:
+        """Set options of the danger-aware simplification; names and errors as `Simplifier`."""
+        self._simplification.set(self.certified_motion, options)
+
+    def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
+        """Make the solution shorter and safer, see `simplify_danger`; every path on the way is proven.
+
+        Without danger OMPL's own simplifier does it, and its path is taken if it is proven, too. The user's own checks
+        are asked about every edge on the way, and about the path at the end.
+
+        Parameters
+        ----------
+        time : float or ob.PlannerTerminationCondition
+            For how long [s], or until when; 0: until nothing more is to gain.
+        free_goal : bool
+            Whether the goal configuration may move where the goal is a `WorkspaceGoal`.
+
+        Raises
+        ------
+        InputError
+            If there is no solution, or the time is neither.
+        """
+        if not self.haveSolutionPath():
+            raise InputError("there is no solution to simplify")
+        self._adopt_plugins()
+        begin, path = perf_counter(), self.solution()
+        if self.field is not None:
+            place = self.problem.place
+            goal = place if free_goal and self.getGoal() is place else None
+            self.set_solution(self.simplifier.simplify(path, stopping(time), goal=goal, proven=True))
+        else:
+            super().simplifySolution(time)
+        if (self.field is None or self.user_checks) and not self.is_free(self.solution()):
+            # Samples of a motion are not those of its parts: a check of the user's own may refuse these after all.
+            _log.info("the simplified path is refused; the solution stays as it was")
+            self.set_solution(path)
+        self._simplification_time = perf_counter() - begin
+
+    def getLastSimplificationTime(self) -> float:
+        """Return how long the last simplification took [s]."""
+        return self._simplification_time
+
+    # -------------------------------------------------------------------------------------------------- timing
+
+    def setMotionLimits(self, motion: MotionLimits | None = None, people: People | None = None) -> None:
+        """Say what trajectories keep to, for `plan(cost="duration")`: limits of the joints, speeds, and people.
+
+        Parameters
+        ----------
+        motion : MotionLimits, optional
+            Of joints, tool and links.
+        people : People, optional
+            Who may come near, and how fast.
+        """
+        self._timing = Timing(self.field, motion, people)
+
+    @property
+    def timer(self) -> PathTimer:
+        """What times paths within the limits that `setMotionLimits` set; errors as `Timing.timer`."""
+        return self._timing.timer(self.certified_motion)
+
+    @contextmanager
+    def _objective_of(
+        self, cost: Cost, planner: str | Any, parameters: Mapping[str, Any] | None
+    ) -> Iterator[None]:
+        """Within, have OMPL's planners plan for a cost; ours plan away from danger in any case."""
+        if cost not in COSTS:
+            raise UnknownNameError("cost", cost, COSTS)
+        replaced = None
+        if cost == "duration":
+            self.timer  # noqa: B018  # whatever it lacks is said now
+            si = self.getSpaceInformation()
+            made = make_planner(planner, si, parameters) if isinstance(planner, str) else planner
+            if not isinstance(made, SafePlanner):
+                replaced = self.getOptimizationObjective()
+                self.setOptimizationObjective(DurationObjective(si, self.timer))
+        try:
+            yield
+        finally:
+            if replaced is not None:
+                self.setOptimizationObjective(replaced)

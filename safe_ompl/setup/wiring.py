@@ -1,240 +1,162 @@
-"""OMPL's SimpleSetup wired with the plug-ins of a robot in a scene, and with the user's own beside them."""
+"""Wiring: the plug-ins that a space information is given, ours and the user's own beside them."""
 
 from __future__ import annotations
 
 import atexit
-import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 from weakref import ref
 
-import numpy as np
-from numpy.typing import ArrayLike
-from ompl import base as ob
-from ompl import geometric as og
-
 from safe_ompl import document
-from safe_ompl.arrays import FloatArray, finite_array, positive
+from safe_ompl.arrays import positive
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import FLOOR, CertifiedMotion
+from safe_ompl.collision.motion import FLOOR
 from safe_ompl.counts import Counts
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
-from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.validation import Validation, validate
+from safe_ompl.plugins.constraints import ConfigurationCheck, Constraints
 from safe_ompl.plugins.motion import CertifiedMotionValidator
-from safe_ompl.plugins.objective import DangerObjective
-from safe_ompl.plugins.states import StateBridge, joint_space
+from safe_ompl.plugins.states import StateBridge
 from safe_ompl.plugins.user_checks import RESOLUTION, AskedMotions, SampledValidity, UserCheck
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
-_log = logging.getLogger(__name__)
 
+class Wiring:
+    """Gives a space information our state and motion validity, and takes over what the user sets there instead.
 
-class WiredSetup(og.SimpleSetup):  # type: ignore[misc]
-    """The part of `SafeSetup` that holds the plug-ins, and looks at paths with them; parameters as there.
+    A state validity checker or a motion validator of the user's own does not replace ours. Both checks apply to every
+    query.
 
-    A state validity checker or a motion validator of the user's own does not replace ours: states and motions must
-    pass both, whoever asks.
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its space must have the robot's joints as coordinates (see `joint_space`).
+    checker : CollisionChecker
+        Robot and scene.
+    floor : float
+        [m] As in `CertifiedMotionValidator`.
+
+    Attributes
+    ----------
+    si : ob.SpaceInformation
+        The space information.
+    bridge : StateBridge
+        Of its space.
+    validity, validator : CollisionFreeValidity, CertifiedMotionValidator
+        Our plug-ins.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        *,
-        danger: Mapping[str, Any] | None = {},
-        floor: float = FLOOR,
-        movable: Sequence[str] = (),
-    ) -> None:
-        super().__init__(joint_space(robot))
-        si = self.getSpaceInformation()
-        self.robot = robot
-        self.scene = scene
-        self.counts = Counts()
-        self.checker = CollisionChecker(robot, scene, self.counts, movable=movable)
-        self.field = None if danger is None else danger_field(robot, scene, danger, self.counts)
-        self.danger_options = None if danger is None else dict(danger)
-        self._bridge = StateBridge(self.getStateSpace())
-        self._sampled: SampledValidity | None = None  # the user's checker
-        self._asked: AskedMotions | None = None  # the user's motion validator
+    def __init__(self, si: Any, checker: CollisionChecker, floor: float = FLOOR) -> None:
+        self.si = si
+        self.bridge = StateBridge(si.getStateSpace())
         self._resolution = RESOLUTION
         self._registered = False  # to let go of the user's checks when the program ends
-        self._validity = CollisionFreeValidity(si, self.checker)
-        super().setStateValidityChecker(self._validity)
-        self._validator = CertifiedMotionValidator(si, self.checker, floor)
-        si.setMotionValidator(self._validator)
-        if self.field is not None:
-            self.setOptimizationObjective(DangerObjective(si, self.field))
+        self.plug_in(CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker, floor))
 
-    # ------------------------------------------------------------------------------- the user's own plug-ins
+    def __repr__(self) -> str:
+        return f"Wiring({self.checker!r})"
 
-    def setStateValidityChecker(self, checker: Any) -> None:
-        """Have only states that a checker of the user's own accepts, besides being within limits and free.
-
-        Planners, motions, simplification, goals and reports obey it. Nothing can be proven of it: motions are sampled
-        (`setSamplingResolution`), and reports say so. A checker that is set on the space information itself is taken
-        over by the next `setup`, `solve`, `plan`, `report` or the like.
-
-        Parameters
-        ----------
-        checker : ob.StateValidityChecker, callable or None
-            Answers for a state with a bool; what it raises arrives unchanged. None: there is none any more.
-
-        Raises
-        ------
-        InputError
-            If it is nothing of the kind.
-        """
-        self._take_checker(self._sampled_version(checker))
-
-    def _sampled_version(self, checker: Any) -> SampledValidity | None:
-        if checker is None or self._validity.adds_nothing(checker):
-            return None
-        return SampledValidity(checker, self._bridge, self._resolution)
-
-    def _take_checker(self, checker: SampledValidity | None) -> None:
-        self._sampled = checker
-        super().setStateValidityChecker(self._validity)
-        self._take_user_checks()
-
-    def setSamplingResolution(self, distance: float) -> None:
-        """Set the distance [rad or m] in joint space between the samples of motions that the user's checker is asked.
-
-        Raises
-        ------
-        InputError
-            If it is not positive.
-        """
-        self._resolution = positive(distance, "resolution", "distance in joint space [rad]")
-        if self._sampled is not None:
-            self._take_checker(SampledValidity(self._sampled.checker, self._bridge, self._resolution))
-
-    def getSamplingResolution(self) -> float:
-        """Return the distance [rad or m] between the samples of motions that the user's checker is asked about."""
-        return self._resolution
+    def plug_in(self, validity: CollisionFreeValidity, validator: CertifiedMotionValidator) -> None:
+        """Put plug-ins in the place of our own, not beside them as those of a user are."""
+        self.validity, self.validator = validity, validator
+        self.si.setStateValidityChecker(validity)
+        self.si.setMotionValidator(validator)
 
     @property
-    def user_checks(self) -> tuple[UserCheck, ...]:
-        """The user's own state validity checker and motion validator, as far as there are."""
-        return tuple(check for check in (self._sampled, self._asked) if check is not None)
+    def checker(self) -> CollisionChecker:
+        """Robot and scene."""
+        return self.validity.checker
 
-    def _take_user_checks(self) -> None:
-        if self.user_checks and not self._registered:
+    @property
+    def check(self) -> ConfigurationCheck:
+        """The check of single configurations."""
+        return self.validity.check
+
+    @property
+    def constraints(self) -> Constraints:
+        """What configurations and motions must keep to."""
+        return self.validity.getConstraints()
+
+    def put(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
+        """Put other constraints in place, and perhaps the checker of another scene.
+
+        Raises
+        ------
+        UnknownNameError
+            If a constraint is about an obstacle that the scene does not have. Then all stays what it was.
+        """
+        if constraints.user and not self._registered:
             # A function knows its module, and that the setup: no collector finds the way back, which is C++'s.
             atexit.register(_let_go, ref(self))
             self._registered = True
-        self._validity.setUserChecks(self.user_checks)
-        self._validator.setUserChecks(self.user_checks)
+        self.validity.setConstraints(constraints, checker)
+        self.validator.setConstraints(constraints, checker)
 
-    def _adopt_plugins(self) -> bool:
+    # ----------------------------------------------------------------------------------- the user's own plug-ins
+
+    def put_user_checker(self, checker: Any) -> None:
+        """Have a state validity checker of the user's own asked, too; None: there is none any more.
+
+        Raises
+        ------
+        InputError
+            If it is no checker.
+        """
+        self._put_user_checks(self._sampled(checker), self._asked)
+        self.si.setStateValidityChecker(self.validity)
+
+    @property
+    def resolution(self) -> float:
+        """Distance [rad or m] between the samples of motions that the user's checker is asked about."""
+        return self._resolution
+
+    @resolution.setter
+    def resolution(self, distance: float) -> None:
+        self._resolution = positive(distance, "resolution", "distance in joint space [rad]")
+        sampled = self.constraints.user_checker
+        if sampled is not None:
+            self._put_user_checks(self._sampled(sampled.checker), self._asked)
+
+    def adopt(self) -> bool:
         """Take over the user's plug-ins that were set on the space information; return whether there were any.
 
         OMPL's bindings do not tell when one is set there: whoever plans or judges looks.
         """
-        si = self.getSpaceInformation()
-        checker, validator = si.getStateValidityChecker(), si.getMotionValidator()
-        if checker is not self._validity:
-            self._take_checker(self._sampled_version(checker))
-        if validator is not self._validator:
-            ours = self._validator.adds_nothing(validator)
-            self._asked = None if ours else AskedMotions(validator, self._bridge)
-            si.setMotionValidator(self._validator)
-            self._take_user_checks()
-        return checker is not self._validity or validator is not self._validator
-
-    # ------------------------------------------------------------------------------------- paths and solutions
-
-    def solution(self) -> FloatArray:
-        """Return the solution path (N, n) found last.
-
-        Raises
-        ------
-        InputError
-            If there is none.
-        """
-        if not self.haveSolutionPath():
-            raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
-        path = self.getSolutionPath()
-        return np.array([self._bridge.read(path.getState(i)) for i in range(path.getStateCount())])
+        checker, validator = self.si.getStateValidityChecker(), self.si.getMotionValidator()
+        if checker is self.validity and validator is self.validator:
+            return False
+        sampled, asked = self.constraints.user_checker, self._asked
+        if checker is not self.validity:
+            sampled = self._sampled(checker)
+        if validator is not self.validator:
+            ours = self.validator.adds_nothing(validator)
+            asked = None if ours else AskedMotions(validator, self.bridge)
+        self._put_user_checks(sampled, asked)
+        self.plug_in(self.validity, self.validator)
+        return True
 
     @property
-    def certified_motion(self) -> CertifiedMotion:
-        """What proves motions under the limits that are set now."""
-        return self._validator.motion
+    def _asked(self) -> AskedMotions | None:
+        return next((check for check in self.constraints.user if isinstance(check, AskedMotions)), None)
 
-    def report(self, path: ArrayLike) -> PathReport:
-        """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""
-        self._adopt_plugins()
-        array = finite_array(path, (None, self.robot.n), "path")
-        return PathReport.of(array, self.checker, self.field, self._validator.motion)
+    def _sampled(self, checker: Any) -> SampledValidity | None:
+        if checker is None or self.validity.adds_nothing(checker):
+            return None
+        return SampledValidity(checker, self.bridge, self._resolution)
 
-    def is_free(self, path: ArrayLike) -> Validation:
-        """Return whether a path (N, n) may be driven in this scene, under the limits and checks set now.
-
-        Returns
-        -------
-        Validation
-            True if so; else `why` names the edge and the pair, and `refused` holds them.
-
-        Raises
-        ------
-        InputError
-            If the path is empty, has the wrong shape, or is not finite.
-        """
-        self._adopt_plugins()
-        array = finite_array(path, (None, self.robot.n), "path")
-        if not len(array):
-            raise InputError("path must have a configuration at least, got none")
-        return validate(array, self._validator.motion)
-
-    def _state(self, q: FloatArray) -> Any:
-        state = self.getStateSpace().allocState()
-        self._bridge.write(q, state)
-        return state
-
-    def _set_solution(self, path: FloatArray) -> None:
-        """Put a path (N, n) in the place of the solution; where that was approximate, so is this."""
-        solution = og.PathGeometric(self.getSpaceInformation())
-        for q in path:
-            solution.append(self._state(q))
-        problem = self.getProblemDefinition()
-        approximate, difference = problem.hasApproximateSolution(), problem.getSolutionDifference()
-        problem.clearSolutionPaths()
-        planner = self.getPlanner()  # none, if a planner solved the problem on its own
-        name = "" if planner is None else planner.getName()
-        problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
-
-    def getPlannerData(self, data: Any) -> None:
-        """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
-        planner = self.getPlanner()
-        fill = getattr(planner, "fillPlannerData", None)
-        if fill is None:
-            super().getPlannerData(data)
-        else:
-            data.clear()
-            fill(data)
+    def _put_user_checks(self, *checks: UserCheck | None) -> None:
+        given = tuple(check for check in checks if check is not None)
+        self.put(replace(self.constraints, user=given))
 
 
-def _let_go(setup: ref[WiredSetup]) -> None:
+def _let_go(wiring: ref[Wiring]) -> None:
     """Forget the checks of the user's own, at the end of the program: OMPL would call them leaked."""
-    alive = setup()
+    alive = wiring()
     if alive is not None:
-        alive._sampled = alive._asked = None
-        alive._take_user_checks()
-
-
-def planner_data(planner: Any) -> Any:
-    """Return what a planner has built, as an `ob.PlannerData`: of our planners, of OMPL's, and outside `SafeSetup`.
-
-    OMPL's bindings let no planner in Python answer `getPlannerData`: under a plain `og.SimpleSetup` that stays empty.
-    """
-    data = ob.PlannerData(planner.getSpaceInformation())
-    fill = getattr(planner, "fillPlannerData", None) or planner.getPlannerData
-    fill(data)
-    return data
+        alive.put(replace(alive.constraints, user=()))
 
 
 def danger_field(

@@ -17,7 +17,7 @@ from safe_ompl.paths.certificate.portable import built_robot, built_scene
 from safe_ompl.paths.curve import Curve
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
-from safe_ompl.setup import problem
+from safe_ompl.setup import wiring
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.viewer.movers import Movers
 from safe_ompl.viewer.proof import Proof
@@ -178,7 +178,7 @@ class Exhibit:
         """The danger of the robot in its scene; None where there is none, or nothing is dangerous."""
         if self.danger is None:
             return None
-        found = problem.danger_field(self.robot, self.scene, self.danger)
+        found = wiring.danger_field(self.robot, self.scene, self.danger)
         return found if found.points is not None and len(found.points) else None
 
     def along(self, name: str, shares: FloatArray) -> FloatArray:

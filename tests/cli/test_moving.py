@@ -7,8 +7,7 @@ import pytest
 from safe_ompl.cli import main
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.files import load
-from safe_ompl.scenario.limits import PathLimits
-from safe_ompl.scenario.moving import MovingObstacles
+from safe_ompl.scenario.constraints import MovingObstacles, PathLimits
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import plan, setup_scenario
 

@@ -10,7 +10,7 @@ import yaml
 
 from safe_ompl.cli.main import main
 from safe_ompl.errors import InputError
-from safe_ompl.scenario.motion_limits import MotionLimits
+from safe_ompl.scenario.constraints import MotionLimits
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import plan

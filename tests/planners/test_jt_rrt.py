@@ -11,6 +11,7 @@ from ompl import base as ob
 from safe_ompl.errors import InputError
 from safe_ompl.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planners.registry import make_planner
+from safe_ompl.plugins.states import ScratchState
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -287,7 +288,7 @@ def test_solve_plans_to_the_place_though_there_are_goal_configurations_too(setup
 def test_solve_plans_to_a_goal_of_ones_own(setup):
     own = ob.GoalStates(setup.getSpaceInformation())
     setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
-    own.addState(setup._state(START * [-1, 1, 1, 1, 1, 1]))
+    own.addState(ScratchState(setup.wiring.bridge).set(START * [-1, 1, 1, 1, 1, 1]))
     setup.setGoal(own)
     setup.setPlanner(make_planner("SafeJTRRT", setup.getSpaceInformation()))
     assert setup.solve(1.0).asString() == "Unrecognized goal type"

@@ -10,9 +10,8 @@ import pytest
 import yaml
 
 from safe_ompl.robot.region import GoalRegion
+from safe_ompl.scenario.constraints import PathLimits, TipBox, ToolConstraint
 from safe_ompl.scenario.goal import Goal
-from safe_ompl.scenario.limits import PathLimits
-from safe_ompl.scenario.tool import TipBox, ToolConstraint
 
 PAGE = (Path(__file__).parents[2] / "docs" / "goals.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)

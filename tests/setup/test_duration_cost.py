@@ -8,7 +8,7 @@ import pytest
 from safe_ompl.errors import InputError, UnknownNameError
 from safe_ompl.plugins.duration import DurationObjective
 from safe_ompl.plugins.objective import DangerObjective
-from safe_ompl.scenario.motion_limits import MotionLimits
+from safe_ompl.scenario.constraints import MotionLimits
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,37 +25,43 @@ from safe_ompl.plugins.objective import DangerObjective
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.setup.interrupts import Interrupts
+from safe_ompl.setup.run import Interrupts
 from safe_ompl.setup.safe_setup import SafeSetup
 
 PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]
 PROGRAM = Path(__file__).parent / "programs" / "interrupted.py"
-LATENCY = 0.2  # [s]
-TRIES = 3  # another process may hold the machine up
 
 
-def seconds_until_interrupted(setup: SafeSetup, planner: str, delay: float) -> float:
-    """Plan again and again until an alarm, handled as Ctrl-C is, and return how late that was noticed [s]."""
-    signal.signal(signal.SIGALRM, signal.default_int_handler)
+def looks_until_interrupted(setup: SafeSetup, planner: str, delay: float, ticks: Any) -> int:
+    """Plan until an alarm, handled as Ctrl-C is, and return how often a planner looked at the clock after that."""
+
+    def interrupt(*_: object) -> None:
+        noticed.append(ticks.looks)
+        raise KeyboardInterrupt
+
+    noticed: list[int] = []
+    signal.signal(signal.SIGALRM, interrupt)
     setup.prepare(planner, 0)
-    begin = time.monotonic()
     try:
         # Again and again: a signal that gets lost must not hang the test.
         signal.setitimer(signal.ITIMER_REAL, delay, 1.0)
         while True:
             setup.clear()
-            assert setup.solve(60.0)
+            assert setup.solve(1e6)
     except KeyboardInterrupt:
-        return time.monotonic() - begin - delay
+        return ticks.looks - noticed[0]
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_ctrl_c_ends_planning_at_once(planner: str) -> None:
+def test_ctrl_c_ends_planning_at_once(planner: str, ticks: Any) -> None:
     setup, rng = setup_scenario(Scenario.load(find_scenario("planar3"))), np.random.default_rng(7)
+    setup.plan(
+        planner, time=1.0
+    )  # loads kernels: Numba turns an interrupt while it does so into a SystemError
     for delay in rng.uniform(0.01, 0.15, 4):
-        assert any(seconds_until_interrupted(setup, planner, delay) < LATENCY for _ in range(TRIES))
+        assert looks_until_interrupted(setup, planner, delay, ticks) <= 1
         assert not setup.haveSolutionPath() or setup.report(setup.solution()).certified
         result = setup.plan(planner, time=0.1)
         assert not result or result.report.certified
@@ -186,31 +191,33 @@ def test_an_exception_of_a_callback_arrives_unchanged(planner: str) -> None:
 
 
 @pytest.fixture
-def ctrl_c_while_simplifying(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Press Ctrl-C, once, in the middle of a simplification; return when [s]."""
-    begin, pressed = Simplifier.begin, []
+def ctrl_c_while_simplifying(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Press Ctrl-C, once, in the middle of a simplification; return what was said later to who asked about stopping."""
+    begin, pressed, said = Simplifier.begin, [], list[bool]()
 
     def interrupted(self: Simplifier, path: Any, stop: Callable[[], bool], *rest: Any, **options: Any) -> Any:
         def asked() -> bool:
             if not pressed:
-                pressed.append(time.monotonic())
+                pressed.append(True)
                 signal.raise_signal(signal.SIGINT)
-            return stop()
+            said.append(stop())
+            return said[-1]
 
         return begin(self, path, asked, *rest, **options)
 
     monkeypatch.setattr(Simplifier, "begin", interrupted)
-    return pressed
+    return said
 
 
 @pytest.mark.parametrize("options", [{"simplify": True}, {"optimise": 60.0}])
 def test_ctrl_c_leaves_the_best_path_so_far(
-    ctrl_c_while_simplifying: list[float], options: dict[str, Any]
+    ctrl_c_while_simplifying: list[bool], options: dict[str, Any]
 ) -> None:
     setup = setup_scenario(Scenario.load(find_scenario("planar3")))
     before = signal.getsignal(signal.SIGINT)
     result = setup.plan(time=20.0, seed=0, **options)
-    assert time.monotonic() - ctrl_c_while_simplifying[0] < 20.0
+    assert all(ctrl_c_while_simplifying)
+    assert len(ctrl_c_while_simplifying) < 5
     assert result.report.certified
     assert result.interrupted
     assert result.as_dict()["interrupted"] is True
@@ -231,7 +238,7 @@ def test_ctrl_c_before_there_is_a_path_leaves_nothing() -> None:
             setup.plan(Endless(setup.getSpaceInformation()), time=60.0, **options)
 
 
-def test_ctrl_c_ends_all_the_runs_of_a_campaign(ctrl_c_while_simplifying: list[float]) -> None:
+def test_ctrl_c_ends_all_the_runs_of_a_campaign(ctrl_c_while_simplifying: list[bool]) -> None:
     campaign = Campaign(Scenario.load(find_scenario("planar3")), ("SafeRRTConnect",), 5, simplify=True)
     with pytest.raises(KeyboardInterrupt):
         list(campaign.results())
@@ -239,7 +246,7 @@ def test_ctrl_c_ends_all_the_runs_of_a_campaign(ctrl_c_while_simplifying: list[f
 
 @pytest.mark.parametrize("option", [["--simplify"], ["--optimise", "60"]])
 def test_the_command_line_says_that_it_was_interrupted(
-    ctrl_c_while_simplifying: list[float], capfd: pytest.CaptureFixture[str], option: list[str]
+    ctrl_c_while_simplifying: list[bool], capfd: pytest.CaptureFixture[str], option: list[str]
 ) -> None:
     assert main(["plan", "planar3", *option]) == 0
     out, err = capfd.readouterr()

@@ -17,7 +17,7 @@ from safe_ompl.errors import CollisionError, InputError
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.objective import DangerObjective
-from safe_ompl.scenario.limits import PathLimits
+from safe_ompl.scenario.constraints import PathLimits
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.safe_setup import SafeSetup

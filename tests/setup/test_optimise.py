@@ -1,7 +1,6 @@
 """SafeSetup and the command line simplify and optimise; the anytime optimiser keeps the best of what it finds."""
 
 import json
-import time
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from ompl import base as ob
 from safe_ompl.benchmark.campaign import Campaign, summarize
 from safe_ompl.cli import main
 from safe_ompl.errors import InputError
+from safe_ompl.paths.simplify.simplifier import Simplifier
 from safe_ompl.pictures.plots import plot_plan
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
@@ -42,12 +42,20 @@ def test_a_plan_simplified(setup):
     assert simple.counts.nodes == raw.counts.nodes
 
 
-def test_a_time_limit_is_kept(setup):
-    setup.plan(seed=1, simplify=True)
-    begin = time.perf_counter()
-    result = setup.plan(seed=1, simplify=1e-3)
-    assert result.simplification_time < 1.0
-    assert time.perf_counter() - begin < 10.0
+def test_a_time_limit_is_kept(setup, monkeypatch):
+    begin, looks = Simplifier.begin, []
+
+    def watched(self, path, stop, *rest, **options):
+        return begin(self, path, lambda: looks.append(stop()) or looks[-1], *rest, **options)
+
+    monkeypatch.setattr(Simplifier, "begin", watched)
+    setup.plan(seed=1, simplify=20.0)
+    unlimited = len(looks)
+    assert True not in looks
+    looks.clear()
+    setup.plan(seed=1, simplify=1e-6)
+    assert looks.count(True) <= len(looks) < unlimited / 4
+    assert looks[-1] is True
 
 
 def test_simplify_solution_after_solve_as_in_ompl(setup):
@@ -120,9 +128,9 @@ def test_an_optimised_plan(setup):
     assert result
     np.testing.assert_allclose(setup.solution(), result.path, err_msg="it is the solution of the setup, too")
     assert result.report.certified
-    assert 0.5 < result.planning_time + result.simplification_time < 5.0
     times, costs = zip(*((step.time, step.cost) for step in result.improvements), strict=True)
     assert list(times) == sorted(times)
+    assert times[-1] <= result.planning_time + result.simplification_time
     assert (np.diff(costs) < 0).all()
     assert setup.simplifier.cost.of(result.path) == pytest.approx(costs[-1], rel=1e-6)
     assert costs[-1] <= setup.simplifier.cost.of(setup.plan(seed=4, simplify=True).path) * 1.02
@@ -146,7 +154,7 @@ def test_the_best_of_several_starts_counts(setup):
     found = optimise(search, simplifier, 30.0, stop=lambda: len(asked) > 4)
     assert asked == [0, 1, 2, 3, 4]
     assert simplifier.cost.of(found.paths[-1]) <= min(alone) * (1 + 1e-6)
-    assert found.first_path == pytest.approx(found.times[0], abs=0.5)
+    assert found.first_path == found.times[0]
 
 
 def test_what_was_found_stands_when_interrupted(setup):

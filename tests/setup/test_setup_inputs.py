@@ -15,15 +15,15 @@ from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.errors import CollisionError, InputError, UnknownNameError
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.plugins.goals import WorkspaceGoal
-from safe_ompl.plugins.states import StateBridge
+from safe_ompl.plugins.states import ScratchState, StateBridge
 from safe_ompl.robot.ik_search import inverse_kinematics
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Sphere
+from safe_ompl.setup.given_planner import planner_data
 from safe_ompl.setup.safe_setup import SafeSetup
-from safe_ompl.setup.wiring import planner_data
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
@@ -49,8 +49,8 @@ def setup(ur5: Robot) -> SafeSetup:
 def test_forms_of_a_configuration(setup: SafeSetup, form: Any) -> None:
     start, goal = form(setup.robot, START), form(setup.robot, GOAL)
     setup.setConfigurations(start, goal)
-    np.testing.assert_allclose(setup._start, START, atol=1e-6)
-    np.testing.assert_allclose(setup._bridge.read(setup.getGoal().getState(0)), GOAL, atol=1e-6)
+    np.testing.assert_allclose(setup.problem.start, START, atol=1e-6)
+    np.testing.assert_allclose(setup.wiring.bridge.read(setup.getGoal().getState(0)), GOAL, atol=1e-6)
     setup.setConfigurations(start, [goal, goal])
     assert setup.getGoal().getStateCount() == 2
     assert setup.plan(seed=np.int64(0), time=np.float32(20.0))
@@ -192,8 +192,8 @@ def slider(robot_named: Any) -> Robot:
 
 def test_planner_data_outside_a_safe_setup(setup: SafeSetup) -> None:
     plain = og.SimpleSetup(setup.getSpaceInformation())
-    plain.addStartState(setup._state(START))
-    plain.setGoalState(setup._state(GOAL))
+    plain.addStartState(ScratchState(setup.wiring.bridge).set(START))
+    plain.setGoalState(ScratchState(setup.wiring.bridge).set(GOAL))
     planner = SafeRRTConnect(plain.getSpaceInformation())
     plain.setPlanner(planner)
     assert plain.solve(20.0)

@@ -171,3 +171,13 @@ def test_a_result_of_another_scene_is_not_timed(setup):
     setup.moveObstacle("ball", Pose((0.3, 0.6, 0.7)))
     with pytest.raises(StaleSceneError, match="plan again"):
         result.timed()
+
+
+def test_the_timer_knows_where_people_are_now(setup, scenario):
+    path, pose = setup.plan(seed=1).path, setup.scene["colleague"].pose
+    durations = []
+    for x in (1.1, 1.2, 1.3):  # from the second move on it is in place
+        setup.moveObstacle("colleague", replace(pose, position=(x, *pose.position[1:])))
+        durations.append(setup.timer.time(path).duration)
+        assert durations[-1] == anew(setup, scenario).timer.time(path).duration
+    assert len(set(durations)) == 3

@@ -17,10 +17,9 @@ from safe_ompl.errors import CollisionError, InputError
 from safe_ompl.robot.ik_search import inverse_kinematics
 from safe_ompl.robot.region import GoalRegion
 from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scenario.constraints import PathLimits, TipBox, ToolConstraint
 from safe_ompl.scenario.goal import Goal
-from safe_ompl.scenario.limits import PathLimits
 from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.scenario.tool import TipBox, ToolConstraint
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene

@@ -16,6 +16,7 @@ from safe_ompl.collision.motion import Verdict
 from safe_ompl.errors import CollisionError, InputError
 from safe_ompl.planners.prm import SafePRM
 from safe_ompl.plugins.motion import CertifiedMotionValidator
+from safe_ompl.plugins.states import StateBridge
 from safe_ompl.plugins.user_checks import SampledValidity
 from safe_ompl.plugins.validity import CollisionFreeValidity
 from safe_ompl.scene.obstacle import Obstacle
@@ -238,7 +239,7 @@ def test_motions_are_sampled_with_both_ends(setup: SafeSetup) -> None:
         seen.append(state[0])
         return True
 
-    check = SampledValidity(record, setup._bridge, 0.3)
+    check = SampledValidity(record, StateBridge(setup.getStateSpace()), 0.3)
     assert check.check(np.zeros(6), np.eye(6)[0]).verdict is Verdict.FREE
     np.testing.assert_allclose(seen, [0, 0.25, 0.5, 0.75, 1])
 

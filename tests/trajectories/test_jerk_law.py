@@ -9,7 +9,7 @@ from test_timing import POSTURE
 
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.scenario.motion_limits import MotionLimits
+from safe_ompl.scenario.constraints import MotionLimits
 from safe_ompl.scenario.people import People
 from safe_ompl.trajectories.curve import BlendedCurve, Piece
 from safe_ompl.trajectories.jerk_law import Ramp, jerk_limited_law

@@ -15,8 +15,8 @@ from safe_ompl.planners.registry import is_ours, make_planner, needs_place, plan
 from safe_ompl.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.setup.given_planner import planner_data
 from safe_ompl.setup.safe_setup import SafeSetup
-from safe_ompl.setup.wiring import planner_data
 
 OURS = [name for name in planner_names() if is_ours(name)]
 MARK = "{http://graphml.graphdrawing.org/xmlns}"
