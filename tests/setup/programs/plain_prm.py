@@ -22,7 +22,7 @@ si.setMotionValidator(validator)
 if sys.argv[1:] == ["danger"]:
     setup.setOptimizationObjective(DangerObjective(si, ours.field))
 ends = [setup.getStateSpace().allocState() for _ in range(2)]
-for state, q in zip(ends, (ours._start, ours._goals[0]), strict=True):
+for state, q in zip(ends, (ours.problem.start, ours.problem.goals[0]), strict=True):
     bridge.write(np.asarray(q), state)
 setup.setStartAndGoalStates(*ends)
 setup.setPlanner(og.PRM(si))
