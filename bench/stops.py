@@ -30,10 +30,10 @@ from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.collision.queries import fresh_data
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.format import digest
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.plain_distances import corners
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.distances import corners
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario, find_scenario

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from safe_ompl.exchange.joint_path import JointPath
     from safe_ompl.live.replanner import Replanner
     from safe_ompl.paths.certificate.issue import certificate
-    from safe_ompl.paths.certificate.verify import verify
+    from safe_ompl.paths.certificate.verifier.verify import verify
 
 _LATER = {  # what planning does without is imported when it is first asked for
     "Benchmark": "safe_ompl.benchmark.benchmark",
@@ -71,7 +71,7 @@ _LATER = {  # what planning does without is imported when it is first asked for
     "certificate": "safe_ompl.paths.certificate.issue",
     "load": "safe_ompl.exchange.files",
     "save": "safe_ompl.exchange.files",
-    "verify": "safe_ompl.paths.certificate.verify",
+    "verify": "safe_ompl.paths.certificate.verifier.verify",
 }
 
 __all__ = [

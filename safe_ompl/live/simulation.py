@@ -17,7 +17,8 @@ from safe_ompl.live.replanner import Replanner
 from safe_ompl.live.summary import Faults, Summary
 from safe_ompl.live.ticks import header
 from safe_ompl.live.world import World
-from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
+from safe_ompl.paths.certificate.robot_document import carried_robot
+from safe_ompl.paths.certificate.scene_document import carried_scene
 from safe_ompl.people.reach import ReachSets
 from safe_ompl.trajectories.trajectory import Trajectory
 

@@ -8,7 +8,7 @@ import pytest
 
 from safe_ompl.cli import main
 from safe_ompl.cli.verify import certificate_of
-from safe_ompl.paths.certificate.format import digest
+from safe_ompl.paths.certificate.schema import digest
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
 

@@ -13,7 +13,8 @@ from safe_ompl.live.movers import Drifting, Playback
 from safe_ompl.live.simulation import Simulation
 from safe_ompl.live.summary import Faults
 from safe_ompl.live.ticks import read_ticks
-from safe_ompl.paths.certificate.portable import built_robot, built_scene
+from safe_ompl.paths.certificate.robot_document import built_robot
+from safe_ompl.paths.certificate.scene_document import built_scene
 from safe_ompl.people.recordings import Recording
 from safe_ompl.people.skeletons import KEYPOINTS, SKELETONS
 from safe_ompl.people.tracking import Tracker

@@ -17,11 +17,11 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError, PlanningError
-from safe_ompl.paths.certificate.format import digest
 from safe_ompl.paths.certificate.issue import Pairs, certificate
-from safe_ompl.paths.certificate.plain_danger import PlainDanger
-from safe_ompl.paths.certificate.portable import carried_scene
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.scene_document import carried_scene
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.danger import PlainDanger
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
@@ -109,7 +109,7 @@ def test_another_process_verifies_it(written, tmp_path):
         import json, sys
         sys.path.insert(0, sys.argv[2])
         from conftest import _robot, clutter
-        from safe_ompl.paths.certificate.verify import verify
+        from safe_ompl.paths.certificate.verifier.verify import verify
         print(verify(json.load(open(sys.argv[1])), _robot("ur5"), clutter.__wrapped__()))
     """
     tests = str(Path(__file__).parents[2])

@@ -10,9 +10,9 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError, PlanningError
-from safe_ompl.paths.certificate.format import digest
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene

@@ -14,9 +14,9 @@ import pytest
 
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.format import digest
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.scene.obstacle import Obstacle
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.format import digest
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.portable import built_robot, built_scene, carried_robot, carried_scene
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.robot_document import built_robot, carried_robot
+from safe_ompl.paths.certificate.scene_document import built_scene, carried_scene
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle

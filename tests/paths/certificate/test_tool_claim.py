@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from safe_ompl.errors import CertificateError, InputError, PlanningError
-from safe_ompl.paths.certificate.format import digest
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.plain_tool import PlainTool
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.tool import PlainTool
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.setup.safe_setup import SafeSetup
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0.1, 0, 0]])
