@@ -63,12 +63,12 @@ class Clearance:
     def check(self, robot: Robot, scene: Scene) -> None:
         """Raise InputError unless robot and scene have what is named."""
         with document.within("clearance"):
-            _check_known("obstacle", self.obstacles, scene.names)
+            _check_known("obstacles", "obstacle", self.obstacles, scene.names)
             links = sorted(
                 {body.name.rsplit("_", 1)[0] for body in robot.shared.collision_model.geometryObjects}
             )
-            _check_known("link", (link for link, _ in self.exempt), links)
-            _check_known("obstacle", (obstacle for _, obstacle in self.exempt), self.obstacles)
+            _check_known("exempt", "link", (link for link, _ in self.exempt), links)
+            _check_known("exempt", "obstacle", (obstacle for _, obstacle in self.exempt), self.obstacles)
 
     def of(self, link: str, obstacle: str) -> float:
         """Return what a link keeps from an obstacle [m]."""
@@ -90,8 +90,8 @@ class MovingObstacles:
 
     def check(self, scene: Scene) -> None:
         """Raise InputError unless the scene has the obstacles."""
-        with document.within("moving_obstacles.speeds"):
-            _check_known("obstacle", self.speeds, scene.names)
+        with document.within("moving_obstacles"):
+            _check_known("speeds", "obstacle", self.speeds, scene.names)
 
     def of(self, obstacle: str) -> float:
         """Return how far an obstacle may come [m]."""
@@ -231,12 +231,10 @@ class Stops:
     def check(self, scene: Scene) -> None:
         """Raise InputError unless the scene has the people, and they have the limbs."""
         with document.within("stops"):
-            _check_known("obstacle", self.who, scene.names)
+            _check_known("who", "obstacle", self.who, scene.names)
             parts = {part: part[len(name) + 1 :] for name in self.who for part in _parts(scene, name)}
-            with document.within("speeds"):
-                _check_known("limb", self.speeds, filter(None, parts.values()))
-            with document.within("contact"):
-                _check_known("limb", self.contact or (), parts)
+            _check_known("speeds", "limb", self.speeds, filter(None, parts.values()))
+            _check_known("contact", "limb", self.contact or (), parts)
 
     def speed_of(self, limb: str) -> float:
         """Return how fast a limb may move [m/s]."""
@@ -503,8 +501,8 @@ def _rounded(value: float, way: str) -> str:
     return f"{float(near):g}"
 
 
-def _check_known(kind: str, names: Iterable[str], known: Iterable[str]) -> None:
+def _check_known(place: str, kind: str, names: Iterable[str], known: Iterable[str]) -> None:
     known = tuple(known)
     for name in names:
         if name not in known:
-            raise UnknownNameError(kind, name, known)
+            raise UnknownNameError(kind, name, known, place)

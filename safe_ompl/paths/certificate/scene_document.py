@@ -21,7 +21,7 @@ _MOST_BYTES = 200_000_000  # of all files that travel in one document
 
 def _file_content(name: str, value: Any) -> str:
     if not _FILE_NAME.fullmatch(name):
-        raise InputError(f"{name!r} is not the name of a file")
+        raise InputError("is not the name of a file", repr(name))
     return document.text(name, value)
 
 

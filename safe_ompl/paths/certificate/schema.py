@@ -158,7 +158,7 @@ def number(
     """Return a reader of a finite number; only Python's own are plain data."""
 
     def read(name: str, value: Any) -> float:
-        if type(value) not in (int, float):
+        if not isinstance(value, (int, float)):
             raise InputError(f"must be a finite number, got {shown(value)}", name)
         return document.number(name, value, above=above, at_least=at_least, at_most=at_most)
 
@@ -204,7 +204,7 @@ def some(reader: Reader, *, least: int = 0, count: int | None = None, of: str = 
         if count is not None and len(value) != count:
             raise InputError(f"must have {count} entries, got {len(value)}", name)
         if len(value) < least:
-            raise InputError(f"must name an {of} at least", name)
+            raise InputError(f"must name one {of} at least", name)
         return tuple(reader(f"{name}[{k}]", item) for k, item in enumerate(value))
 
     return read
@@ -218,7 +218,7 @@ def by_name(
     def read(name: str, value: Any) -> dict[str, Any]:
         data = _mapping(name, value, known)
         if len(data) < least:
-            raise InputError(f"must name an {of} at least", name)
+            raise InputError(f"must name one {of} at least", name)
         with document.within(name):
             return {text("a name", part): reader(part, item) for part, item in data.items()}
 
@@ -234,7 +234,7 @@ def array(*shape: int | None) -> Reader:
             raise InputError(f"must be {'lists' if len(shape) > 1 else 'a list'} of numbers", name)
         if len({len(row) for row in rows}) > 1:
             raise InputError("must have rows of one length", name)
-        if not all(type(item) in (int, float) and _finite(item) for row in rows for item in row):
+        if not all(isinstance(item, (int, float)) and _finite(item) for row in rows for item in row):
             raise InputError("must be numbers, all of them finite", name)
         found: FloatArray = np.array(value, dtype=np.float64)
         if len(shape) == 2 and not value:
@@ -250,7 +250,7 @@ def array(*shape: int | None) -> Reader:
 
 def _finite(value: float) -> bool:
     try:
-        return math.isfinite(value)
+        return math.isfinite(value) and not isinstance(value, bool)
     except OverflowError:  # an int that no float holds
         return False
 

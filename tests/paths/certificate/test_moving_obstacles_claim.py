@@ -100,8 +100,8 @@ def test_another_obstacle_is_not_proven(ur5, clutter, nearest):
     [
         ({"time": -1.0}, r"moving_obstacles\.time: "),
         ({"time": float("nan")}, r"moving_obstacles\.time: must be a finite number"),
-        ({"time": "1"}, r"moving_obstacles\.time: must be a finite number >= 0, got '1'"),
-        ({"speeds": {}}, r"moving_obstacles\.speeds: must name an obstacle at least"),
+        ({"time": "1"}, r"moving_obstacles\.time: must be a finite number, got '1'"),
+        ({"speeds": {}}, r"moving_obstacles\.speeds: must name one obstacle at least"),
         ({"speeds": {"ball": -1}}, r"moving_obstacles\.speeds\.ball: "),
         ({"speeds": {"ghost": 1.0}}, "unknown obstacle 'ghost'"),
         ({"speeds": ["ball"]}, r"moving_obstacles\.speeds: must be a mapping"),

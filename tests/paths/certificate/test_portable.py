@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from base64 import b64encode
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,9 @@ from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
 
 ROBOTS = Path(__file__).parents[3] / "scenarios" / "robots"
+
+
+PLAIN = {"locked": {}, "limits": {}, "hulls": True}  # of a recipe
 
 
 def travelled(data):
@@ -95,7 +99,7 @@ def test_another_file_does_not_pass_for_the_one_of_the_hash(everything):
     ("change", "message"),
     [
         ({"files": {}}, r"obstacles\[6\].pointcloud.file: the file '0.npy' is not carried"),
-        ({"files": {"0.npy": "?", "1.obj": "", "2.obj": ""}}, "0.npy: not in base 64"),
+        ({"files": {"0.npy": "?", "1.obj": "AA==", "2.obj": "AA=="}}, "0.npy: not in base 64"),
         (
             {"files": {"../0.npy": "", "0.npy": "AA==", "1.obj": "AA==", "2.obj": "AA=="}},
             "not the name of a file",
@@ -165,9 +169,12 @@ def test_a_robot_with_meshes_needs_its_packages(tmp_path, data_folder):
         ({"recipe": None}, "carries no recipe of its robot 'ur5'"),
         ({"recipe": 3}, "recipe: must be a mapping"),
         ({"recipe": {}}, "recipe: must have one of the keys urdf, base, mobile_base, attached, robots"),
-        ({"recipe": {"urdf": {"example_robot_data": "../../../etc/passwd"}}}, "is not in example-robot-data"),
+        (
+            {"recipe": {**PLAIN, "urdf": {"example_robot_data": "../../../etc/passwd"}}},
+            "is not in example-robot-data",
+        ),
         ({"recipe": {"urdf": {"text": ""}}}, "recipe.urdf.text: must be text"),
-        ({"recipe": {"urdf": {"text": "<robot/>"}, "wheels": 4}}, "not a recipe of a robot: .*wheels"),
+        ({"recipe": {"urdf": {"text": "<robot/>"}, "wheels": 4}}, "wheels: unknown key"),
         ({"extra": 3}, "unknown key"),
     ],
 )
@@ -186,11 +193,16 @@ def written(ur5, clutter):
 
 
 def test_it_verifies_with_nothing_given(written, ur5, clutter):
-    assert verify(written) == verify(written, ur5, clutter)
+    given, own = verify(written, ur5, clutter), verify(written)
+    assert given.own == ()
+    assert given.claims == ("every motion is free",)
+    assert own.claims == ("every motion is free, for the robot and the scene that the file itself carries",)
+    assert replace(own, own=(), claims=given.claims) == given
+    assert verify(written, ur5).claims[0].endswith(", for the scene that the file itself carries")
 
 
 def test_what_is_not_claimed_is_listed(written, ur5, clutter):
-    found = verify(written)
+    found = verify(written, ur5, clutter)
     assert found.claims == ("every motion is free",)
     assert found.not_claimed == ("clearance", "danger", "moving obstacles", "tool")
     assert found.not_covered == ()
@@ -204,7 +216,7 @@ def test_what_is_not_claimed_is_listed(written, ur5, clutter):
 @pytest.mark.parametrize("key", ["source", "clearance", "danger", "moving_obstacles", "also_sampled"])
 def test_nothing_can_be_left_out(written, key):
     content = {k: v for k, v in written.items() if k != key}
-    with pytest.raises(InputError, match=f"has no '{key}'"):
+    with pytest.raises(InputError, match=f"{key}: missing, but needed"):
         verify(signed(content))
 
 

@@ -14,7 +14,8 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.issue import certificate
+from safe_ompl.paths.certificate.claims import at_most
+from safe_ompl.paths.certificate.issue import certificate, terms_of_field
 from safe_ompl.paths.certificate.schema import digest
 from safe_ompl.paths.certificate.verifier.distances import corners
 from safe_ompl.paths.certificate.verifier.verify import verify
@@ -147,7 +148,7 @@ def test_contacts_are_slow_enough(touching, ur5, scene, plain_check):
     found = verify(touching, ur5, scene)
     stops = touching["trajectory"]["stops"]
     bears = stops["contact"]["ball"]
-    assert found.claims[-1].endswith(f"or no point of it is faster then than ball {bears:.3g} m/s")
+    assert found.claims[-1].endswith(f"or no point of it is faster then than ball {at_most(bears)} m/s")
     motion, plain, met = motion_of(touching["trajectory"], ur5), plain_check(ur5, scene), 0
     for begin in np.linspace(0, motion.duration, 15):
         stop = motion.stop_from(begin)
@@ -196,9 +197,9 @@ def endangering(request, ur5, scene):
 
 def test_danger_in_motion_is_claimed_and_verified(endangering, ur5):
     content, field, scene, made = endangering
-    found = verify(content, ur5, scene, field=field)
+    found = verify(content, ur5, scene, terms=terms_of_field(field, scene.spacing))
     claim = content["trajectory"]["danger"]
-    assert found.claims[-1].startswith(f"danger in motion at most {claim['bound']:.3f}")
+    assert found.claims[-1].startswith(f"danger in motion at most {at_most(claim['bound'])}")
     assert "danger in motion" not in found.not_claimed
     state = made.at(np.linspace(0, made.duration, 500))
     peak = field.moving.values(state.q, state.qd).max()
@@ -227,7 +228,7 @@ def test_danger_in_motion_of_another_kind_is_refused(endangering, ur5):
     weaker = again(content, lambda t: t["danger"].update(k2=0.1))
     verify(weaker, ur5, scene)
     with pytest.raises(CertificateError, match=r"danger in motion: k2 is 0\.1"):
-        verify(weaker, ur5, scene, field=field)
+        verify(weaker, ur5, scene, terms=terms_of_field(field, scene.spacing))
     for change in ({"gamma": -1}, {"more": 1}, {"k2": None}):
         with pytest.raises(InputError, match="danger"):
             verify(again(content, lambda t, change=change: t["danger"].update(change)), ur5, scene)
@@ -298,7 +299,7 @@ def moved(claim):
         (stronger(reaction_time=0.06), "are needed"),
         (stronger(clearance=0.02), "are needed"),
         (stronger(who=["ball", "table"]), "are needed"),
-        (stronger(who=[]), "must name an obstacle"),
+        (stronger(who=[]), "must name one obstacle"),
         (stronger(who=["nobody"]), "unknown obstacle"),
         (stronger(speed=-0.1), "speed: must be"),
         (
@@ -313,7 +314,7 @@ def moved(claim):
         (bent, "neither a line|begins where|does not begin|another direction"),
         (moved, "begin where the path does|the one before ends"),
         (lambda claim: claim["pieces"].pop(), "does not end where the path does|not corners"),
-        (lambda claim: claim.update(pieces=[]), "has no piece"),
+        (lambda claim: claim.update(pieces=[]), "must name one piece"),
         (lambda claim: claim["corners"].append(1), "does not stand at"),
         (lambda claim: claim["corners"].append(99), "are not corners"),
         (lambda claim: claim["squares"].__setitem__(0, 0.1), "does not stand at"),
@@ -322,7 +323,7 @@ def moved(claim):
         (lambda claim: claim.pop("squares"), "squares"),
         (lambda claim: claim.update(more=1), "more"),
         (lambda claim: claim.update(velocity=[0.0] * 6), "velocity"),
-        (lambda claim: claim["pieces"][0].pop("length"), "malformed"),
+        (lambda claim: claim["pieces"][0].pop("length"), "length: missing"),
     ],
 )
 def test_what_does_not_hold_is_refused(written, ur5, scene, change, message):

@@ -1,6 +1,7 @@
 """The danger of a path, and of a motion in time, by its definition: to check what certificates claim.
 
-A timed motion has KDF = k₁φ + k₂(φ′ + γI)ṡ for each link, with φ = ∫dt/‖ρ‖, φ′ = ∫ρ·x′/‖ρ‖³ dt and I = ∫‖x′‖/‖ρ‖² dt over its points x,
+A timed motion has KDF = k₁φ + k₂(φ′ + γI)ṡ for each link, with φ = ∫dt/‖ρ‖, φ′ = ∫ρ·x′/‖ρ‖³ dt and
+I = ∫‖x′‖/‖ρ‖² dt over its points x,
 ρ = p − x, x′ by arc length of the curve. In half an interval h, with ‖x′‖ ≤ V and ‖x″‖ ≤ A, no point of the link comes
 nearer to p than R, its distance D in the middle less Vh. Then φ ≤ U = φD/R, and as ‖ρ‖ ≥ R
 
