@@ -1,7 +1,7 @@
 """A judge of certificates that knows nothing of what issues and verifies them: it reads sentences, and asks samples.
 
-Robots come from their URDFs by `Robot.from_urdf`, scenes from their documents, distances from `pin.computeDistances`, the
-motion in time from its pieces and its time law, integrated here. A sentence that it cannot read counts as false.
+Robots come from their URDFs by `Robot.from_urdf`, scenes from their documents, distances from `pin.computeDistances`,
+the motion in time from its pieces and its time law, integrated here. A sentence that it cannot read counts as false.
 """
 
 from __future__ import annotations
@@ -79,7 +79,9 @@ def read(claims: tuple[str, ...]) -> dict[str, tuple[Any, ...]] | None:
 def carried_robot(level: Mapping[str, Any], folder: Path) -> Robot:
     """Build the robot of a recipe with the methods of `Robot`."""
     if "urdf" in level:
-        options = {key: value for key, value in level.items() if key not in ("urdf", "srdf") and value is not None}
+        options = {
+            key: value for key, value in level.items() if key not in ("urdf", "srdf") and value is not None
+        }
         for key in ("urdf", "srdf"):
             if level.get(key) is not None:
                 (folder / f"judged.{key}").write_text(level[key]["text"])
@@ -119,7 +121,9 @@ class Motion:
                 v, a = v + a * duration + jerk * duration**2 / 2, a + jerk * duration
         else:
             for (s, end), (x, y) in zip(pairwise(claim["edges"]), pairwise(claim["squares"]), strict=True):
-                spans.append((2 * (end - s) / (sqrt(x) + sqrt(y)), s, sqrt(x), (y - x) / (2 * (end - s)), 0.0))
+                spans.append(
+                    (2 * (end - s) / (sqrt(x) + sqrt(y)), s, sqrt(x), (y - x) / (2 * (end - s)), 0.0)
+                )
         self.spans = np.array(spans)
         self.times = np.concatenate([[0.0], np.cumsum(self.spans[:, 0])])
         self.duration = float(self.times[-1])
@@ -153,7 +157,9 @@ class Motion:
             room = max(float(self.edges[k + 1]) - s, 0.0)
             after = max(v * v - 2 * weakest * room, 0.0)
             span = (v - sqrt(after)) / weakest
-            found += [(t + x, s + v * x - weakest * x * x / 2, v - weakest * x, -weakest) for x in (0.0, 0.5 * span)]
+            found += [
+                (t + x, s + v * x - weakest * x * x / 2, v - weakest * x, -weakest) for x in (0.0, 0.5 * span)
+            ]
             s, v, t, k = float(self.edges[k + 1]), sqrt(after), t + span, k + 1
         if v > 1e-6:
             found.append((inf, s, v, -weakest))  # it has not stopped where the motion ends
@@ -212,7 +218,9 @@ class Judge:
         path = np.array(content["path"], dtype=float)
         ends = path[1:] if len(path) > 1 else path
         t = np.linspace(0, 1, SAMPLES)[:, None]
-        dense = np.concatenate([a + t * self.robot.difference(a, b) for a, b in zip(path, ends, strict=False)])
+        dense = np.concatenate(
+            [a + t * self.robot.difference(a, b) for a, b in zip(path, ends, strict=False)]
+        )
         motion = None
         if "timed" in said:
             motion = Motion(content["trajectory"])
@@ -222,7 +230,9 @@ class Judge:
             if max(float(np.abs(gap).max()) for gap in gaps) > ROUNDING:
                 return False
             dense = np.concatenate([dense, curve])
-        within = self.robot.continuous | ((dense > self.robot.lower - 1e-8) & (dense < self.robot.upper + 1e-8))
+        within = self.robot.continuous | (
+            (dense > self.robot.lower - 1e-8) & (dense < self.robot.upper + 1e-8)
+        )
         if not within.all() or not self._still(said, dense):
             return False
         return motion is None or self._timed(said, motion, content["trajectory"])
@@ -252,7 +262,12 @@ class Judge:
                     return False
         if "danger" in said:
             bound, aggregate, sharpness, weighting, k1, spacing = said["danger"]
-            kind = {"aggregate": aggregate, "weighting": weighting, "k1": float(k1), "spacing": float(spacing)}
+            kind = {
+                "aggregate": aggregate,
+                "weighting": weighting,
+                "k1": float(k1),
+                "spacing": float(spacing),
+            }
             danger = self._field(kind, sharpness)
             return danger is not None and danger.values(dense).max() <= float(bound) * (1 + ROUNDING)
         return True
@@ -310,13 +325,21 @@ class Judge:
         rates = self.robot.coupling.motions(qd)
         pin.forwardKinematics(self.model, self.data, self.robot.pinocchio_configuration(q), rates)
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        tip = float(np.linalg.norm(pin.getFrameVelocity(self.model, self.data, self.robot.tip_frame, frame).linear))
+        tip = float(
+            np.linalg.norm(pin.getFrameVelocity(self.model, self.data, self.robot.tip_frame, frame).linear)
+        )
         fastest = tip
         for body in self.robot.shared.collision_model.geometryObjects:
             motion, centre = self.data.v[body.parentJoint], body.placement.translation
             body.geometry.computeLocalAABB()
-            tops = (np.array([0, 0, z]) for z in (body.geometry.aabb_local.min_[2], body.geometry.aabb_local.max_[2]))
-            for point in (centre, *(body.placement.act(top) for top in tops)):  # on its axis: all are of the body
+            tops = (
+                np.array([0, 0, z])
+                for z in (body.geometry.aabb_local.min_[2], body.geometry.aabb_local.max_[2])
+            )
+            for point in (
+                centre,
+                *(body.placement.act(top) for top in tops),
+            ):  # on its axis: all are of the body
                 fastest = max(fastest, float(np.linalg.norm(np.cross(motion.angular, point) + motion.linear)))
         return tip, fastest
 
@@ -326,7 +349,12 @@ class Judge:
         who, speed, limbs, _, clearance, reaction, contact = said
         asked, names = self.terms.get("people", {}), who.split(", ")
         bears = speeds(contact or "")
-        mine = {"who": names, "speed": float(speed), "speeds": speeds(limbs), "reaction_time": float(reaction)}
+        mine = {
+            "who": names,
+            "speed": float(speed),
+            "speeds": speeds(limbs),
+            "reaction_time": float(reaction),
+        }
         if any(key in asked and asked[key] != value for key, value in mine.items()):
             return False
         most = asked.get("contact", {}) if asked else bears
