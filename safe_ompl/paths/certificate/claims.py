@@ -307,7 +307,9 @@ class TimedMotion:
     @property
     def sentences(self) -> list[str]:
         limits = {"velocities": self.velocity, "accelerations": self.acceleration, "jerks": self.jerk}
-        within = [f"{name} of ({', '.join(map(at_most, of))})" for name, of in limits.items() if of is not None]
+        within = [
+            f"{name} of ({', '.join(map(at_most, of))})" for name, of in limits.items() if of is not None
+        ]
         said = [f"driven in {self.duration:.3f} s, the joints within {', '.join(within)} [rad or m, s]"]
         if self.tool_speed is not None:
             said.append(f"the tip is no faster than {at_most(self.tool_speed)} m/s")

@@ -436,7 +436,9 @@ def _place_meshes(urdf: Path, given: Sequence[Path]) -> None:
     for mesh in meshes:
         name = mesh.get("filename", "")
         place = next((place for place in _mesh_places(name, given) if place.is_file()), None)
-        inside = "/".join(_steps(name) or ("mesh",))  # in the folder of the URDF, which has no other file
+        inside = "/".join(
+            _steps(name) or (PurePosixPath(name).name,)
+        )  # in the folder of the URDF, which has no other file
         mesh.set("filename", inside if place is None else str(place.resolve()))
     if meshes:
         urdf.write_bytes(ElementTree.tostring(root, encoding="utf-8"))

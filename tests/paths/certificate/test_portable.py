@@ -14,7 +14,7 @@ import pytest
 from safe_ompl.errors import CertificateError, InputError
 from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.robot_document import built_robot, carried_robot
-from safe_ompl.paths.certificate.scene_document import built_scene, carried_scene
+from safe_ompl.paths.certificate.scene_document import built_scene, carried_scene, unpack
 from safe_ompl.paths.certificate.schema import digest
 from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.fingerprint import robot_hash
@@ -258,3 +258,68 @@ def test_links_without_collision_geometry_are_named(written, ur5, clutter, monke
 def test_the_first_version_is_refused_in_a_clear_line(written):
     with pytest.raises(InputError, match=r"version 1 of the format .* write it anew with `safe-ompl plan"):
         verify({**written, "version": 1})
+
+
+# ---------------------------------------------------------------------------------------------- hostile documents
+
+
+def arm_with_mesh(name):
+    """Return what is carried of an arm with a mesh of this name in the place of a shape."""
+    text = (ROBOTS / "planar2.urdf").read_text()
+    carried = travelled(carried_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
+    shape = re.search("<collision>.*?(<geometry>.*?)</geometry>", text, re.DOTALL).group(1)
+    carried["recipe"]["urdf"]["text"] = text.replace(shape, f'<geometry><mesh filename="{name}"/>')
+    return carried
+
+
+@pytest.mark.parametrize(
+    "name", ["{}/wedge.obj", "file://{}/wedge.obj", "package:/{}/wedge.obj", "../../..{}/wedge.obj"]
+)
+def test_a_carried_urdf_reads_no_mesh_that_it_names_where_it_likes(files, name):
+    carried = arm_with_mesh(name.format(files))
+    with pytest.raises(InputError, match=r"cannot be built from what is carried; .*wedge\.obj' not found"):
+        built_robot(carried)
+    if name.startswith(("{}", "file")):
+        assert built_robot(carried, package_dirs=[files]) is not None, "the user names the folder"
+
+
+def test_a_carried_urdf_reads_no_other_file(files, monkeypatch):
+    (files / "inner").mkdir()
+    monkeypatch.chdir(files)
+    for name in ("wedge.obj", "package://wedge.obj", "package://inner/../wedge.obj"):
+        with pytest.raises(InputError, match="not found"):
+            built_robot(arm_with_mesh(name), package_dirs=[files / "inner"])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: '<!DOCTYPE robot [<!ENTITY a "b">]>' + text, "must not declare entities"),
+        (lambda text: 1000 * "<a>" + text, "tags in tags, more than 100 deep"),
+        (lambda text: text + 20_000_000 * " ", "characters, 20000000 are the most"),
+    ],
+)
+def test_texts_that_grow_when_they_are_read(change, message):
+    carried = travelled(carried_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
+    carried["recipe"]["urdf"]["text"] = change(carried["recipe"]["urdf"]["text"])
+    with pytest.raises(InputError, match=f"recipe.urdf.text: .*{message}"):
+        built_robot(carried)
+
+
+@pytest.mark.parametrize("name", ["..", "", ".", ".hidden", "a/b", "a\\b", "a\0", 101 * "a"])
+def test_names_that_are_none_of_files(everything, name):
+    carried = travelled(carried_scene(everything))
+    with pytest.raises(InputError, match=r"is not the name of a file|text.* that can be printed"):
+        built_scene({**carried, "files": {**carried["files"], name: "AA=="}})
+
+
+def test_a_carried_mesh_names_no_other_file(everything, files, tmp_path):
+    named = tmp_path / "named"
+    named.mkdir()
+    carried = travelled(carried_scene(everything))
+    wedge = (files / "wedge.obj").read_bytes()
+    for line in (b"mtllib /etc/hostname\n", b"  MTLLIB a\n", b"mtl\\\nlib /etc/hostname\n"):
+        unpack({"a.obj": b64encode(line + wedge).decode()}, named)
+        assert b"hostname" not in re.sub(rb"mtl +lib.*", b"", (named / "a.obj").read_bytes())
+    carried["files"]["1.obj"] = b64encode(b"mtllib /etc/hostname\n" + wedge).decode()
+    assert built_scene(carried).content_hash() == everything.content_hash()
