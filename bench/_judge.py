@@ -42,10 +42,10 @@ SENTENCES = {
     r"(?:, jerks of \((.*)\))? \[rad or m, s\]",
     "tool speed": rf"the tip is no faster than {N} m/s",
     "link speed": rf"no point of a link, nor the tip, is faster than {N} m/s",
-    "stops": rf"it stands before anyone of (.*) who moves no faster than {N} m/s((?:, \S+ {N} m/s)*) comes nearer than "
-    rf"{N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*))?",
-    "moving danger": rf"danger in motion at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), k1 {N}, "
-    rf"k2 {N}, gamma {N}, points {N} m apart\)",
+    "stops": rf"it stands before anyone of (.*) who moves no faster than {N} m/s((?:, \S+ {N} m/s)*) "
+    rf"comes nearer than {N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*))?",
+    "moving danger": rf"danger in motion at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), "
+    rf"k1 {N}, k2 {N}, gamma {N}, points {N} m apart\)",
 }
 
 

@@ -10,9 +10,9 @@ given    against the user's own robot, scene, people, danger and limits: what is
 carried  with nothing given: what is accepted must be true of the robot and the scene that the file carries, and the
          first sentence must say that they are the file's own.
 
-`false` counts what is accepted although a sentence is not true, or cannot be read, by a judge that samples (`_judge.py`);
-`crashed` what ends in any error but a refusal in one line. Both must be 0. Mutation k of a seed is always the same one:
---first goes on where another run ended. 10 000 take about half an hour.
+`false` counts what is accepted although a sentence is not true, or cannot be read, by a judge that samples
+(`_judge.py`); `crashed` what ends in any error but a refusal in one line. Both must be 0. Mutation k of a seed is always
+the same one: --first goes on where another run ended, or was interrupted. 10 000 take ten minutes of an idle core.
 """
 
 from __future__ import annotations
@@ -433,12 +433,16 @@ def main() -> None:
     found: Counter[tuple[str, str, str]] = Counter()
     for case in cases():
         assert judged(case, case.content) == {"given": "true", "carried": "true"}, case.name
-    for k in range(options.first, options.first + options.number):
-        case = cases()[k % len(cases())]
-        for mode, result in judged(case, mutation(case, options.seed, k)).items():
-            found[case.name, mode, result] += 1
-            if options.show and result in ("false", "crashed"):
-                print(k, case.name, mode, result, flush=True)
+    last = options.first
+    try:
+        for last in range(options.first, options.first + options.number):
+            case = cases()[last % len(cases())]
+            for mode, result in judged(case, mutation(case, options.seed, last)).items():
+                found[case.name, mode, result] += 1
+                if options.show and result in ("false", "crashed"):
+                    print(last, case.name, mode, result, flush=True)
+    except KeyboardInterrupt:
+        print(f"interrupted: go on with --first {last}, which may be counted in part")
     kinds = ("refused", "true", "false", "crashed")
     rows = [
         (case.name, mode, *(found[case.name, mode, kind] for kind in kinds))

@@ -243,7 +243,7 @@ def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray) -> dic
         wanted = claim.orientation
         limits.append(ToolOrientation(robot, wanted.axis, wanted.direction, wanted.angle))
     if claim.position is not None:
-        bounds = [claim.position.get(axis, (-np.inf, np.inf)) for axis in "xyz"]
+        bounds = [list(claim.position.get(axis, (-np.inf, np.inf))) for axis in "xyz"]
         limits.append(TipBounds(robot, *np.transpose(bounds)))
     for limit in limits:
         for k, (start, end) in enumerate(edges_of(path)):

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.issue import certificate
+from safe_ompl.paths.certificate.issue import certificate, terms_of
 from safe_ompl.paths.certificate.robot_document import built_robot, carried_robot
 from safe_ompl.paths.certificate.scene_document import built_scene, carried_scene, unpack
 from safe_ompl.paths.certificate.schema import digest
 from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
@@ -323,3 +324,12 @@ def test_a_carried_mesh_names_no_other_file(everything, files, tmp_path):
         assert b"hostname" not in re.sub(rb"mtl +lib.*", b"", (named / "a.obj").read_bytes())
     carried["files"]["1.obj"] = b64encode(b"mtllib /etc/hostname\n" + wedge).decode()
     assert built_scene(carried).content_hash() == everything.content_hash()
+
+
+def test_certificates_that_the_version_before_wrote_still_verify():
+    content = json.loads((Path(__file__).parents[2] / "data" / "certificate_of_planar3.json").read_text())
+    scenario = Scenario.load(ROBOTS.parent / "planar3.yaml")
+    robot = scenario.build_robot()
+    assert verify(content).own == ("robot", "scene")
+    found = verify(content, robot, scenario.scene, terms=terms_of(scenario, robot, timed=False))
+    assert found.claims[1].startswith("danger at most 7.81222 (max, unit, k1 1")
