@@ -11,8 +11,9 @@ carried  with nothing given: what is accepted must be true of the robot and the 
          first sentence must say that they are the file's own.
 
 `false` counts what is accepted although a sentence is not true, or cannot be read, by a judge that samples
-(`_judge.py`); `crashed` what ends in any error but a refusal in one line. Both must be 0. Mutation k of a seed is always
-the same one: --first goes on where another run ended, or was interrupted. 10 000 take ten minutes of an idle core.
+(`_judge.py`); `crashed` what ends in any error but a refusal in one line. Both must be 0.
+Mutation k of a seed is always the same one: --first goes on where another run ended, or was interrupted. 10 000 take
+ten minutes of an idle core.
 """
 
 from __future__ import annotations
