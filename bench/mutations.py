@@ -219,7 +219,7 @@ def chosen(rng: random.Random, content: Any) -> tuple[Any, ...]:
     for at in places(content):
         by_key.setdefault("/".join(key for key in at if isinstance(key, str)), []).append(at)
     carried_keys = [key for key in by_key if key.startswith(("robot/", "scene/"))]
-    keys = carried_keys if rng.random() < 0.35 else list(by_key)
+    keys = carried_keys if carried_keys and rng.random() < 0.35 else list(by_key)
     return rng.choice(by_key[rng.choice(keys)])
 
 

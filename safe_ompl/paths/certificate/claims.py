@@ -46,7 +46,8 @@ _SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
 _UNBOUNDED = 1e300  # [m]
 _MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
 _DIGITS = 6  # of numbers in sentences
-_SAME = 1e-9  # relative: numbers that differ by less agree
+_SAME = 1e-9  # relative: numbers that are computed from a robot, and differ by less, agree
+_COMPUTED = ("velocity", "acceleration", "jerk", "contact")
 
 _zero_or_more, _positive = number(at_least=0.0), number(above=0.0)
 _obstacle_names = some(text, least=1, of="obstacle")
@@ -456,19 +457,22 @@ class Terms:
                 f"{what}: it is claimed, but there is nothing in the scenario that it is about"
             )
         for name, value in asked.items():
-            if hasattr(claim, name) and not _agree(getattr(claim, name), value):
+            if hasattr(claim, name) and not _agree(
+                getattr(claim, name), value, _SAME if name in _COMPUTED else 0.0
+            ):
                 mine, asked_for = (_shown(item) for item in (getattr(claim, name), value))
                 raise CertificateError(f"{what}: {name} is {mine} in its claim, {asked_for} is asked for")
 
 
-def _agree(mine: Any, asked: Any) -> bool:
+def _agree(mine: Any, asked: Any, apart: float) -> bool:
+    """Return whether two values are the same, numbers but for a relative difference."""
     mine, asked = _listed(mine), _listed(asked)
     if isinstance(mine, Mapping) and isinstance(asked, Mapping):
-        return mine.keys() == asked.keys() and all(_agree(mine[part], asked[part]) for part in mine)
+        return mine.keys() == asked.keys() and all(_agree(mine[part], asked[part], apart) for part in mine)
     if isinstance(mine, list) and isinstance(asked, list):
-        return len(mine) == len(asked) and all(map(_agree, mine, asked))
+        return len(mine) == len(asked) and all(_agree(x, y, apart) for x, y in zip(mine, asked, strict=True))
     if isinstance(mine, float) and isinstance(asked, (int, float)):
-        return isclose(mine, asked, rel_tol=_SAME)
+        return isclose(mine, asked, rel_tol=apart)
     return bool(mine == asked)
 
 
