@@ -34,7 +34,7 @@ from safe_ompl.collision.motion import CertifiedMotion, Verdict
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.measures import PROFILE_POINTS
 from safe_ompl.robot.robot import Robot

@@ -28,7 +28,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import CertificateError, InputError, PlanningError, SafeOmplError
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.bodies.cache import VARIABLE
 from safe_ompl.robot.description.urdf import UrdfFile
 from safe_ompl.robot.joints.fingers import default_tip

@@ -1,4 +1,4 @@
-"""Stops against an adversary, and mutated certificates: `python bench/stops.py [--stops N] [--mutations N]`.
+"""Stops against an adversary: `python bench/stops.py [--stops N]`.
 
 stops      From random instants of trajectories beside a person the robot brakes, while every limb runs straight at the
            nearest link at its speed, from where she was measured before the reaction time. `reached` must be 0. The
@@ -6,19 +6,13 @@ stops      From random instants of trajectories beside a person the robot brakes
            there has reached the robot only if some point of it is then faster than the limb bears; `fastest` is the
            largest speed in a contact, as a share of that.
 time       CPU time of caps and law for panda_shelf, of all of `time_path`, and of the coarse form for who replans.
-mutations  One number of a certificate of a timed motion is changed, and the digest with it. What is accepted is asked
-           of samples: `false` must be 0. The motions: beside a person, with a bound of the danger in motion, and where
-           contact is allowed. The full run, --mutations 1000, takes about half an hour.
 """
 
 from __future__ import annotations
 
 import argparse
-import copy
 import logging
-from collections.abc import Iterator
 from time import process_time
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -28,20 +22,13 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.collision.queries import fresh_data
-from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.format import digest
-from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.plain_distances import corners
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.verifier.distances import corners
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.people import People
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
 from safe_ompl.trajectories.caps import contact_speed, robot_mass
-from safe_ompl.trajectories.curve import BlendedCurve, Piece
 from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.time_law import TimeLaw
 from safe_ompl.trajectories.timing import PathTimer
 from safe_ompl.trajectories.trajectory import Trajectory
 
@@ -51,7 +38,6 @@ BETWEEN = {
 }
 ACCELERATIONS = {"panda_shelf": [15, 7.5, 10, 12.5, 15, 20, 20], "ur5_handover": 8.0}
 INSTANTS = 5  # of each stop
-CELLS = 60  # of a mutated motion: the same claims as with all, checked in a quarter of the time
 
 
 class Problem:
@@ -223,105 +209,14 @@ def times(rounds: int = 20) -> None:
     print_table(("panda_shelf", "CPU time [ms]", "duration [s]"), rows)
 
 
-def leaves(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Yield the way to every number of a document."""
-    if isinstance(value, dict):
-        for key in value:
-            yield from leaves(value[key], (*at, key))
-    elif isinstance(value, list):
-        for k, item in enumerate(value):
-            yield from leaves(item, (*at, k))
-    elif isinstance(value, (int, float)):
-        yield at
-
-
-def mutations(number: int, rng: np.random.Generator) -> None:
-    """Mutate certificates."""
-    careful = People(speed=1.2, reaction_time=0.05, clearance=0.05)
-    rows = []
-    for what, people in (
-        ("stops", careful),
-        ("danger in motion", None),
-        ("contact", People(speed=1.6, contact=True)),
-    ):
-        problem = Problem("panda_shelf", careful if people is None else people)
-        field = DangerField.of_scene(problem.robot, problem.scene) if people is None else None
-        trajectory = problem.timer.time(problem.path, cells=CELLS)
-        written = certificate(problem.path, problem.robot, problem.scene, trajectory=trajectory, field=field)
-        verify(written, problem.robot, problem.scene)
-        rows.append((what, *_mutated(written, problem, number // 3, rng)))
-    print_table(("claims", "mutations", "refused", "accepted: still true", "accepted: false"), rows)
-
-
-def _mutated(
-    written: dict[str, Any], problem: Problem, number: int, rng: np.random.Generator
-) -> tuple[int, int, int, int]:
-    by_key: dict[str, list[tuple[Any, ...]]] = {}
-    for way in leaves(written["trajectory"]):
-        by_key.setdefault("/".join(key for key in way if isinstance(key, str)), []).append(way)
-    refused, true, false = 0, 0, 0
-    for _ in range(number):
-        ways = by_key[str(rng.choice(sorted(by_key)))]
-        way = ways[int(rng.integers(len(ways)))]
-        content = copy.deepcopy(written)
-        inner: Any = content["trajectory"]
-        for key in way[:-1]:
-            inner = inner[key]
-        value = inner[way[-1]]
-        change = float(rng.choice([-1, 1]) * 10 ** rng.uniform(-4, 0))
-        inner[way[-1]] = (
-            value + int(rng.choice([-1, 1])) if isinstance(value, int) else value * (1 + change) or change
-        )
-        try:
-            verify({**content, "digest": digest(content)}, problem.robot, problem.scene)
-        except (CertificateError, InputError):
-            refused += 1
-            continue
-        holds = _holds(content["trajectory"], problem, rng)
-        true, false = true + holds, false + (not holds)
-    return number, refused, true, false
-
-
-def _holds(claim: dict[str, Any], problem: Problem, rng: np.random.Generator) -> bool:
-    """Return whether samples of a claimed motion and of its stops keep to what is claimed."""
-    pieces = [
-        Piece(*(np.array(p[key]) for key in ("start", "forward", "inward")), p["length"], p["curvature"])
-        for p in claim["pieces"]
-    ]
-    limits = RateLimits.of(problem.robot, claim["velocity"], claim["acceleration"])
-    law = TimeLaw.through(np.array(claim["edges"]), np.array(claim["squares"]))
-    stop = claim["stops"]
-    motion = Trajectory(BlendedCurve(pieces, claim["corners"]), law, limits, brakes=np.array(stop["brakes"]))
-    state = motion.at(np.linspace(0, motion.duration, 2000))
-    fast = (np.abs(state.qd) > limits.velocity * (1 + 1e-6)).any()
-    if fast or (np.abs(state.qdd) > limits.acceleration * (1 + 1e-6)).any():
-        return False
-    danger = claim.get("danger")
-    if danger is not None:
-        kind = {key: danger[key] for key in ("aggregate", "weighting", "k1", "sharpness", "k2", "gamma")}
-        field = DangerField.of_scene(problem.robot, problem.scene, danger["spacing"], **kind)
-        if field.moving.values(state.q, state.qd).max() > danger["bound"] * (1 + 1e-6):
-            return False
-    limbs = Limbs(problem.robot, problem.scene, tuple(stop["who"]))
-    speeds = np.array([stop["speeds"].get(limb, stop["speed"]) for limb in limbs.limbs])
-    contact = stop.get("contact", {})
-    bears = np.array([contact.get(part, 0.0) for part in limbs.parts])
-    adversary = Adversary(limbs, speeds, stop["reaction_time"], stop["clearance"], bears)
-    begins = rng.uniform(0, motion.duration, 60)
-    return min(adversary.stopped(motion, float(begin))[0] for begin in begins) > 0
-
-
 def main() -> None:
     """Run the parts that are asked for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--stops", type=int, default=100_000)
-    parser.add_argument("--mutations", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--only", nargs="+", choices=("stops", "time", "mutations"), default=["stops", "time", "mutations"]
-    )
+    parser.add_argument("--only", nargs="+", choices=("stops", "time"), default=["stops", "time"])
     options = parser.parse_args()
     logging.disable(logging.WARNING)
     rng = np.random.default_rng(options.seed)
@@ -329,8 +224,6 @@ def main() -> None:
         stops(options.stops, rng)
     if "time" in options.only:
         times()
-    if "mutations" in options.only:
-        mutations(options.mutations, rng)
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from safe_ompl.exchange.files import load, save
     from safe_ompl.exchange.joint_path import JointPath
     from safe_ompl.paths.certificate.issue import certificate
-    from safe_ompl.paths.certificate.verify import verify
+    from safe_ompl.paths.certificate.verifier.verify import verify
     from safe_ompl.people.replanning import Replanner
 
 _LATER = {  # what planning does without is imported when it is first asked for
@@ -72,7 +72,7 @@ _LATER = {  # what planning does without is imported when it is first asked for
     "certificate": "safe_ompl.paths.certificate.issue",
     "load": "safe_ompl.exchange.files",
     "save": "safe_ompl.exchange.files",
-    "verify": "safe_ompl.paths.certificate.verify",
+    "verify": "safe_ompl.paths.certificate.verifier.verify",
 }
 
 __all__ = [

@@ -144,9 +144,7 @@ class Plan:
         if options.certificate and result.path is None:
             error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
         elif options.certificate:
-            proof = certificate_of(
-                result, self.setup, self.scenario, self.robot, options.certificate, trajectory
-            )
+            proof = certificate_of(result, self.setup, self.scenario, options.certificate, trajectory)
             with opened(options.certificate) as stream:
                 print(json_line(proof), file=stream)
         if options.plot and result.path is not None:

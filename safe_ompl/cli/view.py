@@ -20,8 +20,8 @@ from safe_ompl.errors import InputError
 from safe_ompl.exchange.files import load
 from safe_ompl.exchange.form import read_json
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.paths.certificate.format import FORMAT as CERTIFICATE
-from safe_ompl.paths.certificate.format import check_form
+from safe_ompl.paths.certificate.schema import FORMAT as CERTIFICATE
+from safe_ompl.paths.certificate.schema import check_form
 from safe_ompl.pictures.render.animation import ENDINGS
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.from_scenario import setup_scenario

@@ -11,7 +11,7 @@ from safe_ompl.exchange.form import kind_of, marked, read_json, strict_json
 from safe_ompl.exchange.joint_path import JointPath
 from safe_ompl.exchange.results import result_from_mapping, result_to_mapping
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.paths.certificate.portable import built_scene, carried_scene
+from safe_ompl.paths.certificate.scene_document import built_scene, carried_scene
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.result import PlanResult

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from safe_ompl import document
-from safe_ompl.paths.certificate.portable import built_robot, built_scene, carried_robot, carried_scene
+from safe_ompl.paths.certificate.robot_document import built_robot, carried_robot
+from safe_ompl.paths.certificate.scene_document import built_scene, carried_scene
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

@@ -13,7 +13,8 @@ from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.paths.certificate.portable import built_robot, built_scene
+from safe_ompl.paths.certificate.robot_document import built_robot
+from safe_ompl.paths.certificate.scene_document import built_scene
 from safe_ompl.paths.curve import Curve
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene

@@ -12,7 +12,8 @@ from safe_ompl import document
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.ticks import read_ticks
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.paths.certificate.portable import built_robot, built_scene
+from safe_ompl.paths.certificate.robot_document import built_robot
+from safe_ompl.paths.certificate.scene_document import built_scene
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.viewer.exhibit import Exhibit

@@ -8,7 +8,7 @@ import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.scene import Scene

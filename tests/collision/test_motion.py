@@ -13,7 +13,7 @@ from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict, Verdict
 from safe_ompl.counts import Counts
 from safe_ompl.errors import InputError
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose

@@ -10,7 +10,7 @@ from safe_ompl.collision.motion import CertifiedMotion, Verdict
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene

@@ -9,7 +9,8 @@ from safe_ompl.cli import main
 from safe_ompl.cli.main import command_line
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.ticks import read_ticks
-from safe_ompl.paths.certificate.portable import built_robot, built_scene
+from safe_ompl.paths.certificate.robot_document import built_robot
+from safe_ompl.paths.certificate.scene_document import built_scene
 from safe_ompl.people import Recording, Tracker, find_skeleton
 from safe_ompl.people.simulation import ContactMonitor, Drifting, Faults, Playback, Simulation, limb_solids
 from safe_ompl.people.skeletons import KEYPOINTS

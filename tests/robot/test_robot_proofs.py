@@ -8,8 +8,8 @@ from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError
-from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.issue import certificate, terms_of_field
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
@@ -67,7 +67,7 @@ def free_edges(robot):
 def test_certificates_verify(robot, free_edges):
     for edge in free_edges:
         content = certificate(edge, robot, SCENE, field=danger_of(robot))
-        verify(content, robot, SCENE, field=danger_of(robot))
+        verify(content, robot, SCENE, terms=terms_of_field(danger_of(robot), SCENE.spacing))
 
 
 def test_a_certificate_of_a_robot_without_its_load_is_refused(robot, free_edges):

@@ -11,7 +11,8 @@ from safe_ompl import Box, InputError, Obstacle, People, Person, Pose, RateLimit
 from safe_ompl.cli.main import main
 from safe_ompl.exchange.form import marked, strict_json
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
+from safe_ompl.paths.certificate.robot_document import carried_robot
+from safe_ompl.paths.certificate.scene_document import carried_scene
 from safe_ompl.pictures.plots import plot_speeds
 from safe_ompl.pictures.render.bodies import SHIRT
 from safe_ompl.scene.shapes.anatomy import STANDING

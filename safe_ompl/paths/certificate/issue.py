@@ -20,13 +20,19 @@ from safe_ompl.collision.motion import Verdict
 from safe_ompl.collision.tool_limits import TipBounds, ToolLimit, ToolOrientation
 from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
 from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.kinetostatic import KinetostaticField
 from safe_ompl.errors import InputError, PlanningError
-from safe_ompl.paths.certificate.claims import check_clearance, check_moving_obstacles, check_tool
-from safe_ompl.paths.certificate.format import FORMAT, OBSTACLE, VERSION, digest, edges_of
-from safe_ompl.paths.certificate.issue_trajectory import moving_danger_claim, trajectory_claim
-from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
+from safe_ompl.paths.certificate.claims import Certificate, Clearance, MovingObstacles, Terms, Tool
+from safe_ompl.paths.certificate.robot_document import carried_robot
+from safe_ompl.paths.certificate.scene_document import carried_scene
+from safe_ompl.paths.certificate.schema import FORMAT, OBSTACLE, VERSION, as_plain, digest, edges_of, record
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.people import People
+from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.scene import Scene
+from safe_ompl.trajectories.caps import contact_speed, robot_mass
+from safe_ompl.trajectories.jerk_law import JerkLaw
+from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.trajectory import Trajectory
 
 _FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
@@ -34,6 +40,7 @@ _FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any
 _SPARE = 1e-7  # [m] by which margins exceed the approach, for rounding
 _OVERLAP = 1e-6  # of intervals
 _TINY = 1e-12  # [m]
+_KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
 
 
@@ -97,25 +104,31 @@ def certificate(
     points = finite_array(path, (None, robot.n), "path")
     if not len(points):
         raise InputError("path must have a configuration at least, got none")
-    check_clearance(clearance, robot, scene)
-    check_moving_obstacles(moving_obstacles, scene)
-    check_tool(tool)
-    clear, moving = _plain_clearance(clearance), _plain_moving_obstacles(moving_obstacles)
+    clear = None if clearance is None else record(Clearance)("clearance", as_plain(clearance))
+    moving = (
+        None
+        if moving_obstacles is None
+        else record(MovingObstacles)("moving_obstacles", as_plain(moving_obstacles))
+    )
+    if clear is not None:
+        clear.check(robot, scene)
+    if moving is not None:
+        moving.check(scene)
     pairs = Pairs(robot, scene)
     required = pairs.required(clear, moving)
     apart = scene.spacing if spacing is None else spacing
     content = {
         "format": FORMAT,
         "version": VERSION,
-        "source": dict(source or {}),
+        "source": as_plain(source or {}),
         "robot": carried_robot(robot),
         "scene": carried_scene(scene),
         "joint_names": list(robot.joint_names),
         "path": points.tolist(),
         "pairs": [list(names) for names in pairs.names],
-        "clearance": clear,
+        "clearance": None if clear is None else as_plain(vars(clear)),
         "danger": None if field is None else _danger_claim(field, apart, points, max_danger),
-        "moving_obstacles": moving,
+        "moving_obstacles": None if moving is None else as_plain(vars(moving)),
         "also_sampled": also_sampled,
         "edges": [
             _intervals(pairs, required, k, start, robot.difference(start, end))
@@ -130,7 +143,9 @@ def certificate(
         if moving_field is not None:
             danger = moving_danger_claim(trajectory, moving_field, apart, scene)
             content["trajectory"] |= {} if danger is None else {"danger": danger}
-    return {**content, "digest": digest(content)}
+    signed = {**content, "digest": digest(content)}
+    Certificate.read(signed).check(robot, scene)
+    return signed
 
 
 class Pairs:
@@ -184,17 +199,14 @@ class Pairs:
         first, second = moves[self._first], moves[self._second]
         return self._robot.coupling.radii(np.where(self._approaching, first + second, 0.0))
 
-    def required(self, clearance: Mapping[str, Any] | None, moving: Mapping[str, Any] | None) -> FloatArray:
+    def required(self, clear: Clearance | None, moving: MovingObstacles | None) -> FloatArray:
         """Return the distance (P,) [m] that each pair must keep: its clearance, and as far as its obstacle moves."""
-        clear = clearance or {"distance": 0.0, "obstacles": (), "exempt": ()}
-        reach = {} if moving is None else {n: speed * moving["time"] for n, speed in moving["speeds"].items()}
-        exempt = {tuple(pair) for pair in clear["exempt"]}
         distances = np.zeros(len(self._pairs))
         for k, (a, b) in enumerate(self._pairs):
             link, obstacle = self._geometry.geometryObjects[a].name.rsplit("_", 1)[0], self._owners[b]
-            if obstacle in clear["obstacles"] and (link, obstacle) not in exempt:
-                distances[k] = clear["distance"]
-            distances[k] += reach.get(obstacle, 0.0)
+            if obstacle is not None:
+                distances[k] = 0.0 if clear is None else clear.of(link, obstacle)
+                distances[k] += 0.0 if moving is None else moving.of(obstacle)
         return distances
 
 
@@ -223,32 +235,15 @@ def _intervals(
     return proven
 
 
-def _plain_clearance(claim: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if claim is None:
-        return None
-    exempt = [list(pair) for pair in claim["exempt"]]
-    return {"distance": float(claim["distance"]), "obstacles": list(claim["obstacles"]), "exempt": exempt}
-
-
-def _plain_moving_obstacles(claim: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if claim is None:
-        return None
-    speeds = {name: float(speed) for name, speed in claim["speeds"].items()}
-    return {"speeds": speeds, "time": float(claim["time"])}
-
-
-def _tool_claim(claim: Mapping[str, Any], robot: Robot, path: FloatArray) -> dict[str, Any]:
+def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray) -> dict[str, Any]:
     """Return a claim about the tool in plain numbers, if every edge keeps to it."""
-    plain: dict[str, Any] = {}
-    limits: list[ToolLimit] = []
-    if "orientation" in claim:
-        wanted = claim["orientation"]
-        limits.append(ToolOrientation(robot, wanted["axis"], wanted["direction"], wanted["angle"]))
-        plain["orientation"] = {key: [float(x) for x in wanted[key]] for key in ("axis", "direction")}
-        plain["orientation"]["angle"] = float(wanted["angle"])
-    if "position" in claim:
-        plain["position"] = {key: [float(x) for x in given] for key, given in claim["position"].items()}
-        bounds = [plain["position"].get(key, (-np.inf, np.inf)) for key in "xyz"]
+    plain: dict[str, Any] = as_plain(given)
+    claim, limits = record(Tool)("tool", plain), list[ToolLimit]()
+    if claim.orientation is not None:
+        wanted = claim.orientation
+        limits.append(ToolOrientation(robot, wanted.axis, wanted.direction, wanted.angle))
+    if claim.position is not None:
+        bounds = [list(claim.position.get(axis, (-np.inf, np.inf))) for axis in "xyz"]
         limits.append(TipBounds(robot, *np.transpose(bounds)))
     for limit in limits:
         for k, (start, end) in enumerate(edges_of(path)):
@@ -267,11 +262,135 @@ def _danger_claim(
         bound = limit if all(keeps(start, end) for start, end in edges_of(path)) else bound
     if not np.isfinite(bound):
         return None
+    return {"bound": bound, "spacing": spacing, **{name: getattr(field, name) for name in _KIND}}
+
+
+# ------------------------------------------------------------------------------------------------ motions in time
+
+
+def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict[str, Any]:
+    """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
+    curve, law = trajectory.curve, trajectory.law
     return {
-        "bound": bound,
-        "spacing": spacing,
-        "aggregate": field.aggregate,
-        "weighting": field.weighting,
-        "k1": field.k1,
-        "sharpness": field.sharpness,
+        "pieces": [
+            {
+                **{key: getattr(piece, key).tolist() for key in ("start", "forward", "inward")},
+                "length": piece.length,
+                "curvature": piece.curvature,
+            }
+            for piece in curve.pieces
+        ],
+        "corners": list(curve.stops),
+        "edges": law.edges.tolist(),
+        "squares": law.squares.tolist(),
+        "duration": law.duration,
+        "velocity": trajectory.limits.velocity.tolist(),
+        "acceleration": trajectory.limits.acceleration.tolist(),
+        "stops": _stops(trajectory, robot, scene),
+        **_more(trajectory),
     }
+
+
+def _stops(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict[str, Any] | None:
+    people = trajectory.people
+    if people is None or trajectory.brakes is None:
+        return None
+    return {**_people(people, robot, scene), "brakes": trajectory.brakes.tolist()}
+
+
+def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
+    """Return what stops beside people are about; of the speeds of limbs those of limbs that are there."""
+    parts = {
+        part: part[len(name) + 1 :] for name in people.names(scene) for part, _, _ in scene[name].geometries()
+    }
+    found: dict[str, Any] = {
+        "who": list(people.names(scene)),
+        "speed": people.speed,
+        "speeds": {limb: speed for limb, speed in people.speeds.items() if limb in parts.values()},
+        "reaction_time": people.reaction_time,
+        "clearance": people.clearance,
+    }
+    if people.contact:
+        mass = robot_mass(robot, people)
+        found["contact"] = {part: contact_speed(people.region_of(limb), mass) for part, limb in parts.items()}
+    return found
+
+
+def _more(trajectory: Trajectory) -> dict[str, Any]:
+    law, jerk = trajectory.law, trajectory.limits.jerk
+    found: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
+    if isinstance(law, JerkLaw) and jerk is not None:
+        durations = np.diff(law.starts)
+        found |= {"phases": np.column_stack([durations, law.phases[:, 3]]).tolist(), "jerk": jerk.tolist()}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def moving_danger_claim(
+    trajectory: Trajectory, field: KinetostaticField, spacing: float, scene: Scene
+) -> dict[str, Any] | None:
+    """Return the claim of the danger in motion: the limit that the trajectory was made for, or else its proven peak.
+
+    None where it cannot be kept from a danger point.
+
+    Raises
+    ------
+    InputError
+        If the field's danger points are not those of the scene: none that verifies would look at them.
+    """
+    still = field.field
+    if still.points is None or not np.array_equal(still.points, scene.danger_points(spacing)[0]):
+        raise InputError(
+            f"the danger points of the field are not those of the scene, {spacing:g} m apart", "spacing"
+        )
+    bound = trajectory.max_danger
+    if bound is None:
+        danger = trajectory.danger(field)
+        bound = max(danger.proven_peak, (1 + _LEAST_SLACK) * danger.peak)
+    if not np.isfinite(bound):
+        return None
+    moving = {"k2": field.k2, "gamma": field.gamma}
+    return {"bound": bound, "spacing": spacing, **{name: getattr(still, name) for name in _KIND}, **moving}
+
+
+# ------------------------------------------------------------------------------------------- what is asked for
+
+
+def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
+    """Return what claims about a scenario must agree with: its options of the danger, its limits, its people.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The scenario.
+    robot : Robot
+        Its robot, or the one that takes its place.
+    timed : bool
+        Whether a motion in time is claimed: the limits of the joints need not be known otherwise.
+    """
+    scene, motion, people = scenario.scene, scenario.motion, scenario.people
+    danger: dict[str, Any] = {}
+    if any(obstacle.weight > 0 for obstacle in scene):
+        options = dict(scenario.danger)
+        spacing = options.pop("spacing", scene.spacing)
+        danger = _kind(DangerField(robot, [[0.0, 0.0, 0.0]], **options), spacing)
+    if not timed:
+        return Terms(danger=danger)
+    limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
+    return Terms(
+        danger=danger,
+        motion={
+            **{name: getattr(limits, name) for name in ("velocity", "acceleration", "jerk")},
+            **{name: getattr(motion, name) for name in ("tool_speed", "link_speed")},
+        },
+        max_danger=motion.max_danger,
+        stops={} if people is None else {"contact": None, **_people(people, robot, scene)},
+    )
+
+
+def terms_of_field(field: DangerField, spacing: float) -> Terms:
+    """Return what claims of the danger must agree with: a field, and the distance between danger points [m]."""
+    return Terms(danger=_kind(field, spacing))
+
+
+def _kind(field: DangerField, spacing: float) -> dict[str, Any]:
+    return {"spacing": spacing, **{name: getattr(field, name) for name in (*_KIND, "k2", "gamma")}}

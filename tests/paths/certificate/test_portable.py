@@ -5,18 +5,21 @@ import json
 import re
 import shutil
 from base64 import b64encode
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.format import digest
-from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.portable import built_robot, built_scene, carried_robot, carried_scene
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.issue import certificate, terms_of
+from safe_ompl.paths.certificate.robot_document import built_robot, carried_robot
+from safe_ompl.paths.certificate.scene_document import built_scene, carried_scene, unpack
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
+from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
@@ -26,6 +29,9 @@ from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.scene.shapes.person import Person
 
 ROBOTS = Path(__file__).parents[3] / "scenarios" / "robots"
+
+
+PLAIN = {"locked": {}, "limits": {}, "hulls": True}  # of a recipe
 
 
 def travelled(data):
@@ -94,7 +100,7 @@ def test_another_file_does_not_pass_for_the_one_of_the_hash(everything):
     ("change", "message"),
     [
         ({"files": {}}, r"obstacles\[6\].pointcloud.file: the file '0.npy' is not carried"),
-        ({"files": {"0.npy": "?", "1.obj": "", "2.obj": ""}}, "0.npy: not in base 64"),
+        ({"files": {"0.npy": "?", "1.obj": "AA==", "2.obj": "AA=="}}, "0.npy: not in base 64"),
         (
             {"files": {"../0.npy": "", "0.npy": "AA==", "1.obj": "AA==", "2.obj": "AA=="}},
             "not the name of a file",
@@ -164,9 +170,12 @@ def test_a_robot_with_meshes_needs_its_packages(tmp_path, data_folder):
         ({"recipe": None}, "carries no recipe of its robot 'ur5'"),
         ({"recipe": 3}, "recipe: must be a mapping"),
         ({"recipe": {}}, "recipe: must have one of the keys urdf, base, mobile_base, attached, robots"),
-        ({"recipe": {"urdf": {"example_robot_data": "../../../etc/passwd"}}}, "is not in example-robot-data"),
+        (
+            {"recipe": {**PLAIN, "urdf": {"example_robot_data": "../../../etc/passwd"}}},
+            "is not in example-robot-data",
+        ),
         ({"recipe": {"urdf": {"text": ""}}}, "recipe.urdf.text: must be text"),
-        ({"recipe": {"urdf": {"text": "<robot/>"}, "wheels": 4}}, "not a recipe of a robot: .*wheels"),
+        ({"recipe": {"urdf": {"text": "<robot/>"}, "wheels": 4}}, "wheels: unknown key"),
         ({"extra": 3}, "unknown key"),
     ],
 )
@@ -185,11 +194,16 @@ def written(ur5, clutter):
 
 
 def test_it_verifies_with_nothing_given(written, ur5, clutter):
-    assert verify(written) == verify(written, ur5, clutter)
+    given, own = verify(written, ur5, clutter), verify(written)
+    assert given.own == ()
+    assert given.claims == ("every motion is free",)
+    assert own.claims == ("every motion is free, for the robot and the scene that the file itself carries",)
+    assert replace(own, own=(), claims=given.claims) == given
+    assert verify(written, ur5).claims[0].endswith(", for the scene that the file itself carries")
 
 
 def test_what_is_not_claimed_is_listed(written, ur5, clutter):
-    found = verify(written)
+    found = verify(written, ur5, clutter)
     assert found.claims == ("every motion is free",)
     assert found.not_claimed == ("clearance", "danger", "moving obstacles", "tool")
     assert found.not_covered == ()
@@ -203,7 +217,7 @@ def test_what_is_not_claimed_is_listed(written, ur5, clutter):
 @pytest.mark.parametrize("key", ["source", "clearance", "danger", "moving_obstacles", "also_sampled"])
 def test_nothing_can_be_left_out(written, key):
     content = {k: v for k, v in written.items() if k != key}
-    with pytest.raises(InputError, match=f"has no '{key}'"):
+    with pytest.raises(InputError, match=f"{key}: missing, but needed"):
         verify(signed(content))
 
 
@@ -245,3 +259,77 @@ def test_links_without_collision_geometry_are_named(written, ur5, clutter, monke
 def test_the_first_version_is_refused_in_a_clear_line(written):
     with pytest.raises(InputError, match=r"version 1 of the format .* write it anew with `safe-ompl plan"):
         verify({**written, "version": 1})
+
+
+# ---------------------------------------------------------------------------------------------- hostile documents
+
+
+def arm_with_mesh(name):
+    """Return what is carried of an arm with a mesh of this name in the place of a shape."""
+    text = (ROBOTS / "planar2.urdf").read_text()
+    carried = travelled(carried_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
+    shape = re.search("<collision>.*?(<geometry>.*?)</geometry>", text, re.DOTALL).group(1)
+    carried["recipe"]["urdf"]["text"] = text.replace(shape, f'<geometry><mesh filename="{name}"/>')
+    return carried
+
+
+@pytest.mark.parametrize(
+    "name", ["{}/wedge.obj", "file://{}/wedge.obj", "package:/{}/wedge.obj", "../../..{}/wedge.obj"]
+)
+def test_a_carried_urdf_reads_no_mesh_that_it_names_where_it_likes(files, name):
+    carried = arm_with_mesh(name.format(files))
+    with pytest.raises(InputError, match=r"cannot be built from what is carried; .*wedge\.obj' not found"):
+        built_robot(carried)
+    if name.startswith(("{}", "file")):
+        assert built_robot(carried, package_dirs=[files]) is not None, "the user names the folder"
+
+
+def test_a_carried_urdf_reads_no_other_file(files, monkeypatch):
+    (files / "inner").mkdir()
+    monkeypatch.chdir(files)
+    for name in ("wedge.obj", "package://wedge.obj", "package://inner/../wedge.obj"):
+        with pytest.raises(InputError, match="not found"):
+            built_robot(arm_with_mesh(name), package_dirs=[files / "inner"])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: '<!DOCTYPE robot [<!ENTITY a "b">]>' + text, "must not declare entities"),
+        (lambda text: 1000 * "<a>" + text, "tags in tags, more than 100 deep"),
+        (lambda text: text + 20_000_000 * " ", "characters, 20000000 are the most"),
+    ],
+)
+def test_texts_that_grow_when_they_are_read(change, message):
+    carried = travelled(carried_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
+    carried["recipe"]["urdf"]["text"] = change(carried["recipe"]["urdf"]["text"])
+    with pytest.raises(InputError, match=f"recipe.urdf.text: .*{message}"):
+        built_robot(carried)
+
+
+@pytest.mark.parametrize("name", ["..", "", ".", ".hidden", "a/b", "a\\b", "a\0", 101 * "a"])
+def test_names_that_are_none_of_files(everything, name):
+    carried = travelled(carried_scene(everything))
+    with pytest.raises(InputError, match=r"is not the name of a file|text.* that can be printed"):
+        built_scene({**carried, "files": {**carried["files"], name: "AA=="}})
+
+
+def test_a_carried_mesh_names_no_other_file(everything, files, tmp_path):
+    named = tmp_path / "named"
+    named.mkdir()
+    carried = travelled(carried_scene(everything))
+    wedge = (files / "wedge.obj").read_bytes()
+    for line in (b"mtllib /etc/hostname\n", b"  MTLLIB a\n", b"mtl\\\nlib /etc/hostname\n"):
+        unpack({"a.obj": b64encode(line + wedge).decode()}, named)
+        assert b"hostname" not in re.sub(rb"mtl +lib.*", b"", (named / "a.obj").read_bytes())
+    carried["files"]["1.obj"] = b64encode(b"mtllib /etc/hostname\n" + wedge).decode()
+    assert built_scene(carried).content_hash() == everything.content_hash()
+
+
+def test_certificates_that_the_version_before_wrote_still_verify():
+    content = json.loads((Path(__file__).parents[2] / "data" / "certificate_of_planar3.json").read_text())
+    scenario = Scenario.load(ROBOTS.parent / "planar3.yaml")
+    robot = scenario.build_robot()
+    assert verify(content).own == ("robot", "scene")
+    found = verify(content, robot, scenario.scene, terms=terms_of(scenario, robot, timed=False))
+    assert found.claims[1].startswith("danger at most 7.81222 (max, unit, k1 1")

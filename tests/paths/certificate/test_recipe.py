@@ -9,10 +9,10 @@ import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.format import digest
 from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.portable import built_robot, carried_robot
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.robot_document import built_robot, carried_robot
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
@@ -99,7 +99,7 @@ def test_a_certificate_verifies_with_nothing_given(robots, carried, kind, monkey
     path = np.array([start, start + 1e-3 * (other - start)])
     monkeypatch.setattr("safe_ompl.paths.certificate.issue.carried_robot", lambda robot: carried[kind])
     content = json.loads(json.dumps(certificate(path, robot, far)))
-    assert verify(content).claims == ("every motion is free",)
+    assert verify(content).own == ("robot", "scene")
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_another_robot_does_not_pass_for_the_one_that_is_carried(ur5):
         ("on a base", {"from": 4}, r"recipe\.from: unknown key"),
         ("on a mobile base", {"base": None}, r"recipe\.base: must be a mapping"),
         ("with a mesh", {"files": {}}, r"recipe\.attached\.mesh\.file: the file 'object.obj' is not carried"),
-        ("with a mesh", {"files": {"../a": ""}}, r"recipe\.files: '\.\./a' is not the name of a file"),
+        ("with a mesh", {"files": {"../a": ""}}, r"recipe\.files\.'\.\./a': is not the name of a file"),
         ("in a cell", {"tip": "c"}, "unknown robot with the tip 'c'; known: a, b"),
         ("in a cell", {"robots": {"a": {}, "b": {}}}, r"recipe\.robots\.a: must have one of the keys"),
     ],

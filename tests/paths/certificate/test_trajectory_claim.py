@@ -2,22 +2,21 @@
 
 import copy
 import json
-import random
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_mutations import mutated, places, replaced, verified
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import CertificateError, InputError
-from safe_ompl.paths.certificate.format import digest
-from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.plain_distances import corners
-from safe_ompl.paths.certificate.verify import verify
+from safe_ompl.paths.certificate.claims import at_most
+from safe_ompl.paths.certificate.issue import certificate, terms_of_field
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.distances import corners
+from safe_ompl.paths.certificate.verifier.verify import verify
 from safe_ompl.scenario.people import People
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.trajectories.caps import StandstillError
@@ -29,7 +28,6 @@ from safe_ompl.trajectories.trajectory import Trajectory
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
 PEOPLE = People(who=("ball",), speed=1.2, reaction_time=0.05, clearance=0.01)
-MUTATIONS = 200
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +145,7 @@ def test_contacts_are_slow_enough(touching, ur5, scene, plain_check):
     found = verify(touching, ur5, scene)
     stops = touching["trajectory"]["stops"]
     bears = stops["contact"]["ball"]
-    assert found.claims[-1].endswith(f"or no point of it is faster then than ball {bears:.3g} m/s")
+    assert found.claims[-1].endswith(f"or no point of it is faster then than ball {at_most(bears)} m/s")
     motion, plain, met = motion_of(touching["trajectory"], ur5), plain_check(ur5, scene), 0
     for begin in np.linspace(0, motion.duration, 15):
         stop = motion.stop_from(begin)
@@ -196,9 +194,9 @@ def endangering(request, ur5, scene):
 
 def test_danger_in_motion_is_claimed_and_verified(endangering, ur5):
     content, field, scene, made = endangering
-    found = verify(content, ur5, scene, field=field)
+    found = verify(content, ur5, scene, terms=terms_of_field(field, scene.spacing))
     claim = content["trajectory"]["danger"]
-    assert found.claims[-1].startswith(f"danger in motion at most {claim['bound']:.3f}")
+    assert found.claims[-1].startswith(f"danger in motion at most {at_most(claim['bound'])}")
     assert "danger in motion" not in found.not_claimed
     state = made.at(np.linspace(0, made.duration, 500))
     peak = field.moving.values(state.q, state.qd).max()
@@ -227,7 +225,7 @@ def test_danger_in_motion_of_another_kind_is_refused(endangering, ur5):
     weaker = again(content, lambda t: t["danger"].update(k2=0.1))
     verify(weaker, ur5, scene)
     with pytest.raises(CertificateError, match=r"danger in motion: k2 is 0\.1"):
-        verify(weaker, ur5, scene, field=field)
+        verify(weaker, ur5, scene, terms=terms_of_field(field, scene.spacing))
     for change in ({"gamma": -1}, {"more": 1}, {"k2": None}):
         with pytest.raises(InputError, match="danger"):
             verify(again(content, lambda t, change=change: t["danger"].update(change)), ur5, scene)
@@ -298,7 +296,7 @@ def moved(claim):
         (stronger(reaction_time=0.06), "are needed"),
         (stronger(clearance=0.02), "are needed"),
         (stronger(who=["ball", "table"]), "are needed"),
-        (stronger(who=[]), "must name an obstacle"),
+        (stronger(who=[]), "must name one obstacle"),
         (stronger(who=["nobody"]), "unknown obstacle"),
         (stronger(speed=-0.1), "speed: must be"),
         (
@@ -313,7 +311,7 @@ def moved(claim):
         (bent, "neither a line|begins where|does not begin|another direction"),
         (moved, "begin where the path does|the one before ends"),
         (lambda claim: claim["pieces"].pop(), "does not end where the path does|not corners"),
-        (lambda claim: claim.update(pieces=[]), "has no piece"),
+        (lambda claim: claim.update(pieces=[]), "must name one piece"),
         (lambda claim: claim["corners"].append(1), "does not stand at"),
         (lambda claim: claim["corners"].append(99), "are not corners"),
         (lambda claim: claim["squares"].__setitem__(0, 0.1), "does not stand at"),
@@ -322,7 +320,7 @@ def moved(claim):
         (lambda claim: claim.pop("squares"), "squares"),
         (lambda claim: claim.update(more=1), "more"),
         (lambda claim: claim.update(velocity=[0.0] * 6), "velocity"),
-        (lambda claim: claim["pieces"][0].pop("length"), "malformed"),
+        (lambda claim: claim["pieces"][0].pop("length"), "length: missing"),
     ],
 )
 def test_what_does_not_hold_is_refused(written, ur5, scene, change, message):
@@ -356,7 +354,7 @@ def smooth(ur5, scene):
 
 def test_jerk_and_speeds_of_tool_and_links_are_claimed(smooth, ur5, scene):
     found = verify(smooth, ur5, scene)
-    assert "within velocities, accelerations and jerks of its joints" in found.claims[-4]
+    assert "accelerations of (4, 4, 4, 4, 4, 4), jerks of (50, 50, 50, 50, 50, 50)" in found.claims[-4]
     assert found.claims[-3] == "the tip is no faster than 0.3 m/s"
     assert found.claims[-2] == "no point of a link, nor the tip, is faster than 0.32 m/s"
     assert not {"stops", "jerk", "tool speed", "link speed"} & set(found.not_claimed)
@@ -405,41 +403,6 @@ def test_what_does_not_hold_of_jerk_and_speeds_is_refused(smooth, ur5, scene, ch
         verify(again(smooth, change), ur5, scene)
 
 
-def test_random_mutations_of_phases_are_refused_unless_they_change_nothing(smooth, ur5, scene):
-    rng = random.Random(1)
-    ways = [("trajectory", "phases", *at) for at in places(smooth["trajectory"]["phases"])]
-    for _ in range(60):
-        content = replaced(smooth, rng.choice(ways), lambda value: mutated(rng, value))
-        if content["trajectory"]["phases"] != smooth["trajectory"]["phases"]:
-            found = verified({**content, "digest": digest(content)}, ur5, scene)
-            if found is not None:
-                np.testing.assert_allclose(
-                    content["trajectory"]["phases"], smooth["trajectory"]["phases"], atol=1e-6
-                )
-
-
 def test_a_motion_with_arcs_has_no_phases(written, ur5, scene):
     with pytest.raises(CertificateError, match=r"it has arcs|do not end"):
         verify(again(written, lambda claim: claim.update(phases=[[1.0, 1.0]])), ur5, scene)
-
-
-def test_random_mutations_are_refused_or_claim_nothing_false(written, ur5, scene, plain_check):
-    rng, plain = random.Random(0), plain_check(ur5, scene)
-    ways = [("trajectory", *at) for at in places(written["trajectory"])]
-    original, accepted = verify(written, ur5, scene), 0
-    for _ in range(MUTATIONS):
-        content = replaced(written, rng.choice(ways), lambda value: mutated(rng, value))
-        if json.dumps(content, sort_keys=True) == json.dumps(written, sort_keys=True):
-            continue
-        found = verified({**content, "digest": digest(content)}, ur5, scene)
-        if found is None:
-            continue
-        accepted += 1
-        if content["trajectory"] is None:
-            assert not set(original.claims[-2:]) & set(found.claims)
-        else:
-            assert_true(content, ur5, plain)
-            if content["trajectory"]["stops"] is None:
-                assert "stops" in found.not_claimed
-        assert found.edges == original.edges
-    assert 0 < accepted < MUTATIONS / 3

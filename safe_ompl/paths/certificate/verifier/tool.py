@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import acos, sqrt
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.paths.certificate.claims import Tool
 from safe_ompl.robot.robot import Robot
 
 _SMALLEST = 1e-5  # [rad or m] intervals in which the tool moves less are not divided any more
@@ -23,11 +23,11 @@ class PlainTool:
     ----------
     robot : Robot
         The robot.
-    claim : mapping
-        `orientation` with `axis`, `direction` and `angle`, `position` with bounds of `x`, `y` and `z`; either or both.
+    claim : Tool
+        Its limits.
     """
 
-    def __init__(self, robot: Robot, claim: Mapping[str, Any]) -> None:
+    def __init__(self, robot: Robot, claim: Tool) -> None:
         self._robot, self._claim = robot, claim
         self._model = robot.shared.model
         self._data = self._model.createData()
@@ -62,15 +62,14 @@ class PlainTool:
         tip = self._data.oMf[robot.tip_frame]
         reach = robot.coupling.reach(steps) * self._moves
         found = []
-        if "orientation" in claim:
-            wanted = claim["orientation"]
-            axis, direction = (np.array(wanted[key], dtype=float) for key in ("axis", "direction"))
+        if claim.orientation is not None:
+            axis, direction = claim.orientation.axis, claim.orientation.direction
             cosine = (tip.rotation @ axis) @ direction / sqrt((axis @ axis) * (direction @ direction))
             angle = acos(min(1.0, max(-1.0, float(cosine))))
             turned = float(reach[~robot.joint_prismatic].sum())
-            found.append(("orientation", angle - float(wanted["angle"]), turned))
-        if "position" in claim:
-            bounds = claim["position"].items()
+            found.append(("orientation", angle - claim.orientation.angle, turned))
+        if claim.position is not None:
+            bounds = claim.position.items()
             here = dict(zip("xyz", tip.translation, strict=True))
             outside = max(max(low - here[key], here[key] - high) for key, (low, high) in bounds)
             found.append(("position", float(outside), self._moved(tip.translation, reach)))

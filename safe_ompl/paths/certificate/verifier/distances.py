@@ -9,7 +9,7 @@ each other.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterator
 from typing import Any
 
 import coal
@@ -17,7 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.paths.certificate.format import OBSTACLE
+from safe_ompl.paths.certificate.claims import Certificate
+from safe_ompl.paths.certificate.schema import OBSTACLE
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
@@ -29,8 +30,8 @@ class Separations:
     ----------
     robot, scene
         Whose bodies they are.
-    claims : mapping
-        `clearance` and `moving_obstacles` of a certificate, None where nothing is claimed.
+    claims : Certificate
+        Says what they must keep.
 
     Attributes
     ----------
@@ -38,7 +39,7 @@ class Separations:
         All pairs that must be proven apart.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, claims: Mapping[str, Any]) -> None:
+    def __init__(self, robot: Robot, scene: Scene, claims: Certificate) -> None:
         self._robot, self._data = robot, robot.shared.model.createData()
         self._links = list(robot.shared.collision_model.geometryObjects)
         self._points = [corners(link.geometry) for link in self._links]
@@ -54,7 +55,7 @@ class Separations:
         self._axes = robot.shared.chain.axes
         self._request = coal.DistanceRequest()
         self._required = [
-            [_required(claims, plain_name(link.name), name) for _, name, _, _ in self._obstacles]
+            [claims.required(plain_name(link.name), name) for _, name, _, _ in self._obstacles]
             for link in self._links
         ]
         moving = [link.name for link in self._links if link.parentJoint != 0]
@@ -112,16 +113,6 @@ class Separations:
 def plain_name(name: str) -> str:
     """Return the name of the link or obstacle that a body belongs to."""
     return name.removeprefix(OBSTACLE) if name.startswith(OBSTACLE) else name.rsplit("_", 1)[0]
-
-
-def _required(claims: Mapping[str, Any], link: str, obstacle: str) -> float:
-    """Return what a link must keep from where the scene has an obstacle [m]: clearance, and how far that can move."""
-    clearance, moving, distance = claims["clearance"], claims["moving_obstacles"], 0.0
-    if clearance is not None and obstacle in clearance["obstacles"]:
-        distance = 0.0 if [link, obstacle] in clearance["exempt"] else float(clearance["distance"])
-    if moving is not None and obstacle in moving["speeds"]:
-        distance += float(moving["speeds"][obstacle]) * float(moving["time"])
-    return distance
 
 
 def joints_below(robot: Robot, joint: int) -> list[int]:

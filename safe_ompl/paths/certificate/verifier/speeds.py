@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.paths.certificate.plain_curve import PlainMotion, PlainPiece
-from safe_ompl.paths.certificate.plain_distances import corners, joints_below
+from safe_ompl.paths.certificate.verifier.distances import corners, joints_below
+from safe_ompl.paths.certificate.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.robot.robot import Robot
 
 _ROUNDING = 1e-9  # relative

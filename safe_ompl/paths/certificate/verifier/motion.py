@@ -6,21 +6,21 @@ after the other, and ṡ² is linear in each cell between two grid points; or th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import atan2, cos, hypot, pi, sin, sqrt
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import CertificateError
-from safe_ompl.paths.certificate.plain_phases import PlainPhases
+from safe_ompl.paths.certificate.claims import Piece, TimedMotion
 from safe_ompl.robot.robot import Robot
 
 _SAME = 1e-9  # [rad] places, and directions, that differ by less are the same
 _ROUNDING = 1e-9  # relative, of speeds and accelerations
 _LONGEST = 1e4  # [rad] of a curve
+_HALVINGS = 60
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class PlainMotion:
 
     Parameters
     ----------
-    claim : mapping
-        `pieces`, `corners`, `edges` and `squares` of a certificate, and `phases` where it claims them.
+    claim : TimedMotion
+        The claim.
     robot : Robot
         The robot.
     path : ndarray, shape (N, n)
@@ -113,23 +113,22 @@ class PlainMotion:
         If it is none.
     """
 
-    def __init__(self, claim: Mapping[str, Any], robot: Robot, path: FloatArray) -> None:
-        self.pieces = [_piece(k, piece, robot.n) for k, piece in enumerate(claim["pieces"])]
-        if not self.pieces:
-            raise CertificateError("trajectory: the curve has no piece")
-        corners = list(claim["corners"])
-        if any(type(k) is not int or not 0 < k < len(self.pieces) for k in corners):
+    def __init__(self, claim: TimedMotion, robot: Robot, path: FloatArray) -> None:
+        self.pieces = [_piece(k, piece) for k, piece in enumerate(claim.pieces)]
+        corners = list(claim.corners)
+        if any(not 0 < k < len(self.pieces) for k in corners):
             raise CertificateError(f"trajectory: {corners} are not corners between its pieces")
         self._check_joined(corners, robot, path)
         self.starts = [0.0]
         for piece in self.pieces:
             self.starts.append(self.starts[-1] + piece.length)
-        self.edges = finite_array(claim["edges"], (None,), "trajectory: edges")
-        self.squares = finite_array(claim["squares"], (len(self.edges),), "trajectory: squares")
+        self.edges, self.squares = claim.edges, claim.squares
+        if len(self.edges) != len(self.squares):
+            raise CertificateError("trajectory: it has not one speed for each grid point")
         self.of = self._check_grid()
         self.phases: PlainPhases | None = None
-        if claim.get("phases") is not None:
-            self._take_phases(PlainPhases(claim["phases"], self.starts[-1]))
+        if claim.phases is not None:
+            self._take_phases(PlainPhases(claim.phases, self.starts[-1]))
         stops = {self._grid_point(self.starts[k]) for k in corners} | {0, len(self.edges) - 1}
         for j in sorted(stops):
             if self.squares[j] != 0:
@@ -253,11 +252,9 @@ class PlainMotion:
         return None
 
 
-def _piece(k: int, piece: Mapping[str, Any], n: int) -> PlainPiece:
-    if sorted(piece) != ["curvature", "forward", "inward", "length", "start"]:
-        raise CertificateError(f"trajectory: it is malformed: piece {k} has {sorted(piece)}")
-    start, forward, inward = (finite_array(piece[key], (n,), key) for key in ("start", "forward", "inward"))
-    length, curvature = (float(piece[key]) for key in ("length", "curvature"))
+def _piece(k: int, piece: Piece) -> PlainPiece:
+    start, forward, inward = piece.start, piece.forward, piece.inward
+    length, curvature = piece.length, piece.curvature
     unit = abs(float(forward @ forward) - 1) <= _SAME
     if curvature == 0:
         fits = unit and not inward.any()
@@ -266,3 +263,88 @@ def _piece(k: int, piece: Mapping[str, Any], n: int) -> PlainPiece:
     if not (fits and 0 < length <= _LONGEST and 0 <= curvature * length <= pi):
         raise CertificateError(f"trajectory: piece {k} is neither a line nor an arc")
     return PlainPiece(start, forward, inward, length, curvature)
+
+
+class _State(NamedTuple):
+    s: float
+    rate: float
+    push: float
+
+    def after(self, time: float, jerk: float) -> _State:
+        """Return the state a time later."""
+        return _State(
+            self.s + self.rate * time + self.push * time**2 / 2 + jerk * time**3 / 6,
+            self.rate + self.push * time + jerk * time**2 / 2,
+            self.push + jerk * time,
+        )
+
+
+class PlainPhases:
+    """Where on its curve the robot is when; from rest to rest.
+
+    Parameters
+    ----------
+    claim : ndarray, shape (P, 2)
+        Duration [s] and s⃛ [rad/s³] of each phase.
+    length : float
+        Of the curve [rad].
+
+    Raises
+    ------
+    CertificateError
+        If it is no such law; if ṡ both rises and falls in a phase.
+    """
+
+    def __init__(self, claim: FloatArray, length: float) -> None:
+        state, self._begins, self._claim = _State(0.0, 0.0, 0.0), list[_State](), list[tuple[float, float]]()
+        for duration, jerk in claim.tolist():
+            if not duration > 0:
+                raise CertificateError("trajectory: a phase lasts no time")
+            after = state.after(duration, jerk)
+            if min(state.push, after.push) < -1e3 * _SAME and max(state.push, after.push) > 1e3 * _SAME:
+                raise CertificateError("trajectory: the speed both rises and falls in a phase")
+            if after.rate < -_SAME:
+                raise CertificateError("trajectory: it moves backwards in a phase")
+            self._begins.append(state)
+            self._claim.append((duration, jerk))
+            state = after
+        if abs(state.s - length) > _SAME or abs(state.rate) > _SAME or abs(state.push) > 1e3 * _SAME:
+            raise CertificateError("trajectory: its phases do not end at rest where the curve does")
+        self.end = state
+        self.starts: FloatArray = np.array([begin.s for begin in self._begins])
+        self.duration = sum(duration for duration, _ in self._claim)
+
+    def squares(self, edges: FloatArray) -> FloatArray:
+        """Return ṡ² (C + 1,) at grid points, all starts of phases among them; by bisection, for s grows with time."""
+        for start in self.starts.tolist():
+            if np.abs(edges - start).min() > _SAME:
+                raise CertificateError(
+                    f"trajectory: a phase begins at {start:.6f} rad, which is no grid point"
+                )
+        found = [self.rate(float(s)) ** 2 for s in edges]
+        for j in (0, -1):
+            found[j] = 0.0
+        return np.array(found)
+
+    def rate(self, s: float) -> float:
+        """Return ṡ at an arc length [rad]."""
+        near = np.abs(self.starts - s).argmin()
+        if abs(self.starts[near] - s) <= 1e-3 * _SAME:
+            rate = self._begins[near].rate
+            return rate if rate > _SAME else 0.0
+        k = max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0)
+        duration, jerk = self._claim[k]
+        early, late = 0.0, duration
+        for _ in range(_HALVINGS):
+            middle = (early + late) / 2
+            early, late = (middle, late) if self._begins[k].after(middle, jerk).s <= s else (early, middle)
+        return max(self._begins[k].after(late, jerk).rate, 0.0)
+
+    def of(self, edges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return for each cell (C,) the least and the largest s̈ of its phase, and |s⃛|."""
+        middles = (edges[1:] + edges[:-1]) / 2
+        which: IntArray = np.maximum(np.searchsorted(self.starts, middles, side="right") - 1, 0)
+        begin = np.array([state.push for state in self._begins])
+        end = np.append(begin[1:], self.end.push)
+        jerks = np.abs([jerk for _, jerk in self._claim])
+        return np.minimum(begin, end)[which], np.maximum(begin, end)[which], jerks[which]

@@ -1,6 +1,7 @@
-"""The danger of a timed motion once more, by its definition: to check what certificates claim of it.
+"""The danger of a path, and of a motion in time, by its definition: to check what certificates claim.
 
-KDF = k₁φ + k₂(φ′ + γI)ṡ for each link, with φ = ∫dt/‖ρ‖, φ′ = ∫ρ·x′/‖ρ‖³ dt and I = ∫‖x′‖/‖ρ‖² dt over its points x,
+A timed motion has KDF = k₁φ + k₂(φ′ + γI)ṡ for each link, with φ = ∫dt/‖ρ‖, φ′ = ∫ρ·x′/‖ρ‖³ dt and
+I = ∫‖x′‖/‖ρ‖² dt over its points x,
 ρ = p − x, x′ by arc length of the curve. In half an interval h, with ‖x′‖ ≤ V and ‖x″‖ ≤ A, no point of the link comes
 nearer to p than R, its distance D in the middle less Vh. Then φ ≤ U = φD/R, and as ‖ρ‖ ≥ R
 
@@ -12,25 +13,122 @@ which ∫(c₀ + c₁t)/‖ρ‖² dt is elementary. Intervals and parts are hal
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.paths.certificate.plain_curve import PlainMotion, PlainPiece
-from safe_ompl.paths.certificate.plain_danger import PlainDanger
-from safe_ompl.paths.certificate.plain_distances import joints_below
-from safe_ompl.paths.certificate.plain_speeds import bend_bound
+from safe_ompl.paths.certificate.claims import Danger, MovingDanger
+from safe_ompl.paths.certificate.verifier.distances import joints_below
+from safe_ompl.paths.certificate.verifier.motion import PlainMotion, PlainPiece
+from safe_ompl.paths.certificate.verifier.speeds import bend_bound
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
-_ROUNDING = 1e-6  # relative
-_SMALLEST = 1e-7  # [rad] intervals that are not divided any more
+_ROUNDING = 1e-6
+_SMALLEST = 1e-5  # [m] intervals in which no key point moves farther are not divided any more
+_TINY = 1e-12  # [m]
+_SHORTEST_INTERVAL = 1e-7  # [rad] intervals that are not divided any more
 _PARTS, _MOST_PARTS = 4, 256  # of a link
 _SHORT = 1e-6  # [m] links that are as good as a point
-_TINY = 1e-12
+
+
+class PlainDanger:
+    """The danger of a robot in a scene, link by link: eq. (4) in the form 2/ℓ·atanh(ℓ/S), and how far it can grow.
+
+    Where no end of a link moves more than δ, less than its distance D from a danger point, its field there grows to
+    D/(D − δ) times what it was, at most.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    scene : Scene
+        Has the danger points.
+    claim : Danger
+        Of which kind it is.
+
+    Attributes
+    ----------
+    points, weights : ndarray, shape (M, 3) and (M,)
+        The danger points, one at least.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, claim: Danger) -> None:
+        self._robot, self._claim = robot, claim
+        self._data = robot.shared.model.createData()
+        self.points, self.weights, _ = scene.danger_points(claim.spacing)
+        if not len(self.points):
+            self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
+
+    def exceeded(self, start: FloatArray, delta: FloatArray, limit: float) -> tuple[float, float] | None:
+        """Return where on an edge, and by how much, a danger is not proven to keep to a limit; else None."""
+        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), limit)
+
+    def exceeded_along(
+        self, place: Callable[[float], FloatArray], steps: FloatArray, limit: float
+    ) -> tuple[float, float] | None:
+        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`."""
+        waiting = [(0.5, 0.5)]
+        while waiting:
+            centre, half = waiting.pop()
+            value, bound, moved = self._bounded(place(centre), half * steps)
+            if bound <= limit * (1 + _ROUNDING):
+                continue
+            if value > limit * (1 + _ROUNDING) or moved < _SMALLEST:
+                return centre, value
+            waiting += [(centre + half / 2, half / 2), (centre - half / 2, half / 2)]
+        return None
+
+    def _bounded(self, q: FloatArray, steps: FloatArray) -> tuple[float, float, float]:
+        """Return the danger at `q`, its bound while the joints move by `steps`, and how far key points move then."""
+        robot, points = self._robot, self.points
+        keypoints = robot.keypoints(q)
+        moved = self._moved(q, keypoints, steps)
+        start, end = (keypoints[robot.segments[:, side], None] for side in (0, 1))  # (L, 1, 3)
+        link = end - start
+        length = _norm(link)  # (L, 1)
+        along = np.clip(
+            np.einsum("lmi,lni->lm", points - start, link) / np.maximum(length**2, _TINY), 0.0, 1.0
+        )
+        distance = _norm(points - start - along[..., None] * link)  # (L, M)
+        ends = np.maximum(_norm(points - start) + _norm(points - end), _TINY)
+        share = np.minimum(length / ends, 1 - 1e-15)
+        field = np.where(length > 1e-6, 2 * np.arctanh(share) / np.maximum(length, _TINY), 2 / ends)
+        room = distance - moved[robot.segments].max(axis=1)[:, None]
+        grown = np.where(room > 0, field * distance / np.where(room > 0, room, 1.0), np.inf)
+        if self._claim.weighting == "length":
+            slides = float(robot.coupling.reach(steps)[robot.joint_prismatic].sum())
+            field, grown = field * length, grown * (length + slides)
+        return self.aggregated(field.sum(axis=0)), self.aggregated(grown.sum(axis=0)), float(moved.max())
+
+    def _moved(self, q: FloatArray, keypoints: FloatArray, steps: FloatArray) -> FloatArray:
+        """Return how far each key point (K,) can move [m] while the joints move by `steps` from `q`."""
+        robot = self._robot
+        pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
+        joints = list(self._data.oMi)[1:]
+        axes = np.array(
+            [joint.rotation @ axis for joint, axis in zip(joints, robot.shared.chain.axes, strict=True)]
+        )
+        arms = keypoints[:, None] - np.array([joint.translation for joint in joints])  # (K, n, 3)
+        across = arms - (arms * axes).sum(axis=2)[..., None] * axes
+        radii = np.where(robot.joint_prismatic, 1.0, _norm(across)) * robot.joint_keypoint_support
+        moved: FloatArray = radii @ robot.coupling.reach(steps)
+        return moved
+
+    def aggregated(self, fields: FloatArray) -> float:
+        """Return the danger where the robot's field at all danger points is `fields: (M,)`, without k₁ and weights."""
+        levels = self._claim.k1 * self.weights * fields
+        if self._claim.aggregate == "max":
+            return float(levels.max())
+        if self._claim.aggregate == "mean":
+            return float(levels.mean())
+        top, sharpness = float(levels.max()), self._claim.sharpness
+        if not np.isfinite(top):
+            return top
+        return top + float(np.log(np.exp(sharpness * (levels - top)).sum())) / sharpness
 
 
 class _Interval(NamedTuple):
@@ -53,11 +151,11 @@ class PlainMovingDanger:
         The robot.
     scene : Scene
         Has the danger points.
-    claim : mapping
-        As for `PlainDanger`, with `bound`, `k2` and `gamma`.
+    claim : MovingDanger
+        Of which kind it is, and its bound.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, claim: Mapping[str, Any]) -> None:
+    def __init__(self, robot: Robot, scene: Scene, claim: MovingDanger) -> None:
         self._robot, self._claim = robot, claim
         self._still = PlainDanger(robot, scene, claim)
         self._model, self._data = robot.shared.model, robot.shared.model.createData()
@@ -65,7 +163,7 @@ class PlainMovingDanger:
         self._carriers = [
             int(np.flatnonzero(row).max(initial=-1)) + 1 for row in robot.joint_keypoint_support
         ]
-        self._gamma = float(claim["gamma"])
+        self._gamma = claim.gamma
 
     def exceeded(self, motion: PlainMotion) -> float | None:
         """Return where on the curve [rad] the danger is not proven to keep to the bound; else None."""
@@ -83,7 +181,7 @@ class PlainMovingDanger:
                     points = self._above(interval, rates, points, parts)
                 if not len(points):
                     continue
-                if last - first < _SMALLEST:
+                if last - first < _SHORTEST_INTERVAL:
                     return start + middle
                 finer = min(2 * parts, _MOST_PARTS)
                 waiting += [(first, middle, finer, points), (middle, last, finer, points)]
@@ -95,11 +193,11 @@ class PlainMovingDanger:
         """Return those of some danger points whose danger is not proven to keep to the bound; all or none of a sum."""
         claim, still = self._claim, self._still
         levels, pushes = self._bounds(interval, still.points[points], parts)
-        limit = float(claim["bound"]) * (1 + _ROUNDING)
+        limit = claim.bound * (1 + _ROUNDING)
         with np.errstate(invalid="ignore"):  # 0·∞ where a point may be reached
-            fields = [claim["k1"] * levels + claim["k2"] * rate * pushes for rate in rates]
+            fields = [claim.k1 * levels + claim.k2 * rate * pushes for rate in rates]
         fields = [np.where(np.isnan(field), np.inf, field) for field in fields]
-        if claim["aggregate"] == "max":
+        if claim.aggregate == "max":
             near: IntArray = points[still.weights[points] * np.maximum(*fields) > limit]
             return near
         above = max(still.aggregated(field) for field in fields) > limit
@@ -128,7 +226,7 @@ class PlainMovingDanger:
             )
             exact = rate + spread + (1 + self._gamma) * h * curved
             swift = np.minimum((1 + self._gamma) * most * V / near, exact)
-        if self._claim["weighting"] == "length":
+        if self._claim.weighting == "length":
             longest, shortest = length + interval.strokes * h, np.maximum(length - interval.strokes * h, 0.0)
             field, swift = longest * field, swift * np.where(swift > 0, longest, shortest)
         level, push = field.sum(axis=0), swift.sum(axis=0)

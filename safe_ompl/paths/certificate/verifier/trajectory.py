@@ -13,20 +13,19 @@ what they must keep, holds; pairs that are not are looked at again in both halve
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray, finite_array
+from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import CertificateError
-from safe_ompl.paths.certificate.format import OBSTACLE
-from safe_ompl.paths.certificate.plain_curve import PlainMotion
-from safe_ompl.paths.certificate.plain_danger import PlainDanger
-from safe_ompl.paths.certificate.plain_distances import Separations, plain_name
-from safe_ompl.paths.certificate.plain_moving_danger import PlainMovingDanger
-from safe_ompl.paths.certificate.plain_speeds import PlainSpeeds
-from safe_ompl.paths.certificate.plain_tool import PlainTool
+from safe_ompl.paths.certificate.claims import Certificate, Stops, TimedMotion
+from safe_ompl.paths.certificate.schema import OBSTACLE
+from safe_ompl.paths.certificate.verifier.danger import PlainDanger, PlainMovingDanger
+from safe_ompl.paths.certificate.verifier.distances import Separations, plain_name
+from safe_ompl.paths.certificate.verifier.motion import PlainMotion
+from safe_ompl.paths.certificate.verifier.speeds import PlainSpeeds
+from safe_ompl.paths.certificate.verifier.tool import PlainTool
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
@@ -36,69 +35,55 @@ _ROUNDING = 1e-9
 _TINY = 1e-12  # [m/rad]
 
 
-def check_trajectory(
-    content: Mapping[str, Any], robot: Robot, scene: Scene, path: FloatArray, separations: Separations
-) -> None:
+def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separations: Separations) -> None:
     """Raise CertificateError unless the timed motion of a certificate, if it claims one, is as claimed."""
-    claim = content.get("trajectory")
+    claim = claims.trajectory
     if claim is None:
         return
-    motion = PlainMotion(claim, robot, path)
-    velocity, acceleration = (
-        finite_array(claim[key], (robot.n,), f"trajectory: {key}") for key in ("velocity", "acceleration")
-    )
-    if abs(motion.duration - float(claim["duration"])) > _ROUNDING * motion.duration:
+    motion = PlainMotion(claim, robot, claims.path)
+    if abs(motion.duration - claim.duration) > _ROUNDING * motion.duration:
         raise CertificateError(
-            f"trajectory: it takes {motion.duration:.6f} s, {claim['duration']} s are claimed"
+            f"trajectory: it takes {motion.duration:.6f} s, {claim.duration} s are claimed"
         )
     sizes, squares = np.diff(motion.edges), motion.squares
+    limits = claim.velocity, claim.acceleration
     for pushes in motion.pushes:
-        failure = motion.exceeded(
-            np.column_stack([squares[:-1], squares[1:]]), pushes, velocity, acceleration
-        )
+        failure = motion.exceeded(np.column_stack([squares[:-1], squares[1:]]), pushes, *limits)
         if failure is not None:
             raise CertificateError(f"trajectory: {failure}")
     _check_jerk_and_speeds(claim, motion, robot)
-    _check_moving_danger(claim.get("danger"), motion, robot, scene)
-    stops = claim["stops"]
-    required = Required(scene)
+    if claim.danger is not None:
+        at = PlainMovingDanger(robot, scene, claim.danger).exceeded(motion)
+        if at is not None:
+            bound = claim.danger.bound
+            raise CertificateError(
+                f"trajectory: the danger in motion is not below {bound:.4f} near {at:.6f} rad"
+            )
+    stops, required = claim.stops, Required(scene)
     if stops is not None:
-        brakes = finite_array(stops["brakes"], (len(sizes),), "trajectory: brakes")
-        visits = visits_of_stops(motion, brakes)
+        if stops.brakes.shape != sizes.shape:
+            raise CertificateError(f"trajectory: {len(stops.brakes)} brakes for {len(sizes)} cells")
+        visits = visits_of_stops(motion, stops.brakes)
         fastest = visits.fastest()
-        failure = motion.exceeded(np.column_stack([fastest, fastest]), -brakes, velocity, acceleration)
+        failure = motion.exceeded(np.column_stack([fastest, fastest]), -stops.brakes, *limits)
         if failure is not None:
             raise CertificateError(f"trajectory: in a stop {failure}")
-        swiftness = PlainSpeeds(robot).bounds(motion) if stops.get("contact") else np.zeros(len(sizes))
+        swiftness = PlainSpeeds(robot).bounds(motion) if stops.contact else np.zeros(len(sizes))
         required = Required(scene, stops, visits, swiftness)
     _check_free(motion, separations, required)
-    _check_danger_and_tool(content, motion, robot, scene)
+    _check_danger_and_tool(claims, motion, robot, scene)
 
 
-def _check_jerk_and_speeds(claim: Mapping[str, Any], motion: PlainMotion, robot: Robot) -> None:
-    if claim.get("jerk") is not None:
-        failure = motion.jerk_exceeded(finite_array(claim["jerk"], (robot.n,), "trajectory: jerk"))
+def _check_jerk_and_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot) -> None:
+    if claim.jerk is not None:
+        failure = motion.jerk_exceeded(claim.jerk)
         if failure is not None:
             raise CertificateError(f"trajectory: {failure}")
-    for key, who in (("tool_speed", "the tool"), ("link_speed", "a link")):
-        if claim.get(key) is not None:
-            at = PlainSpeeds(robot).exceeded(motion, float(claim[key]), tool=key == "tool_speed")
+    for limit, who in ((claim.tool_speed, "the tool"), (claim.link_speed, "a link")):
+        if limit is not None:
+            at = PlainSpeeds(robot).exceeded(motion, limit, tool=who == "the tool")
             if at is not None:
-                raise CertificateError(
-                    f"trajectory: {who} is faster than {claim[key]:g} m/s near {at:.6f} rad"
-                )
-
-
-def _check_moving_danger(
-    claim: Mapping[str, Any] | None, motion: PlainMotion, robot: Robot, scene: Scene
-) -> None:
-    if claim is None:
-        return
-    at = PlainMovingDanger(robot, scene, claim).exceeded(motion)
-    if at is not None:
-        raise CertificateError(
-            f"trajectory: the danger in motion is not below {claim['bound']:.4f} near {at:.6f} rad"
-        )
+                raise CertificateError(f"trajectory: {who} is faster than {limit:g} m/s near {at:.6f} rad")
 
 
 class Visits(NamedTuple):
@@ -203,8 +188,8 @@ class Required:
     ----------
     scene : Scene
         Where people are.
-    stops : mapping, optional
-        `who`, `speed`, `speeds`, `reaction_time` and `clearance` of a certificate, and `contact` where it claims that.
+    stops : Stops, optional
+        What is claimed of stops.
     visits : Visits, optional
         Of the stops.
     swiftness : ndarray, shape (C,), optional
@@ -214,7 +199,7 @@ class Required:
     def __init__(
         self,
         scene: Scene,
-        stops: Mapping[str, Any] | None = None,
+        stops: Stops | None = None,
         visits: Visits | None = None,
         swiftness: FloatArray | None = None,
     ) -> None:
@@ -222,15 +207,14 @@ class Required:
         self._limbs: dict[str, tuple[float, FloatArray]] = {}
         if stops is None or visits is None or swiftness is None:
             return
-        contact, whenever = stops.get("contact") or {}, visits.latest()
-        for name in stops["who"]:
+        contact, whenever = stops.contact or {}, visits.latest()
+        for name in stops.who:
             for part, _, _ in scene[name].geometries():
                 latest = whenever
                 if part in contact:
-                    slow = float(contact[part]) / np.maximum(swiftness, _TINY)
+                    slow = contact[part] / np.maximum(swiftness, _TINY)
                     latest = visits.latest(slow**2 * (1 + _ROUNDING))
-                speed = float(stops["speeds"].get(part[len(name) + 1 :], stops["speed"]))
-                self._limbs[OBSTACLE + part] = speed, latest
+                self._limbs[OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :]), latest
 
     def of(self, part: str, first: int, last: int) -> float:
         """Return what must be kept from a body in the cells from the first to the last."""
@@ -241,7 +225,7 @@ class Required:
         time = float(latest[first : last + 1].max())
         if time == -np.inf:
             return 0.0
-        return float(self._stops["clearance"]) + speed * (float(self._stops["reaction_time"]) + time)
+        return self._stops.clearance + speed * (self._stops.reaction_time + time)
 
 
 def _check_free(motion: PlainMotion, separations: Separations, required: Required) -> None:
@@ -272,11 +256,9 @@ def _check_free(motion: PlainMotion, separations: Separations, required: Require
                 waiting += [(first, middle, near), (middle, last, near)]
 
 
-def _check_danger_and_tool(
-    content: Mapping[str, Any], motion: PlainMotion, robot: Robot, scene: Scene
-) -> None:
-    danger = None if content["danger"] is None else PlainDanger(robot, scene, content["danger"])
-    tool = None if content.get("tool") is None else PlainTool(robot, content["tool"])
+def _check_danger_and_tool(claims: Certificate, motion: PlainMotion, robot: Robot, scene: Scene) -> None:
+    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger)
+    tool = None if claims.tool is None else PlainTool(robot, claims.tool)
     for k, piece in enumerate(motion.pieces):
         half = piece.length / 2
 
@@ -285,8 +267,8 @@ def _check_danger_and_tool(
             return q
 
         steps = piece.steps(2 * half)
-        if danger is not None:
-            bound = float(content["danger"]["bound"])
+        if danger is not None and claims.danger is not None:
+            bound = claims.danger.bound
             failed = danger.exceeded_along(place, steps, bound)
             if failed is not None:
                 raise CertificateError(

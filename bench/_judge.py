@@ -1,0 +1,376 @@
+"""A judge of certificates that knows nothing of what issues and verifies them: it reads sentences, and asks samples.
+
+Robots come from their URDFs by `Robot.from_urdf`, scenes from their documents, distances from `pin.computeDistances`,
+the motion in time from its pieces and its time law, integrated here. A sentence that it cannot read counts as false.
+"""
+
+from __future__ import annotations
+
+import re
+from base64 import b64decode
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import cos, inf, sin, sqrt
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.danger.field import DangerField
+from safe_ompl.robot.construction.attachment import Attachment
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+
+SAMPLES = 12  # of an edge
+INSTANTS, BEGINS = 150, 10  # of a motion, and of stops
+ROUNDING = 1e-5
+N = r"(-?[\d.]+(?:e[+-]?\d+)?|inf)"
+SENTENCES = {
+    "free": r"every motion is free(, for the (robot|scene|robot and the scene) that the file itself carries)?",
+    "danger": rf"danger at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), k1 {N}, "
+    rf"points {N} m apart(?: where the scene has them)?\)",
+    "clearance": rf"at least {N} mm from (.*?)(?:, except (.*))?",
+    "moving": rf"the same while obstacles move no faster than (.*), for {N} s",
+    "axis": rf"the tool's axis \((.*)\) within {N}° of the direction \((.*)\)",
+    "tip": r"the tip at (.*)",
+    "timed": rf"driven in {N} s, the joints within velocities of \((.*?)\), accelerations of \((.*?)\)"
+    r"(?:, jerks of \((.*)\))? \[rad or m, s\]",
+    "tool speed": rf"the tip is no faster than {N} m/s",
+    "link speed": rf"no point of a link, nor the tip, is faster than {N} m/s",
+    "stops": rf"it stands before anyone of (.*) who moves no faster than {N} m/s((?:, \S+ {N} m/s)*) "
+    rf"comes nearer than {N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*))?",
+    "moving danger": rf"danger in motion at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), "
+    rf"k1 {N}, k2 {N}, gamma {N}, points {N} m apart\)",
+}
+
+
+def numbers(text: str) -> FloatArray:
+    """Return the numbers of a list in a sentence."""
+    return np.array([float(x) for x in text.split(",")])
+
+
+def speeds(text: str) -> dict[str, float]:
+    """Return the speeds of a list "name 0.1 m/s, other 0.2 m/s"."""
+    return {name: float(speed) for name, speed in re.findall(rf"(?:, )?(\S+) {N} m/s", text)}
+
+
+def read(claims: tuple[str, ...]) -> dict[str, tuple[Any, ...]] | None:
+    """Return what sentences say, by their kind; None if one cannot be read, or is there twice."""
+    found: dict[str, tuple[Any, ...]] = {}
+    for sentence in claims:
+        matches = {kind: re.fullmatch(pattern, sentence) for kind, pattern in SENTENCES.items()}
+        kinds = [kind for kind, match in matches.items() if match]
+        if len(kinds) != 1 or kinds[0] in found:
+            return None
+        match = matches[kinds[0]]
+        assert match is not None
+        found[kinds[0]] = match.groups()
+    return found
+
+
+# ------------------------------------------------------------------------------------------ what a file carries
+
+
+def carried_robot(level: Mapping[str, Any], folder: Path) -> Robot:
+    """Build the robot of a recipe with the methods of `Robot`."""
+    if "urdf" in level:
+        options = {
+            key: value for key, value in level.items() if key not in ("urdf", "srdf") and value is not None
+        }
+        for key in ("urdf", "srdf"):
+            if level.get(key) is not None:
+                (folder / f"judged.{key}").write_text(level[key]["text"])
+        srdf = None if level.get("srdf") is None else folder / "judged.srdf"
+        return Robot.from_urdf(folder / "judged.urdf", srdf, **options)
+    robot = carried_robot(level["of"], folder)
+    if "base" in level:
+        return robot.with_base(Pose.from_mapping(level["base"]))
+    item = Attachment.from_mapping(level["attached"], folder)
+    return robot.holding(item)
+
+
+def carried(content: Mapping[str, Any]) -> tuple[Robot, Scene]:
+    """Build the robot and the scene that a certificate carries."""
+    with TemporaryDirectory() as name:
+        for file, data in content["scene"]["files"].items():
+            (Path(name) / file).write_bytes(b64decode(data))
+        scene = Scene.from_mapping(content["scene"]["content"], Path(name))
+        return carried_robot(content["robot"]["recipe"], Path(name)), scene
+
+
+# -------------------------------------------------------------------------------------------------- the motion
+
+
+class Motion:
+    """The motion in time that a certificate holds: spans of constant jerk on pieces."""
+
+    def __init__(self, claim: Mapping[str, Any]) -> None:
+        self.pieces = claim["pieces"]
+        self.starts = np.concatenate([[0.0], np.cumsum([piece["length"] for piece in self.pieces])])
+        self.edges = np.array(claim["edges"], dtype=float)
+        spans, s, v, a = [], 0.0, 0.0, 0.0  # duration, s, v, a, j
+        if claim.get("phases"):
+            for duration, jerk in claim["phases"]:
+                spans.append((duration, s, v, a, jerk))
+                s += v * duration + a * duration**2 / 2 + jerk * duration**3 / 6
+                v, a = v + a * duration + jerk * duration**2 / 2, a + jerk * duration
+        else:
+            for (s, end), (x, y) in zip(pairwise(claim["edges"]), pairwise(claim["squares"]), strict=True):
+                spans.append(
+                    (2 * (end - s) / (sqrt(x) + sqrt(y)), s, sqrt(x), (y - x) / (2 * (end - s)), 0.0)
+                )
+        self.spans = np.array(spans)
+        self.times = np.concatenate([[0.0], np.cumsum(self.spans[:, 0])])
+        self.duration = float(self.times[-1])
+
+    def law(self, t: float) -> tuple[float, float, float, float]:
+        """Return s and its derivatives at a time."""
+        k = min(int(np.searchsorted(self.times, t, side="right")) - 1, len(self.spans) - 1)
+        t, (_, s, v, a, j) = t - self.times[k], self.spans[k]
+        return s + v * t + a * t * t / 2 + j * t**3 / 6, v + a * t + j * t * t / 2, a + j * t, j
+
+    def place(self, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return q, q′ and q″ at an arc length."""
+        k = min(max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0), len(self.pieces) - 1)
+        piece, sigma = self.pieces[k], s - self.starts[k]
+        start, forward, inward = (np.array(piece[key], dtype=float) for key in ("start", "forward", "inward"))
+        c = piece["curvature"]
+        if c == 0:
+            return start + sigma * forward, forward, 0 * forward
+        turn, side = sin(sigma * c), 1 - cos(sigma * c)
+        slope = cos(sigma * c) * forward + sin(sigma * c) * inward
+        bend = c * (cos(sigma * c) * inward - sin(sigma * c) * forward)
+        return start + (turn * forward + side * inward) / c, slope, bend
+
+    def stop(self, begin: float, brakes: list[float]) -> list[tuple[float, float, float, float]]:
+        """Return time, s, ṡ and s̈ where a stop that begins at a time enters cells, and between."""
+        s, v, _, _ = self.law(begin)
+        t, weakest, found = 0.0, inf, []
+        k = min(max(int(np.searchsorted(self.edges, s, side="right")) - 1, 0), len(brakes) - 1)
+        while v > 1e-9 and k < len(brakes):
+            weakest = min(weakest, brakes[k])
+            room = max(float(self.edges[k + 1]) - s, 0.0)
+            after = max(v * v - 2 * weakest * room, 0.0)
+            span = (v - sqrt(after)) / weakest
+            found += [
+                (t + x, s + v * x - weakest * x * x / 2, v - weakest * x, -weakest) for x in (0.0, 0.5 * span)
+            ]
+            s, v, t, k = float(self.edges[k + 1]), sqrt(after), t + span, k + 1
+        if v > 1e-6:
+            found.append((inf, s, v, -weakest))  # it has not stopped where the motion ends
+        return found
+
+
+# --------------------------------------------------------------------------------------------------- the judge
+
+
+@dataclass
+class Judge:
+    """Whether sentences about a path are true of a robot in a scene.
+
+    Attributes
+    ----------
+    robot, scene
+        What they are about.
+    people, danger, limits
+        What a user asks for: speeds and so on of people, options of the danger, and limits of joints; none where what
+        the sentences say is enough.
+    """
+
+    robot: Robot
+    scene: Scene
+    terms: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.geometry = self.robot.collision_model.copy()
+        bodies = list(self.geometry.geometryObjects)
+        self.links = [body.name.rsplit("_", 1)[0] for body in bodies]
+        self.pairs: list[tuple[str, str, str]] = [("", "", "") for _ in self.geometry.collisionPairs]
+        for obstacle in self.scene:
+            for part, shape, place in obstacle.geometries():
+                number = self.geometry.addGeometryObject(pin.GeometryObject(f"{part}!", 0, place, shape))
+                for k, body in enumerate(bodies):
+                    if body.parentJoint:
+                        self.geometry.addCollisionPair(pin.CollisionPair(k, number))
+                        self.pairs.append((self.links[k], obstacle.name, part))
+        self.model = self.robot.shared.model
+        self.data, self.results = self.model.createData(), pin.GeometryData(self.geometry)
+
+    def distances(self, q: FloatArray) -> FloatArray:
+        """Return the distance of every pair [m]."""
+        full = self.robot.pinocchio_configuration(q)
+        pin.computeDistances(self.model, self.data, self.geometry, self.results, full)
+        return np.array([result.min_distance for result in self.results.distanceResults])
+
+    def true(self, claims: tuple[str, ...], content: Mapping[str, Any], own: tuple[str, ...]) -> bool:
+        """Return whether what is said of the path of a certificate is true, and about what it should be."""
+        said = read(claims)
+        if said is None or "free" not in said:
+            return False
+        about = f", for the {' and the '.join(own)} that the file itself carries" if own else None
+        if said["free"][0] != about:
+            return False
+        path = np.array(content["path"], dtype=float)
+        ends = path[1:] if len(path) > 1 else path
+        t = np.linspace(0, 1, SAMPLES)[:, None]
+        dense = np.concatenate(
+            [a + t * self.robot.difference(a, b) for a, b in zip(path, ends, strict=False)]
+        )
+        motion = None
+        if "timed" in said:
+            motion = Motion(content["trajectory"])
+            whole = np.linspace(0, motion.duration, INSTANTS)
+            curve = np.array([motion.place(motion.law(x)[0])[0] for x in whole])
+            gaps = (self.robot.difference(curve[k], path[k]) for k in (0, -1))
+            if max(float(np.abs(gap).max()) for gap in gaps) > ROUNDING:
+                return False
+            dense = np.concatenate([dense, curve])
+        within = self.robot.continuous | (
+            (dense > self.robot.lower - 1e-8) & (dense < self.robot.upper + 1e-8)
+        )
+        if not within.all() or not self._still(said, dense):
+            return False
+        return motion is None or self._timed(said, motion, content["trajectory"])
+
+    def _still(self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray) -> bool:
+        least = np.zeros(len(self.pairs))
+        if "clearance" in said:
+            distance, names, exempt = said["clearance"]
+            pairs = set((exempt or "").split(", "))
+            for k, (link, obstacle, _) in enumerate(self.pairs):
+                if obstacle in names.split(", ") and f"{link} from {obstacle}" not in pairs:
+                    least[k] = float(distance) / 1e3
+        if "moving" in said:
+            moving, time = speeds(said["moving"][0]), float(said["moving"][1])
+            least += [moving.get(obstacle, 0.0) * time for _, obstacle, _ in self.pairs]
+        if not all((self.distances(q) > least - 1e-9).all() for q in dense):
+            return False
+        for q in dense if {"axis", "tip"} & set(said) else ():
+            pose = self.robot.tip_pose(q)
+            if "axis" in said:
+                axis, direction = (numbers(said["axis"][k]) for k in (0, 2))
+                cosine = (pose.rotation @ axis) @ direction / np.linalg.norm(axis) / np.linalg.norm(direction)
+                if np.degrees(np.arccos(np.clip(cosine, -1, 1))) > float(said["axis"][1]) + 1e-4:
+                    return False
+            for axis_name, low, high in re.findall(rf"([xyz]) from {N} to {N} m", said.get("tip", ("",))[0]):
+                if not float(low) - 1e-6 <= pose.translation["xyz".index(axis_name)] <= float(high) + 1e-6:
+                    return False
+        if "danger" in said:
+            bound, aggregate, sharpness, weighting, k1, spacing = said["danger"]
+            kind = {
+                "aggregate": aggregate,
+                "weighting": weighting,
+                "k1": float(k1),
+                "spacing": float(spacing),
+            }
+            danger = self._field(kind, sharpness)
+            return danger is not None and danger.values(dense).max() <= float(bound) * (1 + ROUNDING)
+        return True
+
+    def _field(self, kind: dict[str, Any], sharpness: str | None) -> DangerField | None:
+        """Return the field of a kind; None if that is not what is asked for."""
+        kind |= {} if sharpness is None else {"sharpness": float(sharpness)}
+        asked = self.terms.get("danger", {})
+        if any(asked.get(key, value) != value for key, value in kind.items()):
+            return None
+        points, weights, _ = self.scene.danger_points(kind.pop("spacing"))
+        return DangerField(self.robot, points, weights, **kind)
+
+    # ----------------------------------------------------------------------------------------------- in time
+
+    def _timed(self, said: Mapping[str, tuple[Any, ...]], motion: Motion, claim: Mapping[str, Any]) -> bool:
+        duration, *limits = said["timed"]
+        velocity, acceleration, jerk = (None if text is None else numbers(text) for text in limits)
+        for key, limit in (("velocity", velocity), ("acceleration", acceleration), ("jerk", jerk)):
+            asked = self.terms.get(key)
+            if asked is not None and limit is not None and (limit > np.array(asked) * (1 + ROUNDING)).any():
+                return False
+        if abs(float(duration) - motion.duration) > 6e-4 or velocity is None or acceleration is None:
+            return False
+        states = []
+        for t in np.linspace(0, motion.duration, INSTANTS):
+            s, v, a, j = motion.law(t)
+            states.append((*self._state(motion, s, v, a), motion.place(s)[1] * j))
+        q, qd, qdd, qddd = (np.array(column) for column in zip(*states, strict=True))
+        if (np.abs(qd) > velocity * (1 + ROUNDING) + 1e-9).any():
+            return False
+        if (np.abs(qdd) > acceleration * (1 + ROUNDING) + 1e-9).any():
+            return False
+        if jerk is not None and (np.abs(qddd) > jerk * (1 + ROUNDING) + 1e-9).any():
+            return False
+        fastest = [self._speeds(*state) for state in zip(q, qd, strict=True)]
+        for kind, k in (("tool speed", 0), ("link speed", 1)):
+            if kind in said and max(speed[k] for speed in fastest) > float(said[kind][0]) * (1 + ROUNDING):
+                return False
+        if "moving danger" in said:
+            bound, aggregate, sharpness, weighting, k1, k2, gamma, spacing = said["moving danger"]
+            kind = {"aggregate": aggregate, "weighting": weighting, "k1": float(k1), "k2": float(k2)}
+            danger = self._field({**kind, "gamma": float(gamma), "spacing": float(spacing)}, sharpness)
+            if danger is None or danger.moving.values(q, qd).max() > float(bound) * (1 + ROUNDING):
+                return False
+        return "stops" not in said or self._stops(said["stops"], motion, claim, acceleration)
+
+    @staticmethod
+    def _state(motion: Motion, s: float, v: float, a: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        q, slope, bend = motion.place(s)
+        return q, slope * v, slope * a + bend * v * v
+
+    def _speeds(self, q: FloatArray, qd: FloatArray) -> tuple[float, float]:
+        """Return the speeds of the tip and of the fastest point that is looked at [m/s]."""
+        rates = self.robot.coupling.motions(qd)
+        pin.forwardKinematics(self.model, self.data, self.robot.pinocchio_configuration(q), rates)
+        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        tip = float(
+            np.linalg.norm(pin.getFrameVelocity(self.model, self.data, self.robot.tip_frame, frame).linear)
+        )
+        fastest = tip
+        for body in self.robot.shared.collision_model.geometryObjects:
+            motion, centre = self.data.v[body.parentJoint], body.placement.translation
+            body.geometry.computeLocalAABB()
+            tops = (
+                np.array([0, 0, z])
+                for z in (body.geometry.aabb_local.min_[2], body.geometry.aabb_local.max_[2])
+            )
+            for point in (
+                centre,
+                *(body.placement.act(top) for top in tops),
+            ):  # on its axis: all are of the body
+                fastest = max(fastest, float(np.linalg.norm(np.cross(motion.angular, point) + motion.linear)))
+        return tip, fastest
+
+    def _stops(
+        self, said: tuple[Any, ...], motion: Motion, claim: Mapping[str, Any], acceleration: FloatArray
+    ) -> bool:
+        who, speed, limbs, _, clearance, reaction, contact = said
+        asked, names = self.terms.get("people", {}), who.split(", ")
+        bears = speeds(contact or "")
+        mine = {
+            "who": names,
+            "speed": float(speed),
+            "speeds": speeds(limbs),
+            "reaction_time": float(reaction),
+        }
+        if any(key in asked and asked[key] != value for key, value in mine.items()):
+            return False
+        most = asked.get("contact", {}) if asked else bears
+        if any(bears[part] > most.get(part, 0.0) * (1 + ROUNDING) for part in bears):
+            return False
+        if asked and float(clearance) / 1e3 < asked["clearance"] * (1 - ROUNDING):
+            return False
+        for begin in np.linspace(0, motion.duration * (1 - 1e-9), BEGINS):
+            for t, s, v, a in motion.stop(float(begin), claim["stops"]["brakes"]):
+                q, qd, qdd = self._state(motion, s, v, a)
+                if t == inf or (np.abs(qdd) > acceleration * (1 + ROUNDING) + 1e-9).any():
+                    return False
+                fast, apart = self._speeds(q, qd)[1], self.distances(q)
+                for (_, obstacle, part), distance in zip(self.pairs, apart, strict=True):
+                    limb = mine["speeds"].get(part[len(obstacle) + 1 :], mine["speed"])
+                    near = distance - limb * (mine["reaction_time"] + t) - float(clearance) / 1e3
+                    if obstacle in names and near < -1e-6 and fast > bears.get(part, 0.0) * (1 + ROUNDING):
+                        return False
+        return True

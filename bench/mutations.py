@@ -1,0 +1,459 @@
+"""Certificates in hostile hands: python bench/mutations.py [--number N] [--first K] [--seed S] [--show].
+
+Each certificate of four small problems is mutated with its structure in mind: keys and entries are added, dropped,
+renamed, swapped, scaled, put in another order, at every depth; shapes, joints and limits of the URDF that it carries,
+obstacles and mesh files of its scene. The fingerprints of robot and scene are forged in half of these, the digest in
+nearly all, and some are issued anew for the robot and the scene that came out, as whoever forges well would. All are
+verified twice:
+
+given    against the user's own robot, scene, people, danger and limits: what is accepted must be true of these.
+carried  with nothing given: what is accepted must be true of the robot and the scene that the file carries, and the
+         first sentence must say that they are the file's own.
+
+`false` counts what is accepted although a sentence is not true, or cannot be read, by a judge that samples
+(`_judge.py`); `crashed` what ends in any error but a refusal in one line. Both must be 0.
+Mutation k of a seed is always the same one: --first goes on where another run ended, or was interrupted. 10 000 take
+ten minutes of an idle core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import json
+import logging
+import random
+import re
+from base64 import b64decode, b64encode
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+from _judge import Judge, carried
+from _timing import print_table
+from safe_ompl.scenario.motion_limits import MotionLimits
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.danger.field import DangerField
+from safe_ompl.errors import SafeOmplError
+from safe_ompl.paths.certificate.claims import Terms
+from safe_ompl.paths.certificate.issue import certificate, terms_of
+from safe_ompl.paths.certificate.robot_document import built_robot, links_without_collision
+from safe_ompl.paths.certificate.schema import digest
+from safe_ompl.paths.certificate.verifier.verify import Verified, verify
+from safe_ompl.robot.construction.attachment import Attachment
+from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scenario.goal import Goal
+from safe_ompl.scenario.people import BodyRegion, People
+from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Cylinder, Sphere
+from safe_ompl.scene.shapes.mesh import Mesh
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.timing import PathTimer
+
+ROOT = Path(__file__).parents[1]
+ARM = ROOT / "scenarios" / "robots"
+PATH = np.array([[0.9, -2.2], [0.3, -2.0], [-0.3, -2.0]])
+CELLS = 12  # of a motion: what is claimed is the same with many, and takes longer
+SCENE = Scene(
+    (
+        Obstacle("person", Cylinder(0.16, 0.2), Pose((0.8, 0.05, 0.0)), weight=1.0),
+        Obstacle("machine", Box((0.16, 0.16, 0.2)), Pose((0.0, 0.72, 0.0))),
+        Obstacle("bin", Sphere(0.08), Pose((-0.1, -0.7, 0.0)), weight=0.5),
+    ),
+    spacing=0.25,
+)
+ROD = Attachment("rod", Box((0.1, 0.02, 0.02)), "tip", Pose((0.05, 0.0, 0.0)))
+PEOPLE = People(who=("person",), speed=0.3, reaction_time=0.05)
+SLOW_CONTACT = replace(
+    PEOPLE, speed=1.0, contact=True, regions={"head": BodyRegion(120, 4.4, 150)}, robot_mass=5.0
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A certificate, and what its user means by it."""
+
+    name: str
+    content: dict[str, Any]
+    robot: Robot
+    scene: Scene
+    terms: Terms
+    reissue: Callable[[Robot, Scene], dict[str, Any]]
+
+    def judge(self) -> Judge:
+        """Return the judge of what is said of the user's own robot and scene."""
+        motion, danger = self.terms.motion or {}, dict(self.terms.danger or {})
+        limits = {key: motion.get(key) for key in ("velocity", "acceleration", "jerk")}
+        return Judge(
+            self.robot, self.scene, {**limits, "danger": danger, "people": dict(self.terms.stops or {})}
+        )
+
+
+@cache
+def cases() -> tuple[Case, ...]:
+    """Return a path with all claims but those of time, a robot that holds a rod, two motions beside a person."""
+    spec = RobotSpec(urdf=ARM / "planar2.urdf", srdf=ARM / "planar2.srdf", tip="tip")
+    held = replace(spec, base=Pose((0.0, 0.0, 0.4)), attached=(ROD,), locked={})
+    mesh = Obstacle(
+        "wedge", Mesh(ROOT / "tests" / "data" / "wedge.obj", (0.1, 0.1, 0.1)), Pose((0.9, 0.0, 0.4))
+    )
+    plain = {"tool_speed": 1.5, "link_speed": 1.5, "velocity": 1.0, "acceleration": 4.0}
+    return (
+        _case("path", spec, SCENE, None, None),
+        _case("holds a rod", held, SCENE.without("person").with_obstacles(mesh), None, None),
+        _case("in time", spec, SCENE, MotionLimits(**plain), PEOPLE),
+        _case("slow contact", spec, SCENE, MotionLimits(**plain, jerk=100.0), SLOW_CONTACT),
+    )
+
+
+def _case(
+    name: str, spec: RobotSpec, scene: Scene, motion: MotionLimits | None, people: People | None
+) -> Case:
+    goal = Goal(configurations=(tuple(PATH[-1].tolist()),))
+    scenario = Scenario(
+        name, spec, scene, tuple(PATH[0].tolist()), goal, motion=motion or MotionLimits(), people=people
+    )
+    robot = scenario.build_robot()
+
+    def issue(robot: Robot, scene: Scene) -> dict[str, Any]:
+        field, claims = DangerField.of_scene(robot, scene), dict[str, Any]()
+        if motion is None:
+            claims["clearance"] = {
+                "distance": 0.02,
+                "obstacles": ["bin", "machine"],
+                "exempt": [["link1", "bin"]],
+            }
+            claims["moving_obstacles"] = {"speeds": {"machine": 0.05, "bin": 0.01}, "time": 0.2}
+            orientation = {"axis": [0, 0, 1], "direction": [0, 0, 1], "angle": 0.1}
+            claims["tool"] = {"orientation": orientation, "position": {"y": [-0.9, 0.9], "z": [-0.1, 0.6]}}
+        else:
+            proof = CertifiedMotion(CollisionChecker(robot, scene))
+            limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
+            timer = PathTimer(
+                robot,
+                limits,
+                motion=proof,
+                people=people,
+                tool_speed=motion.tool_speed,
+                link_speed=motion.link_speed,
+            )
+            claims["trajectory"] = timer.time(PATH, cells=CELLS)
+        sampled = "your checker, sampled at 0.01 rad"
+        content = certificate(PATH, robot, scene, field=field, also_sampled=sampled, **claims)
+        return json.loads(json.dumps(content))  # type: ignore[no-any-return]
+
+    terms = terms_of(scenario, robot, timed=motion is not None)
+    return Case(name, issue(robot, scene), robot, scene, terms, issue)
+
+
+# ----------------------------------------------------------------------------------------------- the mutations
+
+WORDS = (
+    "person",
+    "machine",
+    "bin",
+    "link1",
+    "link2",
+    "base",
+    "tip",
+    "head",
+    "max",
+    "mean",
+    "softmax",
+    "length",
+    "x",
+    "",
+    "0.1",
+)
+ODD = (
+    None,
+    True,
+    False,
+    "",
+    "0.1",
+    -1,
+    0,
+    1,
+    2.5,
+    1e-9,
+    -1e-9,
+    1e308,
+    10**400,
+    float("nan"),
+    float("inf"),
+    [],
+    {},
+    [[]],
+    {"": 0},
+)
+NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
+
+
+def places(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the way to every value of a document."""
+    yield at
+    if isinstance(value, dict):
+        for key in value:
+            yield from places(value[key], (*at, key))
+    elif isinstance(value, list):
+        for k, item in enumerate(value):
+            yield from places(item, (*at, k))
+
+
+def chosen(rng: random.Random, content: Any) -> tuple[Any, ...]:
+    """Return a place: of each key as likely as of every other one, however long the lists are."""
+    by_key: dict[str, list[tuple[Any, ...]]] = {}
+    for at in places(content):
+        by_key.setdefault("/".join(key for key in at if isinstance(key, str)), []).append(at)
+    carried_keys = [key for key in by_key if key.startswith(("robot/", "scene/"))]
+    keys = carried_keys if carried_keys and rng.random() < 0.35 else list(by_key)
+    return rng.choice(by_key[rng.choice(keys)])
+
+
+def replaced(content: Any, at: tuple[Any, ...], change: Callable[[Any], Any]) -> Any:
+    """Return a copy of a document with `change` of what is at a place there."""
+    if not at:
+        return change(content)
+    changed = copy.copy(content)
+    changed[at[0]] = replaced(content[at[0]], at[1:], change)
+    return changed
+
+
+def value_at(content: Any, at: tuple[Any, ...]) -> Any:
+    """Return what is at a place."""
+    for key in at:
+        content = content[key]
+    return content
+
+
+def mutated(rng: random.Random, value: Any, content: Any) -> Any:
+    """Return something else instead of a value, most often of its kind."""
+    other = value_at(content, chosen(rng, content))
+    choices: list[Callable[[], Any]] = [lambda: rng.choice(ODD), lambda: copy.deepcopy(other)]
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        choices = [*choices, *5 * [lambda: scaled(rng, value)]]
+    elif isinstance(value, str):
+        kind = _xml if "<robot" in value else _word
+        choices = [*choices, *(9 if kind is _xml else 3) * [lambda: kind(rng, value)]]
+    elif isinstance(value, list) and value:
+        choices += 4 * [lambda: _list(rng, value)]
+    elif isinstance(value, dict) and value:
+        choices += 4 * [lambda: _mapping(rng, value, other)]
+    return rng.choice(choices)()
+
+
+def scaled(rng: random.Random, value: float) -> float:
+    """Return a number that is a little or much different."""
+    if not abs(value) < 1e300:  # from an earlier mutation
+        return 1.0
+    return rng.choice(
+        [
+            value + rng.choice([-1, 1]) * 10 ** rng.uniform(-12, 2),
+            value * rng.choice([-1, 0.01, 0.5, 0.9, 0.99, 1.01, 1.1, 2, 100]),
+            rng.choice([0, 1, -1, round(value)]),
+        ]
+    )
+
+
+def _word(rng: random.Random, value: str) -> str:
+    if len(value) > 200 and re.fullmatch(r"[A-Za-z0-9+/=]+", value):  # a file: other numbers in it
+        text = b64decode(value).decode("latin1")
+        return b64encode(_rescaled(rng, text, NUMBER).encode("latin1")).decode()
+    return rng.choice(
+        [rng.choice(WORDS), value[:-1], value + "x", value.upper(), f"../{value}", f"{value}\n", f"/{value}"]
+    )
+
+
+def _rescaled(rng: random.Random, text: str, pattern: re.Pattern[str]) -> str:
+    found = list(pattern.finditer(text))
+    if not found:
+        return text
+    match = rng.choice(found)
+    return f"{text[: match.start()]}{scaled(rng, float(match.group())):.9g}{text[match.end() :]}"
+
+
+def _xml(rng: random.Random, text: str) -> str:
+    """Change a URDF or SRDF: shapes, places, limits; tags that are dropped, doubled, renamed, or lead elsewhere."""
+    numbers = re.compile(r'(?<=[" ])-?\d+\.?\d*(?:e-?\d+)?(?=[" ])')
+    tags = list(
+        re.finditer(
+            r"<(collision|visual|limit|origin|axis|disable_collisions|joint|link)\b[^>]*?(/>|>.*?</\1>)",
+            text,
+            re.S,
+        )
+    )
+    sizes = list(re.finditer(r'(radius|length|size|lower|upper)="([^"]*)"', text))
+    kind = rng.choice(["number", "number", "size", "size", "drop", "double", "name", "mesh", "entity", "cut"])
+    if kind == "number":
+        return _rescaled(rng, text, numbers)
+    if kind == "size" and sizes:
+        match = rng.choice(sizes)
+        return text[: match.start(2)] + _rescaled(rng, match.group(2), NUMBER) + text[match.end(2) :]
+    if kind in ("drop", "double") and tags:
+        match = rng.choice(tags)
+        return text[: match.start()] + (2 * match.group() if kind == "double" else "") + text[match.end() :]
+    if kind == "name":
+        return text.replace(rng.choice(["link1", "joint1", "tip", "base"]), rng.choice(WORDS))
+    if kind == "mesh":
+        name = rng.choice(
+            ["/etc/hostname", "file:///etc/hostname", "package://etc/hostname", "../../etc/hostname"]
+        )
+        return re.sub(r"<cylinder [^>]*/>", f'<mesh filename="{name}"/>', text, count=1)
+    if kind == "entity":
+        return f'<!DOCTYPE robot [<!ENTITY a "0.01">]>{text}'
+    return text[: rng.randrange(len(text))]
+
+
+def _list(rng: random.Random, value: list[Any]) -> list[Any]:
+    j, k = (rng.randrange(len(value)) for _ in range(2))
+    swapped = list(value)
+    swapped[j], swapped[k] = swapped[k], swapped[j]
+    numbers = all(isinstance(item, (int, float)) for item in value)
+    factor = rng.choice([0.5, 0.99, 1.01, 2])
+    return rng.choice(
+        [
+            value[:k] + value[k + 1 :],
+            [*value, copy.deepcopy(value[k])],
+            rng.sample(value, len(value)),
+            swapped,
+            value[::-1],
+            [factor * item for item in value] if numbers else value[:k],
+        ]
+    )
+
+
+def _mapping(rng: random.Random, value: dict[str, Any], other: Any) -> dict[str, Any]:
+    key, second = (rng.choice(sorted(value)) for _ in range(2))
+    rest = {name: item for name, item in value.items() if name != key}
+    return rng.choice(
+        [
+            rest,
+            {**value, rng.choice(WORDS): copy.deepcopy(other)},
+            {**rest, rng.choice([*WORDS, f"{key}s", second]): value[key]},
+            {**value, key: value[second], second: value[key]},
+            {**value, key: None},
+            dict(reversed(value.items())),
+        ]
+    )
+
+
+def mutation(case: Case, seed: int, k: int) -> Any:
+    """Return the k-th mutation of a certificate; the same one for the same seed."""
+    rng = random.Random(f"{seed}/{k}")
+    content = case.content
+    for _ in range(rng.choice([1, 1, 1, 2, 3])):
+        at = chosen(rng, content)
+        value = value_at(content, at)
+        content = replaced(content, at, lambda value=value: mutated(rng, value, case.content))
+    if isinstance(content, dict):
+        if rng.random() < 0.5:
+            content = _forged(case, content, rng.random() < 0.6)
+        if rng.random() < 0.95:
+            with suppress(TypeError, ValueError, OverflowError):
+                content = {**content, "digest": digest(content)}
+    return content
+
+
+def issued_anew(case: Case, document: dict[str, Any], robot: Robot, scene: Scene) -> dict[str, Any]:
+    """Return the certificate of the same path for another robot, which travels as a document, in another scene."""
+    with mock.patch("safe_ompl.paths.certificate.issue.carried_robot", return_value=document):
+        return case.reissue(robot, scene)
+
+
+def _forged(case: Case, content: dict[str, Any], anew: bool) -> dict[str, Any]:
+    """Return a certificate with the fingerprints of what it carries now, or one that is issued anew for that."""
+    if content.get("robot") == case.content["robot"] and content.get("scene") == case.content["scene"]:
+        return content
+    try:
+        robot = built_robot(content["robot"])
+        scene = carried(content)[1]
+        marks = {"hash": robot_hash(robot), "links_without_collision": links_without_collision(robot)}
+        if anew:
+            return issued_anew(case, {**content["robot"], **marks}, robot, scene)
+        scene_marks = {**content["scene"], "hash": scene.content_hash()}
+        return {**content, "robot": {**content["robot"], **marks}, "scene": scene_marks}
+    except Exception:  # whatever cannot be built, or has no proof, stays as it is
+        return content
+
+
+# ------------------------------------------------------------------------------------------------- what is said
+
+
+def outcome(check: Callable[[], Verified], true: Callable[[Verified], bool]) -> str:
+    """Return "refused", "true", "false" or "crashed"."""
+    try:
+        found = check()
+    except SafeOmplError as error:
+        return "crashed" if "\n" in str(error) or not str(error) else "refused"
+    except Exception:
+        return "crashed"
+    return "true" if true(found) else "false"
+
+
+def judged(case: Case, content: Any) -> dict[str, str]:
+    """Return what comes of a certificate, given all and given nothing."""
+
+    def of_carried(found: Verified) -> bool:
+        return Judge(*carried(content)).true(found.claims, content, ("robot", "scene"))
+
+    return {
+        "given": outcome(
+            lambda: verify(content, case.robot, case.scene, terms=case.terms),
+            lambda found: case.judge().true(found.claims, content, ()),
+        ),
+        "carried": outcome(lambda: verify(content), of_carried),
+    }
+
+
+def main() -> None:
+    """Mutate, verify, judge, and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--number", type=int, default=10_000)
+    parser.add_argument("--first", type=int, default=0, help="the number of the first mutation")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--show", action="store_true", help="print the numbers of those that are false or crash"
+    )
+    options = parser.parse_args()
+    logging.disable(logging.WARNING)
+    found: Counter[tuple[str, str, str]] = Counter()
+    for case in cases():
+        assert judged(case, case.content) == {"given": "true", "carried": "true"}, case.name
+    last = options.first
+    try:
+        for last in range(options.first, options.first + options.number):
+            case = cases()[last % len(cases())]
+            for mode, result in judged(case, mutation(case, options.seed, last)).items():
+                found[case.name, mode, result] += 1
+                if options.show and result in ("false", "crashed"):
+                    print(last, case.name, mode, result, flush=True)
+    except KeyboardInterrupt:
+        print(f"interrupted: go on with --first {last}, which may be counted in part")
+    kinds = ("refused", "true", "false", "crashed")
+    rows = [
+        (case.name, mode, *(found[case.name, mode, kind] for kind in kinds))
+        for case in cases()
+        for mode in ("given", "carried")
+    ]
+    for mode in ("given", "carried"):
+        rows.append(("all", mode, *(sum(found[case.name, mode, kind] for case in cases()) for kind in kinds)))
+    print_table(("certificate", "verified", *kinds), rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The verifier of certificates: it shares nothing with what plans, proves motions or issues certificates."""
