@@ -31,7 +31,7 @@ from safe_ompl.paths.certificate.issue import certificate
 from safe_ompl.paths.certificate.verify import verify
 from safe_ompl.robot.bodies.cache import VARIABLE
 from safe_ompl.robot.description.urdf import UrdfFile
-from safe_ompl.robot.joints.fingers import default_tip
+from safe_ompl.robot.joints.arm import default_tip
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.pose import Pose

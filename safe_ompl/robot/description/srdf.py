@@ -78,10 +78,54 @@ class SrdfFile:
             raise InputError(f"group {name!r} has no movable joint", str(self.path))
         return ordered
 
-    def group_tip(self, name: str) -> str | None:
-        """Return the last link of a group that is one chain, else None."""
+    def group_tip(self, name: str, full: pin.Model) -> str | None:
+        """Return the last link of a group that is one chain, or else the link that carries its end effector, or None."""
         chains = self._group(name).findall("chain")
-        return chains[0].get("tip_link") if len(chains) == 1 else None
+        carriers = [
+            link for link, group in self.end_effectors() if group == name and full.existBodyName(link)
+        ]
+        if len(chains) == 1:
+            return chains[0].get("tip_link")
+        return carriers[0] if carriers else None
+
+    def end_effectors(self) -> Iterator[tuple[str, str | None]]:
+        """Yield of each end effector the link that carries it, and its group of joints above, where that is said."""
+        for effector in self._root.findall("end_effector"):
+            yield effector.get("parent_link", ""), effector.get("parent_group")
+
+    def arm(self, full: pin.Model, tip: str) -> tuple[str, str] | None:
+        """Return the group of the arm, and the link at its end, as the SRDF says; None where it says nothing.
+
+        The arm is that of the first end effector or, where there is none, the one that carries `tip`. Of the groups
+        whose joints all lie on the way from the base to that link, that of the end effector is taken, or the one with
+        the fewest joints (an arm, not an arm and its torso), if it has four.
+
+        Parameters
+        ----------
+        full : pin.Model
+            All joints of the URDF.
+        tip : str
+            A link at the end of an arm.
+        """
+        effectors = [(link, group) for link, group in self.end_effectors() if full.existBodyName(link)]
+        link, parent = effectors[0] if effectors else (tip, None)
+        joint = full.frames[full.getBodyId(link)].parentJoint
+        above = {full.names[j] for j in list(full.supports[joint])[1:]}
+        groups = {}
+        for name in self.group_names:
+            try:
+                joints = self.group_joints(name, full)
+            except InputError:  # of joints that this robot has not
+                continue
+            if above.issuperset(joints):
+                groups[name] = len(joints)
+        if not groups:
+            return None
+        chosen = (
+            parent if parent in groups else min(groups, key=lambda name: (groups[name] < 4, groups[name]))
+        )
+        last = self.group_tip(chosen, full)
+        return chosen, link if effectors or last is None else last
 
     def _group(self, name: str) -> ElementTree.Element:
         for group in self._root.findall("group"):
