@@ -132,9 +132,10 @@ class New:
         start, goal, solved = self._connected(scene, left, right)
         self.file.write_text(self._text(person, start, goal), encoding="utf-8")
         group = f" of the group {self.spec.group!r}" if self.spec.group else ""
-        held = f"; {len(self.spec.locked or {})} other joints are held" if self.spec.locked else ""
+        number = len(self.spec.locked or {})
         _say(
-            f"a scenario in {self.file}: {self.robot.n} joints{group}, tip {self.robot.tip!r}, reach {reach:.2f} m{held}"
+            f"a scenario in {self.file}: {self.robot.n} joints{group}, tip {self.robot.tip!r}, "
+            f"reach {reach:.2f} m; joints that are held: {number}"
         )
         if not solved:
             _say(
@@ -177,7 +178,7 @@ class New:
         return points[self.robot.segments[:, 0].min(initial=len(points) - 1)]
 
     def _azimuths(self, samples: FloatArray, way: float = 0.0) -> FloatArray:
-        """Return for configurations (B, n) by how much the tip is to the left of a direction, from the shoulder [rad]."""
+        """Return for configurations (B, n) how far left of a direction the tip is, from the shoulder [rad]."""
         x, y = (self.robot.keypoints_batch(samples)[:, -1] - self._shoulder)[:, :2].T
         return (np.arctan2(y, x) - way + np.pi) % (2 * np.pi) - np.pi
 

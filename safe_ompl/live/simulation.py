@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
+from safe_ompl.exchange.problems import packed_robot
 from safe_ompl.inputs import number
 from safe_ompl.live.command import Command, Doing
 from safe_ompl.live.judge import Judge, Nearest
@@ -17,7 +18,7 @@ from safe_ompl.live.replanner import Replanner
 from safe_ompl.live.summary import Faults, Summary
 from safe_ompl.live.ticks import header
 from safe_ompl.live.world import World
-from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
+from safe_ompl.paths.certificate.portable import carried_scene
 from safe_ompl.people.reach import ReachSets
 from safe_ompl.trajectories.trajectory import Trajectory
 
@@ -228,7 +229,7 @@ class Simulation:
         return header(
             tick=replanner.tick,
             joint_names=list(replanner.robot.joint_names),
-            robot=carried_robot(replanner.robot),
+            robot=packed_robot(replanner.robot),
             scene=carried_scene(replanner.surroundings.scene),
             **self.world.header(),
         )

@@ -5,9 +5,9 @@ The first line is a header:
     {"format": "safe-ompl ticks", "version": 1, "tick": 0.05, "joint_names": [...], "robot": {...}, "scene": {...},
      "people": {"operator": {"height": 1.75, "limbs": ["head", ...]}}, "objects": {"cube": 0.5}}
 
-``robot`` and ``scene`` are as in saved results (`paths.certificate.portable`: `built_robot`, `built_scene`); the scene
-holds what stands still, and moving objects where they are at first, but no tracked people; ``objects`` are bounds of
-speeds [m/s]. Every other line is a tick:
+``robot`` and ``scene`` are as in saved results (`exchange.problems`: `unpacked_robot`; `paths.certificate.portable`:
+`built_scene`); the scene holds what stands still, and moving objects where they are at first, but no tracked people;
+``objects`` are bounds of speeds [m/s]. Every other line is a tick:
 
     {"time": 1.25, "q": [...], "qd": [...],
      "people": {"operator": {"head": [x, y, z], "left_shoulder": [...], ...}},

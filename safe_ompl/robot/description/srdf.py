@@ -79,7 +79,7 @@ class SrdfFile:
         return ordered
 
     def group_tip(self, name: str, full: pin.Model) -> str | None:
-        """Return the last link of a group that is one chain, or else the link that carries its end effector, or None."""
+        """Return the last link of a group that is one chain, else the link that carries its end effector, or None."""
         chains = self._group(name).findall("chain")
         carriers = [
             link for link, group in self.end_effectors() if group == name and full.existBodyName(link)

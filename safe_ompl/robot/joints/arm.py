@@ -44,7 +44,7 @@ def default_tip(full: pin.Model, model: pin.Model) -> str:
     bodies = _bodies(model)
     bodies = [body for body in bodies if not _SENSOR.search(body.name.lower())] or bodies
     farthest = _farthest(model, bodies)
-    fingers = finger_links(full)
+    fingers = finger_links(full) | {body.name for body in bodies if _PART_OF_FINGER.search(body.name.lower())}
     if farthest.name not in fingers:
         return str(farthest.name)
     below = set(list(model.supports[farthest.parentJoint])[1:])
@@ -118,14 +118,11 @@ def has_range(full: pin.Model, joint: int) -> bool:
 
 
 def _farthest(model: pin.Model, bodies: Iterable[pin.Frame]) -> pin.Frame:
-    """Return the body with the most joints above it, of those the one farthest from the last joint.
+    """Return the body with the most joints above it, of those the one farthest from the last joint."""
 
-    A body whose name is that of a part of a finger comes after the others that the same joint carries.
-    """
-
-    def rank(frame: pin.Frame) -> tuple[int, bool, float]:
+    def rank(frame: pin.Frame) -> tuple[int, float]:
         offset = float(np.linalg.norm(frame.placement.translation))
-        return len(model.supports[frame.parentJoint]), not _PART_OF_FINGER.search(frame.name.lower()), offset
+        return len(model.supports[frame.parentJoint]), offset
 
     return max(bodies, key=rank)
 
