@@ -22,7 +22,7 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.robot.description.srdf import SrdfFile
 from safe_ompl.robot.description.urdf import UrdfFile
-from safe_ompl.robot.joints.arm import arm_joints, default_tip, has_range
+from safe_ompl.robot.joints.arm import arm_joints, default_tip, finger_joints, has_range
 from safe_ompl.robot.joints.reduction import joints_without_range, resting_value
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
@@ -82,20 +82,24 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
     """
     assert given.urdf is not None
     urdf, source = UrdfFile(given.urdf, given.package_dirs), str(given.urdf)
-    full, mimics = urdf.build_model(), urdf.mimics()
+    full = urdf.build_model()
+    # A joint that mimics one which does not exist is held as any other.
+    mimics = {name: mimic for name, mimic in urdf.mimics().items() if full.existJointName(mimic.primary)}
     spec, group, tip = given, given.group, given.tip
     if tip is not None and not full.existFrame(tip):
         raise UnknownNameError("tip frame", tip, (frame.name for frame in list(full.frames)[1:]), "--tip")
     srdf = None if spec.srdf is None else SrdfFile(spec.srdf)
     if srdf is None and (group or spec.locked_state):
         raise InputError("is a name of an SRDF: give --srdf, too", "--group" if group else "--locked-state")
+    fingers = finger_joints(full)
     if tip is None and group is None:
         tip = default_tip(full, full)
         if srdf is not None:
-            group, tip = srdf.arm(full, tip) or (None, tip)
+            group, tip = srdf.arm(full, tip, fingers) or (None, tip)
     moving = set(
         arm_joints(full, tip, mimics) if group is None or srdf is None else srdf.group_joints(group, full)
     )
+    moving = moving - fingers or moving  # a hand alone has nothing but fingers
     moving |= {mimics[name].primary for name in moving if name in mimics}
     movable = [
         joint for joint in range(1, full.njoints) if full.names[joint] in moving and has_range(full, joint)

@@ -128,7 +128,7 @@ def unpacked_robot(data: object, package_dirs: Sequence[Path] = ()) -> Robot:
         meshes = document.mapping("meshes", carried.pop("meshes", {}))
         (Path(folder) / _PACKAGE).mkdir()
         for name, packed in meshes.items():
-            if Path(name).name != name or "\\" in name:
+            if Path(name).name != name or name == ".." or "\\" in name:
                 raise InputError(f"{name!r} is not the name of a file", "meshes")
             (Path(folder) / _PACKAGE / name).write_bytes(_unpacked(name, packed))
         robot = built_robot(carried, package_dirs=[*package_dirs, *([Path(folder)] if meshes else [])])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import pinocchio as pin
@@ -93,10 +93,11 @@ class SrdfFile:
         for effector in self._root.findall("end_effector"):
             yield effector.get("parent_link", ""), effector.get("parent_group")
 
-    def arm(self, full: pin.Model, tip: str) -> tuple[str, str] | None:
+    def arm(self, full: pin.Model, tip: str, fingers: Collection[str]) -> tuple[str, str] | None:
         """Return the group of the arm, and the link at its end, as the SRDF says; None where it says nothing.
 
-        The arm is that of the first end effector or, where there is none, the one that carries `tip`. Of the groups
+        The arm is that of the end effector with the most joints above it, the first one of several, unless `tip` has
+        more (legs have end effectors, too). Of the groups
         whose joints all lie on the way from the base to that link, that of the end effector is taken, or the one with
         the fewest joints (an arm, not an arm and its torso), if it has four.
 
@@ -106,18 +107,24 @@ class SrdfFile:
             All joints of the URDF.
         tip : str
             A link at the end of an arm.
+        fingers : collection of str
+            Joints that do not count.
         """
-        effectors = [(link, group) for link, group in self.end_effectors() if full.existBodyName(link)]
-        link, parent = effectors[0] if effectors else (tip, None)
+
+        def depth(end: tuple[str, str | None]) -> int:
+            return len(full.supports[full.frames[full.getBodyId(end[0])].parentJoint])
+
+        ends = [end for end in self.end_effectors() if full.existBodyName(end[0])]
+        link, parent = max([*ends, (tip, None)], key=depth)
         joint = full.frames[full.getBodyId(link)].parentJoint
         above = {full.names[j] for j in list(full.supports[joint])[1:]}
         groups = {}
         for name in self.group_names:
             try:
-                joints = self.group_joints(name, full)
+                joints = set(self.group_joints(name, full)).difference(fingers)
             except InputError:  # of joints that this robot has not
                 continue
-            if above.issuperset(joints):
+            if joints and above.issuperset(joints):
                 groups[name] = len(joints)
         if not groups:
             return None
@@ -125,7 +132,7 @@ class SrdfFile:
             parent if parent in groups else min(groups, key=lambda name: (groups[name] < 4, groups[name]))
         )
         last = self.group_tip(chosen, full)
-        return chosen, link if effectors or last is None else last
+        return chosen, link if (link, parent) in ends or last is None else last
 
     def _group(self, name: str) -> ElementTree.Element:
         for group in self._root.findall("group"):

@@ -57,7 +57,13 @@ def default_tip(full: pin.Model, model: pin.Model) -> str:
 
 
 def finger_links(full: pin.Model) -> frozenset[str]:
-    """Return the links of fingers: of two or more similar short chains of joints that branch off a moving link.
+    """Return the links of fingers, which `finger_joints` carry."""
+    carried = finger_joints(full)
+    return frozenset(body.name for body in _bodies(full) if full.names[body.parentJoint] in carried)
+
+
+def finger_joints(full: pin.Model) -> frozenset[str]:
+    """Return the joints of fingers: of two or more similar short chains of joints that branch off a moving link.
 
     Also what is carried by a joint whose name says that it moves a finger, unless all joints have such names.
     """
@@ -74,7 +80,7 @@ def finger_links(full: pin.Model) -> frozenset[str]:
     below = {joint for finger in named for joint in full.subtrees[finger]}
     if len(below) < full.njoints - 1:
         carried |= below
-    return frozenset(body.name for body in _bodies(full) if body.parentJoint in carried)
+    return frozenset(full.names[joint] for joint in carried)
 
 
 def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tuple[str, ...]:
@@ -95,9 +101,8 @@ def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tu
     """
     body = next(frame for frame in full.frames if frame.name == tip)
     chain = list(full.supports[body.parentJoint])[1:]
-    fingers = finger_links(full)
-    ignored = {b.parentJoint for b in _bodies(full) if b.name in fingers}
-    ignored |= {joint for joint in range(1, full.njoints) if full.names[joint] in followers}
+    names = finger_joints(full).union(followers)
+    ignored = {joint for joint in range(1, full.njoints) if full.names[joint] in names}
     first = 0
     for k, joint in enumerate(chain[:-1]):
         others = set(full.subtrees[joint]) - set(chain) - ignored
