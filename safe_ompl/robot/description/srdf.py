@@ -97,9 +97,9 @@ class SrdfFile:
         """Return the group of the arm, and the link at its end, as the SRDF says; None where it says nothing.
 
         The arm is that of the end effector with the most joints above it, the first one of several, unless `tip` has
-        more (legs have end effectors, too). Of the groups
-        whose joints all lie on the way from the base to that link, that of the end effector is taken, or the one with
-        the fewest joints (an arm, not an arm and its torso), if it has four.
+        more (legs have end effectors, too). Of the groups whose joints all lie on the way from the base to that link,
+        that of the end effector is taken, or the one with the fewest joints, but four at least: an arm, not an arm and
+        its torso.
 
         Parameters
         ----------
@@ -128,11 +128,11 @@ class SrdfFile:
                 groups[name] = len(joints)
         if not groups:
             return None
-        chosen = (
-            parent if parent in groups else min(groups, key=lambda name: (groups[name] < 4, groups[name]))
-        )
-        last = self.group_tip(chosen, full)
-        return chosen, link if (link, parent) in ends or last is None else last
+        if parent not in groups:
+            enough = {name: number for name, number in groups.items() if number >= 4}
+            parent = min(enough, key=enough.__getitem__) if enough else max(groups, key=groups.__getitem__)
+        last = self.group_tip(parent, full)
+        return parent, last if link == tip and last is not None else link
 
     def _group(self, name: str) -> ElementTree.Element:
         for group in self._root.findall("group"):
