@@ -96,7 +96,6 @@ def add_package_dirs(parser: argparse._ActionsContainer) -> None:
     """Add where packages are that URDFs name; every command that loads a robot or a saved file has it."""
     parser.add_argument(
         "--package-dir",
-        dest="package_dirs",
         action="append",
         default=[],
         type=_folder,
@@ -129,7 +128,7 @@ def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> 
     locked = _once("--lock", options.lock)
     keys = ("tip", "group", "locked_state", "collision")
     chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
-    folders = tuple(options.package_dirs)
+    folders = tuple(options.package_dir)
     with document.within("--", separator=""):
         if options.urdf is not None:
             srdf = None if options.srdf is None else Path(options.srdf)

@@ -67,7 +67,7 @@ def add_command(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = load_scenario(options.scenario, options.package_dirs)
+    scenario = load_scenario(options.scenario, options.package_dir)
     planners = options.planners or default_planners(scenario)
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)

@@ -101,7 +101,7 @@ def add_command(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = load_scenario(options.scenario, options.package_dirs)
+    scenario = load_scenario(options.scenario, options.package_dir)
     faults = Faults(options.noise, options.drops, options.late, options.seed)
     robot = scenario.build_robot()
     people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))

@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import shlex
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import yaml
 
 from safe_ompl.arrays import FloatArray
@@ -23,6 +24,7 @@ from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.robot.description.srdf import SrdfFile
 from safe_ompl.robot.description.urdf import UrdfFile
 from safe_ompl.robot.joints.arm import arm_joints, default_tip, finger_joints, has_range
+from safe_ompl.robot.joints.coupling import Mimic
 from safe_ompl.robot.joints.reduction import joints_without_range, resting_value
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
@@ -81,42 +83,45 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
         If the robot cannot be built, or no joint of it can be planned for.
     """
     assert given.urdf is not None
-    urdf, source = UrdfFile(given.urdf, given.package_dirs), str(given.urdf)
+    urdf = UrdfFile(given.urdf, given.package_dirs)
     full = urdf.build_model()
     # A joint that mimics one which does not exist is held as any other.
     mimics = {name: mimic for name, mimic in urdf.mimics().items() if full.existJointName(mimic.primary)}
-    spec, group, tip = given, given.group, given.tip
+    srdf = None if given.srdf is None else SrdfFile(given.srdf)
+    if srdf is None and (given.group or given.locked_state):
+        option = "--group" if given.group else "--locked-state"
+        raise InputError("is a name of an SRDF: give --srdf, too", option)
+    group, tip, moving = _arm(full, mimics, srdf, given)
+    if not moving:
+        raise InputError("it has no arm: no joint that could be planned for moves a link", str(given.urdf))
+    posture = srdf.state(given.locked_state) if srdf is not None and given.locked_state else {}
+    still = [name for name in list(full.names)[1:] if name not in mimics and name not in moving]
+    locked = {name: posture.get(name, resting_value(full, name)) for name in still} | dict(given.locked or {})
+    spec = replace(given, group=group, tip=tip, locked=locked, locked_state=None)
+    robot = spec.build()
+    return replace(spec, tip=robot.tip), robot
+
+
+def _arm(
+    full: pin.Model, mimics: Mapping[str, Mimic], srdf: SrdfFile | None, given: RobotSpec
+) -> tuple[str | None, str | None, set[str]]:
+    """Return group and tip of the arm, where these are known, and the joints of it that can be planned for."""
+    group, tip, fingers = given.group, given.tip, finger_joints(full)
     if tip is not None and not full.existFrame(tip):
         raise UnknownNameError("tip frame", tip, (frame.name for frame in list(full.frames)[1:]), "--tip")
-    srdf = None if spec.srdf is None else SrdfFile(spec.srdf)
-    if srdf is None and (group or spec.locked_state):
-        raise InputError("is a name of an SRDF: give --srdf, too", "--group" if group else "--locked-state")
-    fingers = finger_joints(full)
     if tip is None and group is None:
         tip = default_tip(full, full)
         if srdf is not None:
             group, tip = srdf.arm(full, tip, fingers) or (None, tip)
-    moving = set(
-        arm_joints(full, tip, mimics) if group is None or srdf is None else srdf.group_joints(group, full)
-    )
-    moving = moving - fingers or moving  # a hand alone has nothing but fingers
-    moving |= {mimics[name].primary for name in moving if name in mimics}
-    movable = [
-        joint for joint in range(1, full.njoints) if full.names[joint] in moving and has_range(full, joint)
-    ]
-    moving = {full.names[joint] for joint in movable} - set(joints_without_range(full, moving))
-    if not moving:
-        raise InputError("it has no arm: no joint that could be planned for moves a link", source)
-    posture = {} if srdf is None or not spec.locked_state else srdf.state(spec.locked_state)
-    held = {
-        name: posture.get(name, resting_value(full, name))
-        for name in list(full.names)[1:]
-        if name not in mimics
-    }
-    locked = {name: value for name, value in held.items() if name not in moving} | dict(given.locked or {})
-    spec = replace(spec, group=group, tip=tip, locked=locked, locked_state=None)
-    robot = spec.build()
-    return replace(spec, tip=robot.tip), robot
+    if group is None or srdf is None:
+        assert tip is not None
+        joints = set(arm_joints(full, tip, mimics))
+    else:
+        joints = set(srdf.group_joints(group, full))
+    joints = joints - fingers or joints  # a hand alone has nothing but fingers
+    joints |= {mimics[name].primary for name in joints if name in mimics}
+    joints -= set(joints_without_range(full, joints))
+    return group, tip, {name for name in joints if has_range(full, full.getJointId(name))}
 
 
 @dataclass(frozen=True)
@@ -179,12 +184,14 @@ class New:
     def _shoulder(self) -> FloatArray:
         """The first key point of the arm [m]."""
         points = self.robot.keypoints(np.clip(np.zeros(self.robot.n), self.robot.lower, self.robot.upper))
-        return points[self.robot.segments[:, 0].min(initial=len(points) - 1)]
+        shoulder: FloatArray = points[self.robot.segments[:, 0].min(initial=len(points) - 1)]
+        return shoulder
 
     def _azimuths(self, samples: FloatArray, way: float = 0.0) -> FloatArray:
         """Return for configurations (B, n) how far left of a direction the tip is, from the shoulder [rad]."""
         x, y = (self.robot.keypoints_batch(samples)[:, -1] - self._shoulder)[:, :2].T
-        return (np.arctan2(y, x) - way + np.pi) % (2 * np.pi) - np.pi
+        azimuths: FloatArray = (np.arctan2(y, x) - way + np.pi) % (2 * np.pi) - np.pi
+        return azimuths
 
     def _ends(
         self, checker: CollisionChecker, samples: FloatArray, person: Obstacle

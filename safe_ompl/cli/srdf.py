@@ -37,7 +37,7 @@ def add_command(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the URDF, and return the job."""
-    urdf = UrdfFile(options.urdf, options.package_dirs)
+    urdf = UrdfFile(options.urdf, options.package_dir)
     check_writable(options.output, "--output")
     return WriteSrdf(urdf, options.output, options.samples, options.collision or "required")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_ompl import document
-from safe_ompl.cli.arguments import add_package_dirs, load_scenario
+from safe_ompl.cli.arguments import load_scenario
 from safe_ompl.cli.console import error_console, output_console
 from safe_ompl.errors import CertificateError, InputError
 from safe_ompl.paths.certificate.format import check_form
@@ -47,7 +47,13 @@ def add_command(commands: Any) -> None:
         help="take robot and scene that the certificate carries, though the scenario that it names is here",
     )
     parser.add_argument("--urdf", metavar="FILE", help="URDF of a carried robot whose meshes are not found")
-    add_package_dirs(parser)
+    parser.add_argument(
+        "--package-dir",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="folder that holds packages which the URDF names (repeatable)",
+    )
     parser.set_defaults(prepare=prepare)
 
 
@@ -59,9 +65,9 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     with document.within(options.file, ": "):
         scenario, spec = _named(content, Path(options.file).parent, options)
     if options.scenario:
-        scenario = load_scenario(options.scenario, options.package_dirs)
+        scenario = load_scenario(options.scenario)
     if scenario is not None:
-        if options.urdf or (options.package_dirs and not options.scenario):
+        if options.urdf or options.package_dir:
             raise InputError(
                 "is for robots that a certificate carries: add --carried", "--urdf or --package-dir"
             )
@@ -69,7 +75,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         return Verify(options.file, content, robot, scenario)
     with document.within(f"{options.file}: robot"):
         urdf = None if options.urdf is None else Path(options.urdf)
-        robot = built_robot(content["robot"], urdf=urdf, package_dirs=options.package_dirs)
+        folders = [Path(folder) for folder in options.package_dir]
+        robot = built_robot(content["robot"], urdf=urdf, package_dirs=folders)
     return Verify(options.file, content, robot, None)
 
 

@@ -93,17 +93,17 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     if recordings:
         if len(options.what) > 1:
             raise InputError(f"one recording at a time, not {', '.join(options.what)}")
-        recorded = read_recording(recordings[0], package_dirs=options.package_dirs)
+        recorded = read_recording(recordings[0], package_dirs=options.package_dir)
         return Show(lambda: recorded, options)
     files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
     if not files:
         if len(options.what) > 1:
             raise InputError(f"one scenario at a time, not {', '.join(options.what)}")
-        scenario = load_scenario(options.what[0], options.package_dirs)
+        scenario = load_scenario(options.what[0], options.package_dir)
         return Show(lambda: _planned(scenario, options), options)
     if len(files) < len(options.what):
         raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
-    exhibit = _loaded(files, options.package_dirs)
+    exhibit = _loaded(files, options.package_dir)
     return Show(lambda: exhibit, options)
 
 

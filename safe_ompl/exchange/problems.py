@@ -87,7 +87,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
     """
     carried = carried_robot(robot)
     if meshes is False or carried["recipe"] is None:
-        return {**carried, "meshes": {}}
+        return carried
     packed: dict[Path, tuple[str, str]] = {}
     sources = [pair for pair in _sources(robot.blueprint, carried["recipe"]) if "text" in pair[1]]
     for tag in ("collision", "visual"):
@@ -105,7 +105,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
         text["text"] = urdf.renamed(
             {n: f"package://{_PACKAGE}/{packed[p][0]}" for n, p in names.items() if p in packed}
         )
-    return {**carried, "meshes": dict(packed.values())}
+    return {**carried, "meshes": dict(packed.values())} if packed else carried
 
 
 def unpacked_robot(data: object, package_dirs: Sequence[Path] = ()) -> Robot:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -237,3 +238,49 @@ def test_wrong_urdfs_are_one_line(text, said, tmp_path, capfd, monkeypatch):
     told = capfd.readouterr().err
     assert said in told
     assert "bad.urdf" in told
+
+
+def test_a_drive_can_be_looked_at_here_and_elsewhere(butler, capsys, monkeypatch):
+    """Its ticks carry the robot; the page that is written at once needs nothing but the robot in memory."""
+    pytest.importorskip("viser")
+    folder = ["--package-dir", str(butler)]
+    assert main(["new", "butler.urdf", "-o", "mine.yaml"]) == 2
+    assert main(["new", "butler.urdf", "-o", "mine.yaml", *folder]) == 0
+    text = Path("mine.yaml").read_text()
+    Path("mine.yaml").write_text(re.sub(r"  package_dirs: .*\n", "", text))  # as if made on another machine
+    drive = [
+        "live",
+        "mine.yaml",
+        "--movers",
+        "1",
+        "--seconds",
+        "0.2",
+        "--out",
+        "drive",
+        "--html",
+        "drive.html",
+    ]
+    assert main(drive) == 2
+    assert "palm.obj' not found" in " ".join(capsys.readouterr().err.split())
+    monkeypatch.setattr("safe_ompl.exchange.problems.SMALL", 10)
+    assert main([*drive, *folder]) == 0
+    ticks = ["view", "drive/ticks.jsonl", "--html", "ticks.html"]
+    capsys.readouterr()
+    assert main(ticks) == 2
+    assert "drive/ticks.jsonl: robot: " in capsys.readouterr().err
+    assert main([*ticks, *folder]) == 0
+    monkeypatch.undo()
+    monkeypatch.chdir(butler.parent / "work" / "here")
+    assert main([*drive, *folder]) == 0
+    butler.rename(butler.parent / "gone")
+    assert main(ticks) == 0
+
+
+@pytest.mark.parametrize("command", ["plan", "view", "live", "compare"])
+def test_package_folders_are_for_robots_from_a_urdf(command, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    out = {"live": ["--out", "drive"], "view": ["--html", "view.html"]}.get(command, [])
+    assert main([command, "panda_shelf", "--package-dir", str(tmp_path), *out]) == 2
+    assert "--package-dir: is for robots from a URDF; 'panda' brings its own" in " ".join(
+        capsys.readouterr().err.split()
+    )
