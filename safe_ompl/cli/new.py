@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
+from safe_ompl import document
 from safe_ompl.arrays import FloatArray
 from safe_ompl.cli.arguments import add_urdf_options, given_robot
 from safe_ompl.cli.console import error_console
@@ -37,7 +38,7 @@ from safe_ompl.setup.safe_setup import SafeSetup
 _SAMPLES, _SEED = 2000, 0
 _ROOM = 0.03  # [m] that start and goal leave around the robot, where there are such
 _CHOICE = 12  # configurations on each side that may become start and goal
-_PLANNER, _TRIALS, _TIME = "SafeRRTConnect", 6, 2.0  # who tries how many pairs of them, for how long each [s]
+_PLANNER, _TRIALS, _TIME = "SafeRRTConnect", 6, 5.0  # who tries how many pairs of them, for how long each [s]
 _BESIDE = 0.35  # [m] from where the robot reaches to the middle of the person
 _HEIGHT = 1.75  # [m]
 _SHARE = 0.1  # of the samples at least that are on either side of straight ahead
@@ -68,6 +69,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     if Path(options.output).exists():
         raise InputError(f"{options.output!r} is there already: give another file", "--output")
     check_writable(options.output, "--output")
+    document.file("URDF", options.urdf, (".urdf", ".xml", ".xacro"))
     spec, robot = with_arm(given_robot(options, lambda: RobotSpec(urdf=Path(options.urdf))))
     return New(spec, robot, Path(options.output))
 
@@ -216,10 +218,14 @@ class New:
             left, right = free(1.0, room), free(-1.0, room)
             if len(left) and len(right):
                 return left, right
-        pairs = ", ".join(_touching(checker, samples))
+        pairs = _touching(checker, samples)
+        why = "the tip does not move from one side to the other"
+        if pairs:
+            why = (
+                f"what touches most often: {', '.join(pairs)}. Do links touch that may? see `safe-ompl srdf`"
+            )
         raise SafeOmplError(
-            f"no configuration of {_SAMPLES} is free on both sides of a person; what touches most often: {pairs}. "
-            "Do links touch that may? see `safe-ompl srdf`"
+            f"{self.spec.urdf}: no start and goal on either side of a person, of {_SAMPLES} configurations; {why}"
         )
 
     def _connected(
@@ -242,7 +248,7 @@ class New:
 
     def _text(self, person: Obstacle, start: FloatArray, goal: FloatArray) -> str:
         robot = self.spec.to_mapping(self.file.parent)
-        document = yaml.safe_dump({"robot": robot}, sort_keys=False, default_flow_style=None, width=100)
+        lines = yaml.safe_dump({"robot": robot}, sort_keys=False, default_flow_style=None, width=100)
         x, y, z = person.pose.position
         yaw = 2 * float(np.arctan2(person.pose.quaternion_xyzw[2], person.pose.quaternion_xyzw[3]))
         return f"""\
@@ -250,7 +256,7 @@ class New:
 name: {self.file.stem}
 
 # The joints in `locked` are held where it says.
-{document}
+{lines}
 start: {_by_joint(self.robot, start)}
 goal:
   configuration: {_by_joint(self.robot, goal)}
@@ -261,7 +267,7 @@ scene:
     - {{name: person, person: {{height: {_HEIGHT}}}, position: [{x}, {y}, {z}], yaw: {yaw:.5f}}}
     # - {{name: table, box: {{size: [1.0, 0.8, 0.04]}}, position: [0.5, 0.0, -0.2]}}
 
-time: 5.0
+time: 10.0
 """
 
 

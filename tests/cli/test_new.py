@@ -276,6 +276,17 @@ def test_a_drive_can_be_looked_at_here_and_elsewhere(butler, capsys, monkeypatch
     assert main(ticks) == 0
 
 
+def test_a_gripper_without_an_arm_has_no_sides(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    slide = joint("slide", "palm", "finger", "0 0 0.1", "1 0 0", "prismatic", "0 0.004")
+    text = f'<robot name="hand"><link name="palm"/>{link("finger", "0.02 0.02 0.1")}{slide}</robot>'
+    Path("hand.urdf").write_text(text)
+    assert main(["new", "hand.urdf", "-o", "mine.yaml"]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "hand.urdf: no start and goal on either side of a person" in told
+    assert "the tip does not move from one side to the other" in told
+
+
 @pytest.mark.parametrize("command", ["plan", "view", "live", "compare"])
 def test_package_folders_are_for_robots_from_a_urdf(command, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -81,7 +81,8 @@ class UrdfFile:
                 model, self._readable_text, kind, package_dirs=self.package_dirs
             )
         except (ValueError, RuntimeError) as error:
-            raise InputError(f"cannot read a mesh ({_first_line(error)})", source) from None
+            reason = str(error).partition("message: ")[2].partition("Hint:")[0] or _first_line(error)
+            raise InputError(f"cannot read a mesh ({' '.join(reason.split())})", source) from None
         geometry_check.restore_capsules(geometry, self._root, tag)
         geometry_check.check_complete(model, geometry, self._root, tag, source)
         return geometry

@@ -81,6 +81,14 @@ def test_packages_are_found_where_ros_looks(workspace, tmp_path, monkeypatch, va
     assert Robot.from_urdf(lonely).n == 6
 
 
+def test_a_broken_mesh_is_named(data_folder, tmp_path):
+    text = (data_folder / "twin_arm.urdf").read_text().replace("wedge.obj", "broken.stl")
+    (tmp_path / "arm.urdf").write_text(text)
+    (tmp_path / "broken.stl").write_text("solid nothing")
+    with pytest.raises(InputError, match=r"arm.urdf: cannot read a mesh .*broken.stl"):
+        Robot.from_urdf(tmp_path / "arm.urdf")
+
+
 def test_a_robot_without_a_name_is_called_after_its_file(edited):
     urdf = edited("gripper_arm.urdf", '<robot name="gripper_arm">', "<robot>")
     assert Robot.from_urdf(urdf).name == urdf.stem
