@@ -50,7 +50,7 @@ class UrdfFile:
             raise InputError(f"not a URDF: the outermost tag is <{self._root.tag}>, not <robot>", str(path))
         check_expanded(self._root, self.path, str(path))
         if self._root.find("link") is None:
-            raise InputError("not a URDF: it has no link", str(path))
+            raise InputError("not a valid URDF: it has no link", str(path))
         if not self._root.get("name"):  # the parser refuses a robot without one
             self._root.set("name", self.path.stem)
         geometry_check.check_joints(self._root, str(path))
