@@ -1,61 +1,39 @@
-"""Which robots work: python bench/robots.py FOLDER … [--markdown] [--pairs N] [--time SECONDS] [--package-dir DIR …].
+"""Which robots work: python bench/robots.py FOLDER … [--markdown] [--out FILE] [--package-dir DIR …].
 
-Every URDF below the folders is loaded twice (the second time with what the first has left in the cache), each in a
-process of its own, so that one that crashes or hangs is a line of the table and not its end (a dash: no time to ask).
-The joints that move the default tip are planned for; the others are held. Beside the arm stands a box; between random
-free configurations every planner is run, and each path gets a certificate, which is verified. Robots with visual
-shapes only are taken with these. Prints the table; `--out` writes FILE.md and FILE.json, too.
+For every URDF below the folders the commands that a newcomer types are run as they are printed, each in a process of
+its own: `safe-ompl new`, and then what that prints (plan, verify, view --html; the view in the browser is left out). An
+SRDF of the same name beside the URDF, or the only one in `../srdf`, is given. Where an error says what to type
+(`--collision visual`, xacro), that is done, and the table says so.
+Prints a line for each robot as it is done, and the table; `--out` writes FILE.md and FILE.json.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import logging
-import os
+import re
+import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
-import numpy as np
-
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.errors import CertificateError, InputError, PlanningError, SafeOmplError
-from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verifier.verify import verify
-from safe_ompl.robot.bodies.cache import VARIABLE
-from safe_ompl.robot.description.urdf import UrdfFile
-from safe_ompl.robot.joints.fingers import default_tip
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
-from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box
-from safe_ompl.setup.safe_setup import SafeSetup
-
-PLANNERS = ("SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect")
-TRIES = 2000  # for a free configuration
+STEPS = ("plan", "verify", "view")
 
 Record = dict[str, Any]
 
 
 def main() -> None:
-    """Ask each robot in a process of its own, and write the table."""
+    """Try each robot, and write the table."""
     options = _options()
-    if options.one:
-        for record in examine(options.one, options):
-            print(json.dumps(record), flush=True)
-        return
     files = sorted({file for place in options.places for file in _urdfs(Path(place).resolve())})
-    with tempfile.TemporaryDirectory() as kept, ThreadPoolExecutor(options.jobs) as pool:
+    with ThreadPoolExecutor(options.jobs) as pool:
         records = []
-        for record in pool.map(lambda file: _in_a_process(file, kept, options.patience), files):
+        for record in pool.map(lambda file: tried(file, options), files):
             records.append(record)
             print(_row(record), file=sys.stderr, flush=True)
     if options.out:
@@ -73,37 +51,101 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("places", nargs="*", metavar="FOLDER", help="or URDF")
+    parser.add_argument("places", nargs="+", metavar="FOLDER", help="or URDF")
     parser.add_argument("--markdown", action="store_true", help="print the table, as docs/robots.md has it")
     parser.add_argument("--out", metavar="FILE", help="without ending")
-    parser.add_argument("--pairs", type=int, default=2, help="of start and goal (default: %(default)s)")
-    parser.add_argument("--time", type=float, default=2.0, help="of each planner [s] (default: %(default)s)")
     parser.add_argument("--package-dir", action="append", default=[], metavar="DIR")
     parser.add_argument("--jobs", type=int, default=1, help="robots at a time (default: %(default)s)")
     parser.add_argument(
-        "--patience", type=float, default=180.0, help="with a robot [s] (default: %(default)s)"
+        "--patience", type=float, default=180.0, help="with a command [s] (default: %(default)s)"
     )
-    parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     return parser.parse_args()
 
 
-def _in_a_process(file: Path, kept: str, patience: float) -> Record:
-    """Return the last that the process says of a robot; how it ended, if that was not well."""
-    command = [sys.executable, __file__, "--one", str(file), *sys.argv[1:]]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, VARIABLE: kept}
-    )
+# ------------------------------------------------------------------------------------------------- one robot
+
+
+def tried(file: Path, options: argparse.Namespace) -> Record:
+    """Return what came of the commands of one robot."""
+    record: Record = {"robot": _label(file), "remarks": []}
+    with tempfile.TemporaryDirectory() as kept:
+        folder = Path(kept)
+        words = ["new", str(file), "-o", "robot.yaml"]
+        for place in options.package_dir:
+            words += ["--package-dir", str(Path(place).resolve())]
+        srdf = _srdf(file)
+        if srdf is not None:
+            words += ["--srdf", str(srdf)]
+            record["remarks"].append("SRDF")
+        status, said = _run(words, folder, options.patience)
+        if "expand it with: xacro" in said:
+            record["remarks"].append("xacro")
+            problem = _expanded(file, folder / "expanded.urdf")
+            if problem is not None:
+                return {**record, "error": problem}
+            words[1] = "expanded.urdf"
+            words += [word for above in file.parents[:4] for word in ("--package-dir", str(above))]
+            status, said = _run(words, folder, options.patience)
+        if status and "--collision visual" in said:
+            record["remarks"].append("visual shapes collide")
+            status, said = _run([*words, "--collision", "visual"], folder, options.patience)
+        if status:
+            return {**record, "error": _shortened(said, file)}
+        found = re.search(r": (\d+) joints(?: of the group '(.*?)')?, tip '(.*?)'", said)
+        assert found is not None, said
+        record.update(joints=int(found[1]), group=found[2] or "", tip=found[3])
+        for command in re.findall(r"^ {4}safe-ompl (.*)$", said, re.MULTILINE):
+            step, *rest = shlex.split(command)
+            if step == "view" and "--html" not in rest:
+                continue
+            status, answer = _run([step, *rest], folder, options.patience)
+            record[step] = "yes" if status == 0 else _shortened(answer, file)
+            if status:
+                break
+        proofs = [json.loads(proof.read_text()) for proof in folder.glob("*.certificate.json")]
+        record["unchecked"] = [link for proof in proofs for link in proof["robot"]["links_without_collision"]]
+    return record
+
+
+def _run(words: list[str], folder: Path, patience: float) -> tuple[int, str]:
+    """Return the exit status of a command, and what it said; 124 if it took too long."""
+    command = [sys.executable, "-m", "safe_ompl", *words]
     try:
-        out, errors = process.communicate(timeout=patience)
-        ending = (
-            {} if process.returncode == 0 else {"error": (errors.strip() or "it crashed").splitlines()[-1]}
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=patience,
+            stdin=subprocess.DEVNULL,
+            check=False,
         )
     except subprocess.TimeoutExpired:
-        process.kill()
-        out, _ = process.communicate()
-        ending = {"cut": True} if out.strip() else {"error": f"not loaded within {patience:g} s"}
-    records = [json.loads(line) for line in out.splitlines() if line.startswith("{")]
-    return {"robot": _label(file), **(records[-1] if records else {}), **ending}
+        return 124, f"not done within {patience:g} s"
+    return done.returncode, done.stdout + done.stderr
+
+
+def _expanded(file: Path, target: Path) -> str | None:
+    """Expand a xacro file; return why that is not possible, if so."""
+    if shutil.which("xacro") is None:
+        return "a xacro file, and xacro is not installed"
+    done = subprocess.run(
+        ["xacro", str(file), "-o", str(target)], capture_output=True, text=True, check=False
+    )
+    return None if done.returncode == 0 else f"xacro: {(done.stderr.strip() or 'failed').splitlines()[-1]}"
+
+
+def _srdf(file: Path) -> Path | None:
+    """Return the SRDF that comes with a URDF, if it is plain which."""
+    same = [
+        place
+        for place in (file.parent, file.parent.parent / "srdf")
+        if (place / f"{file.stem}.srdf").is_file()
+    ]
+    if same:
+        return same[0] / f"{file.stem}.srdf"
+    only = sorted((file.parent.parent / "srdf").glob("*.srdf"))
+    return only[0] if len(only) == 1 and len(list(file.parent.glob("*.urdf"))) == 1 else None
 
 
 def _label(file: Path) -> str:
@@ -111,89 +153,13 @@ def _label(file: Path) -> str:
     return file.name if file.stem != "model" else f"{file.parent.name}/{file.name}"
 
 
-# ------------------------------------------------------------------------------------------------- one robot
-
-
-def examine(file: Path, options: argparse.Namespace) -> Iterator[Record]:
-    """Yield what there is to say about a robot, more each time: once it is loaded, and after each planner."""
-    logging.getLogger("safe_ompl").setLevel(logging.ERROR)
-    record: Record = {"robot": _label(file)}
-    folders = [Path(place).resolve() for place in (*options.package_dir, *options.places)]
-    folders = [folder for folder in folders if folder.is_dir()]
-    try:
-        robot, record["collision"], record["first"] = _load(file, folders)
-    except SafeOmplError as error:
-        line = " ".join(str(error).split())
-        yield {**record, "error": line.replace(f"{file.resolve()}: ", "").replace(f"{file.parent}/", "")}
-        return
-    record["second"] = _load(file, folders)[2]
-    record.update(joints=robot.n, tip=robot.tip, unchecked=list(robot.links_without_collision))
-    record.update(pairs=0, solved={}, paths=0, verified=0)
-    yield record
-    scene = _box_beside(robot)
-    free = list(_free_configurations(robot, scene, 2 * options.pairs))
-    pairs = list(zip(free[::2], free[1::2], strict=False))
-    record["pairs"] = len(pairs)
-    for planner in PLANNERS:
-        paths = [
-            path for pair in pairs if (path := _plan(robot, scene, planner, *pair, options.time)) is not None
-        ]
-        record["verified"] += sum(_verifies(path, robot, scene) for path in paths)
-        record["solved"][planner] = len(paths)
-        record["paths"] += len(paths)
-        yield record
-
-
-def _load(file: Path, folders: list[Path]) -> tuple[Robot, str, float]:
-    """Return the robot, what collides, and the time it took [s]."""
-    model = UrdfFile(file).build_model()
-    tip = default_tip(model, model)
-    for collision in ("required", "visual"):
-        start = perf_counter()
-        try:
-            robot = Robot.from_urdf(file, package_dirs=folders, tip=tip, collision=collision)
-            return robot, collision, perf_counter() - start
-        except InputError as error:
-            if "collision='visual'" not in str(error):
-                raise
-    raise AssertionError("visual shapes ask for no visual shapes")
-
-
-def _box_beside(robot: Robot) -> Scene:
-    """Return a box at two thirds of the arm's reach, to its side."""
-    points = robot.keypoints((robot.lower + robot.upper) / 2)
-    reach = float(np.linalg.norm(np.diff(points[robot.segments], axis=1)[:, 0], axis=1).sum())
-    center = points[robot.segments[:1, 0]].sum(axis=0) + 0.66 * reach * np.array([0.5, 0.8, 0.3])
-    size = max(0.1 * reach, 0.01)
-    return Scene((Obstacle("box", Box((size, size, 2 * size)), Pose(tuple(center.tolist())), weight=1.0),))
-
-
-def _free_configurations(robot: Robot, scene: Scene, count: int) -> Iterator[FloatArray]:
-    rng, checker = np.random.default_rng(0), CollisionChecker(robot, scene)
-    for _ in range(TRIES):
-        q = rng.uniform(robot.lower, robot.upper)
-        if not checker.in_collision(q):
-            yield q
-            count -= 1
-            if not count:
-                return
-
-
-def _plan(
-    robot: Robot, scene: Scene, planner: str, start: FloatArray, goal: FloatArray, time: float
-) -> FloatArray | None:
-    setup = SafeSetup(robot, scene, danger={} if len(robot.segments) else None)  # None: it has no links
-    setup.setConfigurations(start, goal)
-    result = setup.plan(planner, time=time, seed=0)
-    return result.path if result else None
-
-
-def _verifies(path: FloatArray, robot: Robot, scene: Scene) -> bool:
-    try:
-        verify(certificate(path, robot, scene), robot, scene)
-    except (CertificateError, PlanningError):
-        return False
-    return True
+def _shortened(said: str, file: Path) -> str:
+    """Return the last error of a command, without the folder of the robot."""
+    lines = [line for line in said.splitlines() if line.strip() and "warning:" not in line]
+    line = " ".join(lines[-1].split()) if lines else "it said nothing"
+    for name in (f"{file}: ", f"{file.parent}/"):
+        line = line.replace(name, "")
+    return line.removeprefix("safe-ompl: ").replace("|", "\\|")
 
 
 # ----------------------------------------------------------------------------------------------------- table
@@ -201,36 +167,25 @@ def _verifies(path: FloatArray, robot: Robot, scene: Scene) -> bool:
 
 def _table(records: list[Record]) -> list[str]:
     """Return the lines of a table in Markdown, with a summary above it."""
-    loaded = [record for record in records if "error" not in record]
-    paths, verified = (sum(record[key] for record in loaded) for key in ("paths", "verified"))
+    works = [record for record in records if all(record.get(step) == "yes" for step in STEPS)]
     return [
-        f"{len(loaded)} of {len(records)} URDFs load; {verified} certificates of {paths} paths verify.",
+        f"{len(works)} of {len(records)} URDFs come through all of it.",
         "",
-        f"| robot | load [s] first, again | joints | tip | links not checked | {' | '.join(PLANNERS)} | verified |",
-        "|---|---|---|---|---|" + "---|" * (len(PLANNERS) + 1),
+        f"| robot | joints | group | tip | {' | '.join(STEPS)} | remarks |",
+        "|---|---|---|---|" + "---|" * (len(STEPS) + 1),
         *map(_row, records),
     ]
 
 
-def _solved(record: Record, planner: str) -> str:
-    """Return how many problems a planner solved; a dash where there was no time to ask it."""
-    return f"{record['solved'][planner]}/{record['pairs']}" if planner in record["solved"] else "–"
-
-
 def _row(record: Record) -> str:
+    remarks = ", ".join(record["remarks"])
     if "error" in record:
-        return f"| {record['robot']} | {record['error']} |" + " |" * (len(PLANNERS) + 4)
-    visual = " (visual shapes collide)" if record["collision"] == "visual" else ""
-    cells = [
-        record["robot"] + visual,
-        f"{record['first']:.2f}, {record['second']:.2f}",
-        record["joints"],
-        record["tip"],
-        ", ".join(record["unchecked"]),
-        *(_solved(record, planner) for planner in PLANNERS),
-        f"{record['verified']}/{record['paths']}",
-    ]
-    return f"| {' | '.join(map(str, cells))} |"
+        return f"| {record['robot']} | " + "| " * (len(STEPS) + 3) + f"{record['error']} |"
+    if record.get("unchecked"):
+        remarks += ("; " if remarks else "") + f"not checked: {', '.join(record['unchecked'])}"
+    cells = [record["robot"], record["joints"], record["group"], record["tip"]]
+    cells += [record.get(step, "–") for step in STEPS]
+    return f"| {' | '.join(map(str, [*cells, remarks]))} |"
 
 
 if __name__ == "__main__":

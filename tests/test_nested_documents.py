@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from safe_ompl.live.ticks import read_ticks
+from safe_ompl.exchange.ticks import read_ticks
 
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import read_json

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -56,16 +56,15 @@ def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
     kinds = group.add_mutually_exclusive_group()
     kinds.add_argument("--robot", metavar="NAME", help="an example robot, see `safe-ompl robots`")
     kinds.add_argument("--urdf", metavar="FILE", help="a robot's URDF")
-    group.add_argument("--srdf", metavar="FILE", help="its SRDF, which says which links may touch")
-    group.add_argument(
-        "--package-dir",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="folder that holds packages which the URDF names (repeatable)",
-    )
-    group.add_argument("--tip", metavar="FRAME", help="frame at the end of the arm")
-    group.add_argument(
+    add_urdf_options(group)
+
+
+def add_urdf_options(parser: argparse._ActionsContainer) -> None:
+    """Add what a URDF leaves open: SRDF, packages, tip, joints that move, what collides."""
+    parser.add_argument("--srdf", metavar="FILE", help="its SRDF, which says which links may touch")
+    add_package_dirs(parser)
+    parser.add_argument("--tip", metavar="FRAME", help="frame at the end of the arm")
+    parser.add_argument(
         "--lock",
         action="append",
         default=[],
@@ -73,18 +72,41 @@ def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
         metavar="JOINT=VALUE",
         help="hold a joint still [rad or m] (repeatable)",
     )
-    group.add_argument(
+    parser.add_argument(
         "--group", metavar="NAME", help="group of the SRDF whose joints move; the others are held"
     )
-    group.add_argument(
+    parser.add_argument(
         "--locked-state", metavar="NAME", help="state of the SRDF in which joints are held (default: zero)"
     )
-    group.add_argument(
+    add_collision_option(parser)
+
+
+def add_collision_option(parser: argparse._ActionsContainer) -> None:
+    """Add what collides of links without collision shapes."""
+    parser.add_argument(
         "--collision",
         choices=get_args(CollisionSource),
         help="links without collision shapes: refused if no link has any (required, the default), "
         "their visual shapes collide (visual), accepted (optional)",
     )
+
+
+def add_package_dirs(parser: argparse._ActionsContainer) -> None:
+    """Add where packages are that URDFs name; every command that loads a robot or a saved file has it."""
+    parser.add_argument(
+        "--package-dir",
+        action="append",
+        default=[],
+        type=_folder,
+        metavar="DIR",
+        help="folder that holds packages which a URDF names (repeatable)",
+    )
+
+
+def _folder(text: str) -> Path:
+    if not Path(text).is_dir():
+        raise argparse.ArgumentTypeError(f"package folder {text!r} does not exist")
+    return Path(text).resolve()
 
 
 def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
@@ -100,17 +122,19 @@ def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> 
     InputError
         If SRDF or package folders come without a URDF, or a file does not exist.
     """
-    if options.urdf is None and (options.srdf or options.package_dir):
-        raise InputError("needs --urdf", "--srdf" if options.srdf else "--package-dir")
+    if options.urdf is None and options.srdf:
+        raise InputError("needs --urdf", "--srdf")
     locked = _once("--lock", options.lock)
     keys = ("tip", "group", "locked_state", "collision")
     chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
+    folders = tuple(options.package_dir)
     with document.within("--", separator=""):
         if options.urdf is not None:
-            folders = tuple(map(Path, options.package_dir))
             srdf = None if options.srdf is None else Path(options.srdf)
             return RobotSpec(None, Path(options.urdf), srdf, folders, locked=locked, **chosen)
         spec = usual() if options.robot is None else RobotSpec(options.robot)
+        if folders:
+            spec = spec.with_package_dirs(folders)
     if locked:
         spec = dataclasses.replace(spec, locked={**_usually_locked(spec), **locked})
     return dataclasses.replace(spec, **chosen) if chosen else spec
@@ -190,10 +214,21 @@ def _moving(scenario: Scenario, options: argparse.Namespace) -> MovingObstacles:
 # ----------------------------------------------------------------------------------------------- scenarios
 
 
-def load_scenario(name_or_file: str) -> Scenario:
-    """Load a scenario; also the planners that it has parameters for must exist."""
+def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = ()) -> Scenario:
+    """Load a scenario; also the planners that it has parameters for must exist.
+
+    Parameters
+    ----------
+    name_or_file : str
+        The scenario.
+    package_dirs : sequence of Path
+        Folders of packages, as `add_package_dirs` gives them, for its robot.
+    """
     scenario = Scenario.load(find_scenario(name_or_file))
     for planner in scenario.planners:
         if planner not in planner_names():
             raise UnknownNameError("planner", planner, planner_names(), f"{scenario.file}: planners")
-    return scenario
+    if not package_dirs:
+        return scenario
+    with document.within("--", separator=""):
+        return dataclasses.replace(scenario, robot=scenario.robot.with_package_dirs(package_dirs))

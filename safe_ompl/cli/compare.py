@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_ompl.benchmark.campaign import Campaign, Summary, default_planners, summarize
-from safe_ompl.cli.arguments import add_run_options, load_scenario
+from safe_ompl.cli.arguments import add_package_dirs, add_run_options, load_scenario
 from safe_ompl.cli.console import error_console, output_console, progress_bar
 from safe_ompl.cli.files import json_line, make_folder, opened
 from safe_ompl.cli.pictures import how_to_get_pictures
@@ -61,12 +61,13 @@ def add_command(commands: Any) -> None:
         action="store_true",
         help="compare, too, how long the paths take within the scenario's limits and beside its people",
     )
+    add_package_dirs(parser)
     parser.set_defaults(prepare=prepare)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = load_scenario(options.scenario)
+    scenario = load_scenario(options.scenario, options.package_dir)
     planners = options.planners or default_planners(scenario)
     campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
     setup = setup_scenario(scenario)

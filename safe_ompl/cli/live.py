@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.cli.arguments import add_run_options, load_scenario
+from safe_ompl.cli.arguments import add_package_dirs, add_run_options, load_scenario
 from safe_ompl.cli.console import error_console, output_console, progress_bar
 from safe_ompl.cli.files import json_line, make_folder
 from safe_ompl.cli.live_actors import CLIP, Actors, choose_actors, clearance_of_movers, limits_of_still
@@ -77,6 +77,7 @@ def add_command(commands: Any) -> None:
         "--tick", type=seconds, default=0.05, metavar="S", help="between commands; default: %(default)g"
     )
     add_run_options(parser, usual_time="the scenario's")
+    add_package_dirs(parser)
     group = parser.add_argument_group("faults")
     group.add_argument(
         "--noise", type=noise, default=0.0, metavar="M", help="errors of key points [m], promised"
@@ -99,7 +100,7 @@ def add_command(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    scenario = load_scenario(options.scenario)
+    scenario = load_scenario(options.scenario, options.package_dir)
     latency = min(Faults.latency, options.tick)
     faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()
@@ -148,7 +149,7 @@ class Live:
         if options.html is None:
             error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
         else:
-            save_page(read_recording(folder / "ticks.jsonl"), options.html)
+            save_page(read_recording(folder / "ticks.jsonl", self.setup.robot), options.html)
             error_console().print(f"view in {options.html}")
         return 0
 

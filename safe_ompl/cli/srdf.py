@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
+from safe_ompl.cli.arguments import add_collision_option, add_package_dirs
 from safe_ompl.cli.console import error_console
 from safe_ompl.cli.files import STANDARD_OUTPUT, check_writable, opened
 from safe_ompl.cli.values import count
-from safe_ompl.robot.description.collision_shapes import CollisionSource
 from safe_ompl.robot.description.srdf_writer import disabled_links, srdf_text
 from safe_ompl.robot.description.urdf import UrdfFile
 
@@ -31,27 +30,16 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--samples", type=count, default=1000, metavar="N", help="configurations (default: %(default)s)"
     )
-    parser.add_argument(
-        "--package-dir",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="folder that holds packages (repeatable)",
-    )
-    parser.add_argument(
-        "--collision",
-        choices=get_args(CollisionSource),
-        default="required",
-        help="visual: visual shapes collide where a link has no others",
-    )
+    add_package_dirs(parser)
+    add_collision_option(parser)
     parser.set_defaults(prepare=prepare)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Read the URDF, and return the job."""
-    urdf = UrdfFile(options.urdf, [Path(folder) for folder in options.package_dir])
+    urdf = UrdfFile(options.urdf, options.package_dir)
     check_writable(options.output, "--output")
-    return WriteSrdf(urdf, options.output, options.samples, options.collision)
+    return WriteSrdf(urdf, options.output, options.samples, options.collision or "required")
 
 
 @dataclass(frozen=True)

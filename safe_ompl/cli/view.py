@@ -11,7 +11,7 @@ from typing import Any
 
 from safe_ompl import document
 from safe_ompl.benchmark.campaign import check_named_planner
-from safe_ompl.cli.arguments import add_run_options, load_scenario
+from safe_ompl.cli.arguments import add_package_dirs, add_run_options, load_scenario
 from safe_ompl.cli.console import error_console
 from safe_ompl.cli.files import check_writable
 from safe_ompl.cli.pictures import how_to_get_pictures
@@ -19,6 +19,7 @@ from safe_ompl.cli.values import finite, names, port
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.files import load
 from safe_ompl.exchange.form import read_json
+from safe_ompl.exchange.problems import unpacked_robot
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.schema import FORMAT as CERTIFICATE
 from safe_ompl.paths.certificate.schema import check_form
@@ -56,6 +57,7 @@ def add_command(commands: Any) -> None:
         help=f"who plans a scenario (default: {','.join(_PLANNERS)}); none: it is shown as it starts",
     )
     add_run_options(parser, usual_time="the scenario's")
+    add_package_dirs(parser)
     parser.add_argument(
         "--html", metavar="FILE", help="write one file that opens offline, with a play bar (.html)"
     )
@@ -91,17 +93,17 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     if recordings:
         if len(options.what) > 1:
             raise InputError(f"one recording at a time, not {', '.join(options.what)}")
-        recorded = read_recording(recordings[0])
+        recorded = read_recording(recordings[0], package_dirs=options.package_dir)
         return Show(lambda: recorded, options)
     files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
     if not files:
         if len(options.what) > 1:
             raise InputError(f"one scenario at a time, not {', '.join(options.what)}")
-        scenario = load_scenario(options.what[0])
+        scenario = load_scenario(options.what[0], options.package_dir)
         return Show(lambda: _planned(scenario, options), options)
     if len(files) < len(options.what):
         raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
-    exhibit = _loaded(files)
+    exhibit = _loaded(files, options.package_dir)
     return Show(lambda: exhibit, options)
 
 
@@ -181,15 +183,15 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> Exhibit:
     return Exhibit.of_results(results, title=scenario.name, posture=start)
 
 
-def _loaded(files: Sequence[str]) -> Exhibit:
+def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> Exhibit:
     content = read_json(files[0])
     if isinstance(content, dict) and content.get("format") == CERTIFICATE:
         if len(files) > 1:
             raise InputError(f"one certificate at a time, not {', '.join(files)}")
         with document.within(files[0], ": "):
             check_form(content)
-            return Exhibit.of_certificate(content)
-    loaded = [load(file) for file in files]
+            return Exhibit.of_certificate(content, unpacked_robot(content["robot"], package_dirs))
+    loaded = [load(file, package_dirs=package_dirs) for file in files]
     title = Path(files[0]).stem
     motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]
     if motions and len(motions) == len(files):

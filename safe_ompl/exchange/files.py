@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,23 +21,32 @@ Saveable: TypeAlias = PlanResult | JointPath | Scene
 Loaded: TypeAlias = Saveable | TimedMotion
 
 
-def save(thing: Saveable, file: str | Path) -> None:
+def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> None:
     """Write a result, a path or a scene as JSON that `load` reads back.
 
     A result carries its robot and its scene; a scene its meshes and points. Numbers are read back exactly.
+
+    Parameters
+    ----------
+    thing : PlanResult, JointPath or Scene
+        What to write.
+    file : path-like
+        The file.
+    meshes : bool, optional
+        Whether a result carries the meshes of its robot; default: if they are small, and the robot is no example.
 
     Raises
     ------
     InputError
         If it is none of these, or a file of the scene is gone.
     """
-    Path(file).write_text(strict_json(saved(thing)) + "\n", encoding="utf-8")
+    Path(file).write_text(strict_json(saved(thing, meshes)) + "\n", encoding="utf-8")
 
 
-def saved(thing: Saveable) -> dict[str, Any]:
+def saved(thing: Saveable, meshes: bool | None = None) -> dict[str, Any]:
     """Return what `save` writes."""
     if isinstance(thing, PlanResult):
-        return marked("result", result_to_mapping(thing))
+        return marked("result", result_to_mapping(thing, meshes))
     if isinstance(thing, JointPath):
         return marked("path", thing.to_mapping())
     if isinstance(thing, Scene):
@@ -44,7 +54,7 @@ def saved(thing: Saveable) -> dict[str, Any]:
     raise InputError(f"can be a PlanResult, a JointPath or a Scene, not {type(thing).__name__}", "to save")
 
 
-def load(file: str | Path, *, robot: Robot | None = None) -> Loaded:
+def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence[str | Path] = ()) -> Loaded:
     """Read what `save` wrote, or `safe-ompl plan --json` or `--trajectory`.
 
     Parameters
@@ -53,19 +63,21 @@ def load(file: str | Path, *, robot: Robot | None = None) -> Loaded:
         The file.
     robot : Robot, optional
         The robot of a result or trajectory, where it does not travel in it.
+    package_dirs : sequence of path-like
+        Folders that hold the packages, or the meshes, that the URDF of the robot names, where these do not travel.
 
     Raises
     ------
     InputError, CertificateError
         If it has another form or version, or cannot be built; names the file.
     """
-    content = read_json(file)
+    content, folders = read_json(file), [Path(folder) for folder in package_dirs]
     with document.within(str(file), ": "):
         kind = kind_of(content)
         if kind == "result":
-            return result_from_mapping(content, robot)
+            return result_from_mapping(content, robot, folders)
         if kind == "trajectory":
-            return TimedMotion.from_mapping(content, robot)
+            return TimedMotion.from_mapping(content, robot, folders)
         if kind == "path":
             return JointPath.from_mapping(content)
         return built_scene(document.mapping("scene", document.require(content, "scene")))

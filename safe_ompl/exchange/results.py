@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,15 +19,17 @@ from safe_ompl.setup.optimise import Improvement
 from safe_ompl.setup.result import PlanResult
 
 
-def result_to_mapping(result: PlanResult) -> dict[str, Any]:
-    """Return a result as plain data; robot, scene and danger travel with it where it has them."""
+def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[str, Any]:
+    """Return a result as plain data, with its robot, scene and danger where it has them; `meshes` as in `save`."""
     about = None
     if result.robot is not None and result.scene is not None:
-        about = Problem(result.robot, result.scene, result.danger).to_mapping()
+        about = Problem(result.robot, result.scene, result.danger).to_mapping(meshes)
     return {**result.as_dict(), "problem": about}
 
 
-def result_from_mapping(data: Mapping[str, Any], robot: Robot | None = None) -> PlanResult:
+def result_from_mapping(
+    data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
+) -> PlanResult:
     """Return the result that `result_to_mapping` wrote.
 
     Parameters
@@ -34,7 +37,9 @@ def result_from_mapping(data: Mapping[str, Any], robot: Robot | None = None) -> 
     data : mapping
         What it wrote.
     robot : Robot, optional
-        The robot, where it does not travel (one of `Robot.from_models`), or its meshes lie elsewhere.
+        The robot, where it does not travel (one of `Robot.from_models`).
+    package_dirs : sequence of Path, optional
+        Folders that hold the packages, or the meshes, that its URDF names and that do not travel.
 
     Raises
     ------
@@ -46,7 +51,7 @@ def result_from_mapping(data: Mapping[str, Any], robot: Robot | None = None) -> 
     about = data.get("problem")
     scene = danger = None
     if about is not None:
-        robot, scene, danger = Problem.from_mapping(about, robot)
+        robot, scene, danger = Problem.from_mapping(about, robot, package_dirs)
     return PlanResult(
         status=document.text("status", document.require(data, "status")),
         path=None if path is None else finite_array(path, (None, len(names)), "path"),

@@ -5,7 +5,7 @@ The first line is a header:
     {"format": "safe-ompl ticks", "version": 1, "tick": 0.05, "joint_names": [...], "robot": {...}, "scene": {...},
      "people": {"operator": {"height": 1.75, "limbs": ["head", ...]}}, "objects": {"cube": 0.5}}
 
-``robot`` and ``scene`` are as in saved results (`paths.certificate.robot_document`, `scene_document`); the scene
+``robot`` and ``scene`` are as in saved results (`exchange.problems`, `paths.certificate.scene_document`); the scene
 holds what stands still, and moving objects where they are at first, but no tracked people; ``objects`` are bounds of
 speeds [m/s]. Every other line is a tick:
 
@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, Any
 
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import strict_json
-from safe_ompl.paths.certificate.robot_document import carried_robot
+from safe_ompl.exchange.problems import packed_robot
 from safe_ompl.paths.certificate.scene_document import carried_scene
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def ticks_header(simulation: Simulation) -> dict[str, Any]:
         "version": VERSION,
         "tick": replanner.tick,
         "joint_names": list(replanner.robot.joint_names),
-        "robot": carried_robot(replanner.robot),
+        "robot": packed_robot(replanner.robot),
         "scene": carried_scene(replanner.surroundings.scene),
         **simulation.world.description(),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -149,7 +150,9 @@ class TimedMotion:
         }
 
     @classmethod
-    def from_mapping(cls, data: Mapping[str, Any], robot: Robot | None = None) -> TimedMotion:
+    def from_mapping(
+        cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
+    ) -> TimedMotion:
         """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it.
 
         Parameters
@@ -157,14 +160,16 @@ class TimedMotion:
         data : mapping
             What it holds.
         robot : Robot, optional
-            The robot, where it does not travel (one of `Robot.from_models`), or its meshes lie elsewhere.
+            The robot, where it does not travel (one of `Robot.from_models`).
+        package_dirs : sequence of Path, optional
+            Folders that hold the packages, or the meshes, that its URDF names and that do not travel.
 
         Raises
         ------
         InputError, CertificateError
             If a key is missing or has no meaning, or robot and scene cannot be built.
         """
-        about = Problem.from_mapping(document.require(data, "problem"), robot)
+        about = Problem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
         bounds = document.mapping("bounds", document.require(data, "bounds"))
         return cls(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +155,28 @@ class RobotSpec:
         if self.robots:
             set_fields["robots"] = {prefix: spec.to_mapping(folder) for prefix, spec in self.robots.items()}
         return set_fields
+
+    @property
+    def reads_urdf(self) -> bool:
+        """Whether the robot, or one of its robots, is read from a URDF that is given."""
+        return self.urdf is not None or any(spec.reads_urdf for spec in self.robots.values())
+
+    def with_package_dirs(self, folders: Sequence[Path]) -> RobotSpec:
+        """Return the spec with more folders that hold packages, searched first, for each URDF that it names.
+
+        Raises
+        ------
+        InputError
+            If it names none: the robots of example-robot-data bring their own.
+        """
+        if not self.reads_urdf:
+            raise InputError(
+                f"is for robots from a URDF; {self.example!r} brings its own files", "package-dir"
+            )
+        if self.urdf is not None:
+            return replace(self, package_dirs=(*folders, *self.package_dirs))
+        robots = {k: s.with_package_dirs(folders) if s.reads_urdf else s for k, s in self.robots.items()}
+        return replace(self, robots=robots)
 
     def build(self) -> Robot:
         """Return the robot; raise InputError as `Robot.from_example`, `Robot.from_urdf` and the others do."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,11 @@ import numpy as np
 
 from safe_ompl import document
 from safe_ompl.errors import InputError
+from safe_ompl.exchange.problems import unpacked_robot
 from safe_ompl.exchange.ticks import read_ticks
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.paths.certificate.robot_document import built_robot
 from safe_ompl.paths.certificate.scene_document import built_scene
+from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.viewer.exhibit import Exhibit
@@ -22,8 +23,19 @@ from safe_ompl.viewer.movers import Keypoints, Movers
 ENDING = ".jsonl"
 
 
-def read_recording(file: str | Path) -> Exhibit:
+def read_recording(
+    file: str | Path, robot: Robot | None = None, package_dirs: Sequence[Path] = ()
+) -> Exhibit:
     """Return what a file of ticks shows: robot and people in motion, with the robot's state and its reason.
+
+    Parameters
+    ----------
+    file : path-like
+        The file.
+    robot : Robot, optional
+        The robot, where it is known; default: built from what the file carries.
+    package_dirs : sequence of Path, optional
+        Folders that hold the packages, or the meshes, that its URDF names and that do not travel.
 
     Raises
     ------
@@ -34,7 +46,8 @@ def read_recording(file: str | Path) -> Exhibit:
     with document.within(str(file), ": "):
         if len(ticks) < 2:
             raise InputError(f"must have two ticks at least, got {len(ticks)}")
-        robot = built_robot(document.require(header, "robot"))
+        if robot is None:
+            robot = unpacked_robot(document.require(header, "robot"), package_dirs)
         scene = built_scene(document.require(header, "scene"))
         times = np.array([document.require(tick, "time") for tick in ticks], dtype=float)
         motion = TimedMotion(

@@ -100,9 +100,9 @@ def _corner_normals(vertices: FloatArray, faces: IntArray, welded: IntArray, cos
     size = counts[vertex_of_corner[order]]
     start = np.concatenate(([0], np.cumsum(counts)[:-1]))[vertex_of_corner[order]]
 
-    total = area_normals[fan]
+    total, rows = area_normals[fan], np.arange(len(fan))
     for shift in range(1, int(counts.max(initial=0))):
-        rows = np.flatnonzero(size > shift)
+        rows = rows[size[rows] > shift]
         other = fan[start[rows] + (rows - start[rows] + shift) % size[rows]]
         shallow = np.einsum("ij,ij->i", unit[fan[rows]], unit[other]) > cos_crease
         total[rows[shallow]] += area_normals[other[shallow]]

@@ -82,9 +82,9 @@ def joints_and_posture(
     return held
 
 
-def group_tip(srdf: str | None, group: str | None, source: str) -> str | None:
-    """Return the tip of a group that is a chain; None without a group."""
-    return None if group is None else _srdf(srdf, "group", source).group_tip(group)
+def group_tip(full: pin.Model, srdf: str | None, group: str | None, source: str) -> str | None:
+    """Return the tip of a group that is a chain or carries an end effector; None without a group."""
+    return None if group is None else _srdf(srdf, "group", source).group_tip(group, full)
 
 
 def _moving(

@@ -27,8 +27,8 @@ from safe_ompl.robot.description.collision_shapes import (
 )
 from safe_ompl.robot.description.srdf import SrdfFile
 from safe_ompl.robot.description.urdf import UrdfFile
+from safe_ompl.robot.joints.arm import default_tip
 from safe_ompl.robot.joints.coupling import Mimic, resolved
-from safe_ompl.robot.joints.fingers import default_tip
 from safe_ompl.robot.joints.reduction import (
     apply_mimic_limits,
     check_plannable,
@@ -183,7 +183,7 @@ class _Source:
             return None if drawn is None else reduce_model(full, drawn, held)[1]
 
         ends = tuple(full.names)[1:]
-        tips = (tip or group_tip(srdf, group, source) or default_tip(full, model),)
+        tips = (tip or group_tip(full, srdf, group, source) or default_tip(full, model),)
         return RobotParts(name, source, model, collision_model, visual, ends, tips, mimics, held)
 
 

@@ -76,9 +76,9 @@ def links_with_visuals_alone(
             "its visual shapes are taken with" if collision == "required" else "it has no visual ones either;"
         )
         choice = (
-            "collision='visual'"
+            "collision='visual' (--collision visual)"
             if collision == "required"
-            else "to plan without any, give collision='optional'"
+            else "to plan without any, give collision='optional' (--collision optional)"
         )
         raise InputError(
             f"no moving link has a collision shape, so that nothing could ever touch: {remedy} {choice}",

@@ -108,12 +108,6 @@ def _finite_numbers(
 # ------------------------------------------------------------------------- what the parser stumbles over
 
 
-def is_readable(root: ElementTree.Element) -> bool:
-    """Return whether the parser reads every link: none has a `<capsule>` or an incomplete `<inertial>`."""
-    has_capsule = next(root.iterfind("link/*/geometry/capsule"), None) is not None
-    return not has_capsule and not any(_broken_inertials(link) for link in root.findall("link"))
-
-
 def make_readable(root: ElementTree.Element) -> None:
     """Put `root`, in place, in terms that the parser reads, for otherwise it drops all shapes of the link.
 

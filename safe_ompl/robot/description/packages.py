@@ -13,7 +13,10 @@ _MANIFEST = "package.xml"
 
 
 class PackageFolders:
-    """The packages given, above, and beside those above a URDF.
+    """The packages given, above a URDF, beside those above it, and where ROS looks for packages.
+
+    ROS looks in the folders of the environment variables ROS_PACKAGE_PATH (ROS 1) and AMENT_PREFIX_PATH (ROS 2), in
+    the latter below `share`.
 
     Parameters
     ----------
@@ -32,6 +35,10 @@ class PackageFolders:
         for folder in self._by_name.get(package, ()):
             if (folder / file).is_file():
                 return folder / file
+        for folder in _ros_folders():  # a workspace names the folders of packages as these
+            for place in (folder / package, folder):
+                if _package_name(place / _MANIFEST) == package and (place / file).is_file():
+                    return place / file
         return None
 
     @cached_property
@@ -60,6 +67,17 @@ class PackageFolders:
         for above in self._urdf.parents:
             yield above
             yield from _folders_in([above])
+        for folder in _variable("ROS_PACKAGE_PATH"):
+            yield from _folders_in([folder, *_folders_in([folder])])
+
+
+def _ros_folders() -> list[Path]:
+    prefixes = _variable("AMENT_PREFIX_PATH")
+    return [*_variable("ROS_PACKAGE_PATH"), *(prefix / "share" for prefix in prefixes)]
+
+
+def _variable(name: str) -> list[Path]:
+    return [Path(folder) for folder in os.environ.get(name, "").split(os.pathsep) if folder]
 
 
 def _folders_in(folders: Iterable[Path]) -> Iterator[Path]:

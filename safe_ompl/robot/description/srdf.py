@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import pinocchio as pin
@@ -78,10 +78,61 @@ class SrdfFile:
             raise InputError(f"group {name!r} has no movable joint", str(self.path))
         return ordered
 
-    def group_tip(self, name: str) -> str | None:
-        """Return the last link of a group that is one chain, else None."""
+    def group_tip(self, name: str, full: pin.Model) -> str | None:
+        """Return the last link of a group that is one chain, else the link that carries its end effector, or None."""
         chains = self._group(name).findall("chain")
-        return chains[0].get("tip_link") if len(chains) == 1 else None
+        carriers = [
+            link for link, group in self.end_effectors() if group == name and full.existBodyName(link)
+        ]
+        if len(chains) == 1:
+            return chains[0].get("tip_link")
+        return carriers[0] if carriers else None
+
+    def end_effectors(self) -> Iterator[tuple[str, str | None]]:
+        """Yield of each end effector the link that carries it, and its group of joints above, where that is said."""
+        for effector in self._root.findall("end_effector"):
+            yield effector.get("parent_link", ""), effector.get("parent_group")
+
+    def arm(self, full: pin.Model, tip: str, fingers: Collection[str]) -> tuple[str, str] | None:
+        """Return the group of the arm, and the link at its end, as the SRDF says; None where it says nothing.
+
+        The arm is that of the end effector with the most joints above it, the first one of several, unless `tip` has
+        more (legs have end effectors, too). Of the groups whose joints all lie on the way from the base to that link,
+        that of the end effector is taken, or the one with the fewest joints, but four at least: an arm, not an arm and
+        its torso.
+
+        Parameters
+        ----------
+        full : pin.Model
+            All joints of the URDF.
+        tip : str
+            A link at the end of an arm.
+        fingers : collection of str
+            Joints that do not count.
+        """
+
+        def depth(end: tuple[str, str | None]) -> int:
+            return len(full.supports[full.frames[full.getBodyId(end[0])].parentJoint])
+
+        ends = [end for end in self.end_effectors() if full.existBodyName(end[0])]
+        link, parent = max([*ends, (tip, None)], key=depth)
+        joint = full.frames[full.getBodyId(link)].parentJoint
+        above = {full.names[j] for j in list(full.supports[joint])[1:]}
+        groups = {}
+        for name in self.group_names:
+            try:
+                joints = set(self.group_joints(name, full)).difference(fingers)
+            except InputError:  # of joints that this robot has not
+                continue
+            if joints and above.issuperset(joints):
+                groups[name] = len(joints)
+        if not groups:
+            return None
+        if parent not in groups:
+            enough = {name: number for name, number in groups.items() if number >= 4}
+            parent = min(enough, key=enough.__getitem__) if enough else max(groups, key=groups.__getitem__)
+        last = self.group_tip(parent, full)
+        return parent, last if link == tip and last is not None else link
 
     def _group(self, name: str) -> ElementTree.Element:
         for group in self._root.findall("group"):

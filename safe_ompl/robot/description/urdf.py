@@ -49,14 +49,18 @@ class UrdfFile:
         if self._root.tag != "robot":
             raise InputError(f"not a URDF: the outermost tag is <{self._root.tag}>, not <robot>", str(path))
         check_expanded(self._root, self.path, str(path))
+        if self._root.find("link") is None:
+            raise InputError("not a valid URDF: it has no link", str(path))
+        if not self._root.get("name"):  # the parser refuses a robot without one
+            self._root.set("name", self.path.stem)
         geometry_check.check_joints(self._root, str(path))
-        self._packages = PackageFolders(self.path, given)
+        self._given = [folder.resolve() for folder in given]
+        self._packages = PackageFolders(self.path, self._given)
 
     def build_model(self) -> pin.Model:
         """Return the kinematic model with all its joints free."""
-        text = self._readable_text
         try:
-            return pin.buildModelFromUrdf(str(self.path)) if text is None else pin.buildModelFromXML(text)
+            return pin.buildModelFromXML(self._readable_text)
         except (ValueError, RuntimeError) as error:
             raise InputError(f"not a valid URDF ({_first_line(error)})", str(self.path)) from None
 
@@ -71,18 +75,43 @@ class UrdfFile:
         tag = "collision" if kind == pin.GeometryType.COLLISION else "visual"
         source = str(self.path)
         geometry_check.check_shapes(self._root, tag, source)
-        self._check_meshes(tag)
-        text = self._readable_text
+        self.mesh_files(tag)
         try:
-            if text is None:
-                geometry = pin.buildGeomFromUrdf(model, source, kind, package_dirs=self.package_dirs)
-            else:
-                geometry = pin.buildGeomFromUrdfString(model, text, kind, package_dirs=self.package_dirs)
+            geometry = pin.buildGeomFromUrdfString(
+                model, self._readable_text, kind, package_dirs=self.package_dirs
+            )
         except (ValueError, RuntimeError) as error:
-            raise InputError(f"cannot read a mesh ({_first_line(error)})", source) from None
+            reason = str(error).partition("message: ")[2].partition("Hint:")[0] or _first_line(error)
+            raise InputError(f"cannot read a mesh ({' '.join(reason.split())})", source) from None
         geometry_check.restore_capsules(geometry, self._root, tag)
         geometry_check.check_complete(model, geometry, self._root, tag, source)
         return geometry
+
+    def mesh_files(self, tag: str) -> dict[str, Path]:
+        """Return the files of the "collision" or "visual" meshes, by the names that the URDF has for them.
+
+        Raises
+        ------
+        InputError
+            If one is not found.
+        """
+        found = {}
+        for link in self._root.iterfind("link"):
+            for mesh in link.iterfind(f"{tag}/geometry/mesh"):
+                name = mesh.get("filename", "")
+                file = self._found(name)
+                if file is None:
+                    raise InputError(
+                        f"link {link.get('name')!r}: {tag} mesh {name!r} not found; "
+                        "give the folder above its package as a package dir",
+                        str(self.path),
+                    )
+                found[name] = file
+        return found
+
+    def renamed(self, meshes: Mapping[str, str]) -> str:
+        """Return the text of the URDF with other names for some of its meshes."""
+        return _text(self._root, meshes)
 
     def links_with_visuals_only(self) -> frozenset[str]:
         """Return the links that have visual shapes but no collision shapes."""
@@ -103,45 +132,38 @@ class UrdfFile:
                 )
         return found
 
-    def _check_meshes(self, tag: str) -> None:
-        for link in self._root.iter("link"):
-            for mesh in (mesh for part in link.iter(tag) for mesh in part.iter("mesh")):
-                name = mesh.get("filename", "")
-                if not any(place.is_file() for place in self._places(name)):
-                    raise InputError(
-                        f"link {link.get('name')!r}: {tag} mesh {name!r} not found; "
-                        "give the folder above its package as a package dir",
-                        str(self.path),
-                    )
-
-    def _places(self, mesh: str) -> list[Path]:
-        if mesh.startswith(_PACKAGE):
-            name = mesh[len(_PACKAGE) :]
-            beside = [Path(folder) / name.lstrip("/") for folder in self.package_dirs]
-            if name.startswith("/"):  # no package: a path, or below one of the folders
-                found = [place for place in (*beside, Path(name)) if place.is_file()]
-                return found[:1] or beside
-            named = self._packages.resolve(mesh) if not any(place.is_file() for place in beside) else None
-            return beside if named is None else [named]
-        return [self.path.parent / mesh.removeprefix("file://")]
+    def _found(self, mesh: str) -> Path | None:
+        """Return the file of a mesh: in a package, beside the URDF, or below a folder that is given."""
+        if not mesh.startswith(_PACKAGE):
+            name = mesh.removeprefix("file://")
+            places = [folder / name for folder in (self.path.parent, *self._given)]
+        else:
+            name = mesh.removeprefix(_PACKAGE)
+            places = [Path(folder) / name.lstrip("/") for folder in self.package_dirs]
+            if name.startswith("/"):  # no package: below one of the folders, or a path
+                places.append(Path(name))
+        file = next((place for place in places if place.is_file()), None)
+        return self._packages.resolve(mesh) if file is None and mesh.startswith(_PACKAGE) else file
 
     @cached_property
-    def _readable_text(self) -> str | None:
-        """Return the URDF as the parser can read it: capsules and packages of other names put in its terms.
+    def _readable_text(self) -> str:
+        """The URDF as the parser can read it: capsules in its terms, and meshes by the paths of their files.
 
-        None if the file itself is readable.
+        It is made from what was read at first: whatever is built from it is of one state of the file.
         """
-        meshes = [mesh.get("filename", "") for mesh in self._root.iterfind("link/*/geometry/mesh")]
-        moved = {mesh: places[0] for mesh in set(meshes) if len(places := self._places(mesh)) == 1}
-        moved = {mesh: place for mesh, place in moved.items() if mesh.startswith(_PACKAGE)}
-        if not moved and geometry_check.is_readable(self._root):
-            return None
         root = deepcopy(self._root)
         geometry_check.make_readable(root)
-        for mesh in root.iterfind("link/*/geometry/mesh"):
-            name = mesh.get("filename", "")
-            mesh.set("filename", str(moved.get(name, name)))
-        return ElementTree.tostring(root, encoding="unicode")
+        names = {mesh.get("filename", "") for mesh in root.iterfind("link/*/geometry/mesh")}
+        files = {name: file for name in names if (file := self._found(name)) is not None}
+        return _text(root, {name: str(file) for name, file in files.items()})
+
+
+def _text(root: ElementTree.Element, meshes: Mapping[str, str]) -> str:
+    root = deepcopy(root)
+    for mesh in root.iterfind("link/*/geometry/mesh"):
+        name = mesh.get("filename", "")
+        mesh.set("filename", meshes.get(name, name))
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def existing_file(path: str | Path, kind: str) -> Path:

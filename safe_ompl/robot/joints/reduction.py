@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Container, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 import pinocchio as pin
@@ -235,27 +234,3 @@ def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]
             )
     lower, upper = np.ascontiguousarray(limits.T)
     return lower, upper
-
-
-@overload
-def farthest_body(model: pin.Model) -> str: ...
-@overload
-def farthest_body(model: pin.Model, among: Container[str]) -> str | None: ...
-def farthest_body(model: pin.Model, among: Container[str] | None = None) -> str | None:
-    """Return the body frame with the most joints above it, among those the one farthest from the last joint.
-
-    With `among` only bodies of these names count; None if there is none.
-    """
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
-
-    def rank(frame: pin.Frame) -> tuple[int, float]:
-        offset = float(np.linalg.norm(frame.placement.translation))
-        return len(model.supports[frame.parentJoint]), offset
-
-    bodies = [
-        frame
-        for frame in model.frames
-        if frame.type == pin.FrameType.BODY and (among is None or frame.name in among)
-    ]
-    return str(max(bodies, key=rank).name) if bodies else None

@@ -66,6 +66,34 @@ def test_packages_below_a_folder_given(workspace, tmp_path):
         assert Robot.from_urdf(lonely, package_dirs=[folder]).n == 6
 
 
+@pytest.mark.parametrize("variable", ["ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"])
+def test_packages_are_found_where_ros_looks(workspace, tmp_path, monkeypatch, variable):
+    lonely = tmp_path / "elsewhere" / "twin.urdf"
+    lonely.parent.mkdir()
+    lonely.write_text(workspace.read_text())
+    (tmp_path / "install" / "share").mkdir(parents=True)
+    (tmp_path / "src" / "meshes-v2").rename(tmp_path / "install" / "share" / "twin_meshes")
+    prefix = tmp_path / "install"
+    folder = prefix if variable == "AMENT_PREFIX_PATH" else prefix / "share"
+    with pytest.raises(InputError, match=r"'package://twin_meshes/files/wedge.obj' not found"):
+        Robot.from_urdf(lonely)
+    monkeypatch.setenv(variable, f"{tmp_path / 'nowhere'}:{folder}")
+    assert Robot.from_urdf(lonely).n == 6
+
+
+def test_a_broken_mesh_is_named(data_folder, tmp_path):
+    text = (data_folder / "twin_arm.urdf").read_text().replace("wedge.obj", "broken.stl")
+    (tmp_path / "arm.urdf").write_text(text)
+    (tmp_path / "broken.stl").write_text("solid nothing")
+    with pytest.raises(InputError, match=r"arm.urdf: cannot read a mesh .*broken.stl"):
+        Robot.from_urdf(tmp_path / "arm.urdf")
+
+
+def test_a_robot_without_a_name_is_called_after_its_file(edited):
+    urdf = edited("gripper_arm.urdf", '<robot name="gripper_arm">', "<robot>")
+    assert Robot.from_urdf(urdf).name == urdf.stem
+
+
 def test_a_broken_manifest_is_no_package(workspace, tmp_path):
     (tmp_path / "src" / "meshes-v2" / "package.xml").write_text("<package>")
     with pytest.raises(InputError, match="not found"):

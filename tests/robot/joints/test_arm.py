@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl.robot.description.examples import robots_folder
-from safe_ompl.robot.joints.fingers import default_tip, finger_links
+from safe_ompl.robot.joints.arm import default_tip, finger_links
 from safe_ompl.robot.robot import Robot
 
 
