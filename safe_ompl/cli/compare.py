@@ -17,7 +17,7 @@ from safe_ompl.cli.pictures import how_to_get_pictures
 from safe_ompl.cli.plan import record
 from safe_ompl.cli.tables import comparison_table, durations_table
 from safe_ompl.cli.values import count, names
-from safe_ompl.pictures.results import draw_comparison
+from safe_ompl.view.pictures.results import draw_comparison
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup

@@ -29,7 +29,7 @@ from safe_ompl.cli.verify import certificate_of
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
 from safe_ompl.exchange.results import result_to_mapping
-from safe_ompl.pictures.results import draw_plan
+from safe_ompl.view.pictures.results import draw_plan
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec

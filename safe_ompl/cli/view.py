@@ -1,4 +1,4 @@
-"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or as a film."""
+"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or as a animation."""
 
 from __future__ import annotations
 
@@ -22,12 +22,16 @@ from safe_ompl.exchange.form import read_json
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.format import FORMAT as CERTIFICATE
 from safe_ompl.paths.certificate.format import check_form
-from safe_ompl.pictures.render.animation import ENDINGS
+from safe_ompl.view.pictures.animation import ENDINGS
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.result import PlanResult
-from safe_ompl.viewer import Exhibit, View, read_recording, save_film, save_page
-from safe_ompl.viewer.recordings import ENDING
+from safe_ompl.view.content import ViewerContent
+from safe_ompl.view.browser.view import View
+from safe_ompl.view.recordings import read_recording
+from safe_ompl.view.pictures.animation import save_animation
+from safe_ompl.view.browser.view import save_page
+from safe_ompl.view.recordings import ENDING
 
 _PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
 _NONE = ("none",)
@@ -101,8 +105,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         return Show(lambda: _planned(scenario, options), options)
     if len(files) < len(options.what):
         raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
-    exhibit = _loaded(files)
-    return Show(lambda: exhibit, options)
+    content = _loaded(files)
+    return Show(lambda: content, options)
 
 
 def check_page(file: str | None) -> None:
@@ -135,22 +139,22 @@ def _check_animation(file: str | None) -> None:
 class Show:
     """The job of `safe-ompl view`."""
 
-    exhibit: Callable[[], Exhibit]
+    content: Callable[[], ViewerContent]
     options: argparse.Namespace
 
     def __call__(self) -> int:
         """Write what is asked for, or serve the view until Ctrl-C."""
-        exhibit, options = self.exhibit(), self.options
+        content, options = self.content(), self.options
         if options.animation is not None:
             with error_console().status("drawing"):
-                save_film(exhibit, options.animation)
+                save_animation(content, options.animation)
             error_console().print(f"moving picture in {options.animation}")
         if options.html is not None:
-            save_page(exhibit, options.html, slice_at=options.slice)
+            save_page(content, options.html, slice_at=options.slice)
             error_console().print(f"view in {options.html}")
         if options.html is not None or options.animation is not None:
             return 0
-        view = View(exhibit, port=options.port)
+        view = View(content, port=options.port)
         error_console().print(f"view at {view.url}; Ctrl-C ends it")
         try:
             view.run(browser=not options.no_browser)
@@ -159,11 +163,11 @@ class Show:
         return 0
 
 
-def _planned(scenario: Scenario, options: argparse.Namespace) -> Exhibit:
+def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
     robot = scenario.build_robot()
     start = scenario.start_configuration(robot)
     if options.planners == _NONE:  # also a start in collision can be looked at
-        return Exhibit(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
+        return ViewerContent(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
     setup = setup_scenario(scenario, robot)
     results = []
     for planner in options.planners:
@@ -178,22 +182,22 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> Exhibit:
         if not result:
             error_console().print(f"safe-ompl: {planner} found no path: {result.status}")
         results.append(result)
-    return Exhibit.of_results(results, title=scenario.name, posture=start)
+    return ViewerContent.of_results(results, title=scenario.name, posture=start)
 
 
-def _loaded(files: Sequence[str]) -> Exhibit:
+def _loaded(files: Sequence[str]) -> ViewerContent:
     content = read_json(files[0])
     if isinstance(content, dict) and content.get("format") == CERTIFICATE:
         if len(files) > 1:
             raise InputError(f"one certificate at a time, not {', '.join(files)}")
         with document.within(files[0], ": "):
             check_form(content)
-            return Exhibit.of_certificate(content)
+            return ViewerContent.of_certificate(content)
     loaded = [load(file) for file in files]
     title = Path(files[0]).stem
     motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]
     if motions and len(motions) == len(files):
-        return Exhibit.of_motions(motions, title=title)
+        return ViewerContent.of_motions(motions, title=title)
     if motions and all(isinstance(thing, TimedMotion | PlanResult) for thing in loaded):
         raise InputError(f"either results or trajectories, not both: {', '.join(files)}")
     for file, thing in zip(files, loaded, strict=True):
@@ -201,4 +205,4 @@ def _loaded(files: Sequence[str]) -> Exhibit:
             raise InputError(
                 f"must be a result, a certificate or a trajectory, not a {type(thing).__name__}", file
             )
-    return Exhibit.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)
+    return ViewerContent.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)

@@ -191,7 +191,8 @@ class PlanResult:
             If viser is not installed.
         """
         # The one import that runs up: `result.view()` is what people type, and only they load the viewer.
-        from safe_ompl.viewer import Exhibit, View
+        from safe_ompl.view.content import Exhibit
+        from safe_ompl.view.browser.view import View
 
         View(Exhibit.of_results([self]), port=port).run(browser=browser)
 

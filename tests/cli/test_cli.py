@@ -15,10 +15,11 @@ from ompl import util as ou
 
 from safe_ompl.benchmark.campaign import failure
 from safe_ompl.cli import main, pictures
-from safe_ompl.pictures import results
-from safe_ompl.pictures.render import render_comparison, render_path
 from safe_ompl.planners.registry import planner_names
 from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.view.pictures import results
+from safe_ompl.view.pictures.path import render_path
+from safe_ompl.view.pictures.results import render_comparison
 
 RECORD = [
     "scenario",

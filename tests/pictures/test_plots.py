@@ -15,8 +15,8 @@ import matplotlib
 from matplotlib.image import imread
 
 from safe_ompl.errors import InputError, SafeOmplError
-from safe_ompl.pictures.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
-from safe_ompl.pictures.style import planner_styles
+from safe_ompl.view.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
+from safe_ompl.view.style import planner_styles
 
 PROFILES = {
     "RRTConnect": np.tile(np.linspace(1.0, 3.0, 11), (4, 1)) + np.arange(4)[:, None],

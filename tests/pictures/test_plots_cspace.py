@@ -9,11 +9,10 @@ import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError
-from safe_ompl.pictures.plots import cspace
-from safe_ompl.pictures.plots.cspace import plot_bubbles, plot_cspace_path
-from safe_ompl.pictures.plots.field import plot_field
-from safe_ompl.pictures.plots.isosurface import isosurface
 from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.view.plots import cspace
+from safe_ompl.view.plots.cspace import isosurface, plot_bubbles, plot_cspace_path
+from safe_ompl.view.plots.planar import plot_field
 
 
 @pytest.fixture(autouse=True)

@@ -15,14 +15,6 @@ import coal
 from matplotlib.image import imread
 
 from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
-from safe_ompl.pictures.render import Camera, choose_camera, render_comparison, render_path, save_png
-from safe_ompl.pictures.render.bodies import RobotBody, painted
-from safe_ompl.pictures.render.mitsuba_renderer import FLOOR_VALUE, Painted, Studio, developed
-from safe_ompl.pictures.render.path import moments
-from safe_ompl.pictures.render.rasteriser import RasterStudio
-from safe_ompl.pictures.render.stage import Stage
-from safe_ompl.pictures.render.tessellation import Surface, tessellate, tube
-from safe_ompl.pictures.render.zbuffer import ZBuffer, in_picture
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.obstacle import Obstacle
@@ -30,6 +22,13 @@ from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.basic import Box, Sphere
 from safe_ompl.scene.shapes.person import Person
+from safe_ompl.view.pictures.bodies import RobotBody, obstacle_surfaces
+from safe_ompl.view.pictures.camera import Camera, in_picture
+from safe_ompl.view.pictures.path import choose_camera, moments, render_path
+from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Renderer, ZBuffer, tone_mapped
+from safe_ompl.view.pictures.results import render_comparison, save_png
+from safe_ompl.view.pictures.scene import DrawnScene
+from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tessellate, tube
 
 SMALL = (96, 72)
 ARM = """
@@ -180,16 +179,16 @@ def _ball(radius: float, at: tuple[float, float, float]) -> Surface:
 
 def test_the_empty_floor_has_its_value_everywhere() -> None:
     camera = Camera.framing(np.eye(3), 0.3, 0.5, SMALL)
-    image = Studio(0.0, camera, SMALL, samples=4).photograph([])
+    image = Studio(0.0, camera, SMALL, samples=4).render([])
     assert image == pytest.approx(FLOOR_VALUE, abs=0.01)
 
 
 def test_layers_show_the_body_where_nothing_hides_it() -> None:
     camera = Camera.framing(_ball(1.0, (0, 0, 0)).vertices, 0.0, 0.0, SMALL)
-    studio = Studio(-1.0, camera, SMALL, samples=4)
+    renderer = Studio(-1.0, camera, SMALL, samples=4)
     body = _ball(0.5, (0, 0, 0))
     values = np.tile((1.0, 0.5, 0.0), (len(body.vertices), 1))
-    free, hidden = (studio.layers(_ball(0.3, at), [(body, values)])[0] for at in ((-1, 0, 0), (2, 0, 0)))
+    free, hidden = (renderer.layers(_ball(0.3, at), [(body, values)])[0] for at in ((-1, 0, 0), (2, 0, 0)))
     assert free[36, 48] == pytest.approx((1.0, 0.5, 0.0), abs=1e-3)
     assert free[2, 2] == pytest.approx(0.0)
     assert hidden[36, 48] == pytest.approx(0.0, abs=1e-3)
@@ -199,13 +198,13 @@ def test_the_variant_of_the_caller_comes_back() -> None:
     import mitsuba
 
     mitsuba.set_variant("scalar_spectral")
-    Studio(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL, samples=1).photograph([])
+    Studio(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL, samples=1).render([])
     assert mitsuba.variant() == "scalar_spectral"
     mitsuba.set_variant("scalar_rgb")
 
 
 def test_development_keeps_order_and_range() -> None:
-    values = developed(np.linspace(0.0, 5.0, 200))
+    values = tone_mapped(np.linspace(0.0, 5.0, 200))
     assert (np.diff(values) >= 0).all()
     assert values[0] == 0.0
     assert values[-1] <= 1.0
@@ -251,41 +250,41 @@ def test_what_is_behind_the_camera_is_not_drawn() -> None:
 
 
 def test_the_empty_floor_of_a_quick_picture_has_its_value_everywhere() -> None:
-    image = RasterStudio(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL).photograph([])
+    image = Renderer(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL).render([])
     assert image == pytest.approx(FLOOR_VALUE, abs=1e-6)
 
 
 def test_a_quick_picture_looks_like_a_ray_traced_one() -> None:
     things = [
-        Painted(_ball(0.5, (0, 0, 0.5)), (0.8, 0.2, 0.2)),
-        Painted(_ball(0.2, (0, 1, 0.2)), (0.2, 0.2, 0.8)),
+        ColouredSurface(_ball(0.5, (0, 0, 0.5)), (0.8, 0.2, 0.2)),
+        ColouredSurface(_ball(0.2, (0, 1, 0.2)), (0.2, 0.2, 0.8)),
     ]
     camera = Camera.framing(Surface.merged(thing.surface for thing in things).vertices, 0.3, 0.5, SMALL)
-    quick = RasterStudio(0.0, camera, SMALL).photograph(things)
-    traced = Studio(0.0, camera, SMALL, samples=16).photograph(things)
-    assert np.abs(developed(quick) - developed(traced)).max(axis=2).mean() < 0.06
+    quick = Renderer(0.0, camera, SMALL).render(things)
+    traced = Studio(0.0, camera, SMALL, samples=16).render(things)
+    assert np.abs(tone_mapped(quick) - tone_mapped(traced)).max(axis=2).mean() < 0.06
     for channel in range(3):
         assert np.corrcoef(quick[..., channel].ravel(), traced[..., channel].ravel())[0, 1] > 0.9
 
 
 def test_quick_layers_show_the_body_where_nothing_hides_it() -> None:
     camera = Camera.framing(_ball(1.0, (0, 0, 0)).vertices, 0.0, 0.0, SMALL)
-    studio = RasterStudio(-1.0, camera, SMALL)
+    renderer = Renderer(-1.0, camera, SMALL)
     body = _ball(0.5, (0, 0, 0))
     values = np.tile((1.0, 0.5, 0.0), (len(body.vertices), 1))
-    free, hidden = (studio.layers(_ball(0.3, at), [(body, values)])[0] for at in ((-1, 0, 0), (2, 0, 0)))
+    free, hidden = (renderer.layers(_ball(0.3, at), [(body, values)])[0] for at in ((-1, 0, 0), (2, 0, 0)))
     assert free[36, 48] == pytest.approx((1.0, 0.5, 0.0), abs=1e-3)
     assert free[2, 2] == pytest.approx(0.0)
     assert hidden[36, 48] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_shadow_falls_on_the_floor_away_from_the_light() -> None:
-    ball = Painted(_ball(0.3, (0, 0, 1.0)), (0.5, 0.5, 0.5))
+    ball = ColouredSurface(_ball(0.3, (0, 0, 1.0)), (0.5, 0.5, 0.5))
     camera = Camera.framing(np.array([(-1.5, -1.5, 0), (1.5, 1.5, 1.5)]), 0.0, 1.2, SMALL)
-    studio = RasterStudio(0.0, camera, SMALL)
-    light = studio.light_direction()
+    renderer = Renderer(0.0, camera, SMALL)
+    light = renderer.light_direction()
     shadow = -light / light[2] + (0.0, 0.0, 1.0)  # of the middle of the ball, on the floor
-    image = studio.photograph([ball])
+    image = renderer.render([ball])
     for place, dark in ((shadow, True), (-shadow, False)):
         column, row, _ = np.rint(in_picture(camera, place[None], SMALL)[0]).astype(int)
         assert bool(image[row, column].mean() < 0.8 * FLOOR_VALUE) is dark
@@ -301,16 +300,16 @@ def test_the_camera_does_not_stand_behind_the_back_of_a_person(upright: Robot) -
 
 
 def test_a_person_wears_the_colour_of_the_obstacle() -> None:
-    colours = {thing.colour for thing in painted(Obstacle("p", Person(), color=(0.1, 0.2, 0.3)))}
+    colours = {thing.colour for thing in obstacle_surfaces(Obstacle("p", Person(), color=(0.1, 0.2, 0.3)))}
     assert (0.1, 0.2, 0.3) in colours
     assert len(colours) >= 4  # skin, hair, trousers and shoes besides
 
 
 def test_the_lowest_wide_slab_is_the_floor(planar: Robot) -> None:
     slab = Obstacle("ground", Box((9.0, 9.0, 0.02)), Pose((0.0, 0.0, -0.5)))
-    stage = Stage(planar, Scene((slab,)), [PATH])
-    assert stage.floor == pytest.approx(-0.49)
-    assert [thing.colour for thing in stage.props] == [(0.62, 0.63, 0.65)]  # a pedestal alone
+    drawn = DrawnScene(planar, Scene((slab,)), [PATH])
+    assert drawn.floor == pytest.approx(-0.49)
+    assert [thing.colour for thing in drawn.surroundings] == [(0.62, 0.63, 0.65)]  # a pedestal alone
 
 
 def test_postures_leave_out_what_has_not_moved(planar: Robot) -> None:
@@ -347,8 +346,8 @@ def test_the_closest_moment_is_among_those_shown(
 def test_the_robot_shows_in_the_picture(planar: Robot, scene: Scene) -> None:
     camera = choose_camera(planar, scene, {"a": PATH})
     drawn = render_path(planar, scene, PATH, size=SMALL, samples=4, camera=camera, ghosts=1)
-    stage = Stage(planar, scene, [PATH])
-    empty = developed(Studio(stage.floor, camera, SMALL, 4).photograph(stage.props))
+    drawn = DrawnScene(planar, scene, [PATH])
+    empty = tone_mapped(Studio(drawn.floor, camera, SMALL, 4).render(drawn.surroundings))
     assert drawn.shape == (72, 96, 3)
     assert drawn.dtype == np.uint8
     changed = np.abs(drawn - 255.0 * empty).max(axis=2) > 40
@@ -455,7 +454,7 @@ def test_one_picture_of_a_real_robot() -> None:
     path = np.array([[0.0, -1.2, 1.5, -1.8, -1.57, 0.0], [1.0, -1.2, 1.5, -1.8, -1.57, 0.0]])
     drawn = render_path(robot, Scene((person,)), path, size=SMALL, samples=4, ghosts=1)
     assert drawn.std() > 10
-    assert Painted(_ball(1.0, (0, 0, 0)), (1.0, 0.0, 0.0)).glossy is False
+    assert ColouredSurface(_ball(1.0, (0, 0, 0)), (1.0, 0.0, 0.0)).glossy is False
 
 
 def test_links_without_visual_shapes_are_drawn_as_they_collide(tmp_path) -> None:

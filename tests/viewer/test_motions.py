@@ -12,11 +12,13 @@ from safe_ompl.cli.main import main
 from safe_ompl.exchange.form import marked, strict_json
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.portable import carried_robot, carried_scene
-from safe_ompl.pictures.plots import plot_speeds
-from safe_ompl.pictures.render.bodies import SHIRT
 from safe_ompl.scene.shapes.anatomy import STANDING
-from safe_ompl.viewer import Exhibit, read_recording, save_film
-from safe_ompl.viewer.danger_layers import FieldSlice
+from safe_ompl.view.browser.layers import FieldSlice
+from safe_ompl.view.content import ViewerContent
+from safe_ompl.view.pictures.animation import save_animation
+from safe_ompl.view.pictures.bodies import SHIRT
+from safe_ompl.view.plots import plot_speeds
+from safe_ompl.view.recordings import read_recording
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 TICK = 0.1
@@ -120,27 +122,27 @@ def test_motions_that_make_no_sense_are_refused(setup, motion):
 
 
 def test_an_exhibit_plays_a_motion_as_it_is_in_time(motion, trajectory):
-    exhibit = Exhibit.of_motions([motion])
-    assert exhibit.playing_time == pytest.approx(trajectory.duration)
+    content = ViewerContent.of_motions([motion])
+    assert content.playing_time == pytest.approx(trajectory.duration)
     shares = np.array([0.0, 0.3, 0.7, 1.0])
     states = trajectory.at(shares * trajectory.duration)
-    np.testing.assert_allclose(exhibit.along(motion.name, shares), states.q, atol=2e-3)
+    np.testing.assert_allclose(content.along(motion.name, shares), states.q, atol=2e-3)
     with pytest.raises(InputError, match="no motion"):
-        Exhibit.of_motions([])
+        ViewerContent.of_motions([])
 
 
 def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
     pytest.importorskip("viser")
-    from safe_ompl.viewer import View
+    from safe_ompl.view.browser.view import View
 
-    view = View(Exhibit.of_motions([motion, motion]), port=8766)
+    view = View(ViewerContent.of_motions([motion, motion]), port=8766)
     try:
-        assert list(view.exhibit.paths) == ["SafeRRTConnect", "SafeRRTConnect, 2"]
-        board = view.booths[0].board
-        assert view.booths[0]._label is None, "the board says who it is"
+        assert list(view.content.paths) == ["SafeRRTConnect", "SafeRRTConnect, 2"]
+        board = view.path_views[0].board
+        assert view.path_views[0]._label is None, "the board says who it is"
         view.go_to(0.5)
         cursor = np.array(board._cursor.points)
-        assert "bounded by" in view.facts()[0]
+        assert "bounded by" in view.describe()[0]
         view.go_to(1.0)
         assert np.linalg.norm(board._cursor.points - cursor) > 0.1
         assert board._labels[0].text.startswith(f"{motion.duration:.2f} s: ")
@@ -150,26 +152,26 @@ def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
 
 def test_robot_people_and_things_move_together(recording):
     pytest.importorskip("viser")
-    from safe_ompl.viewer import View
+    from safe_ompl.view.browser.view import View
 
-    exhibit = read_recording(recording)
-    assert exhibit.playing_time == pytest.approx(9 * TICK)
-    assert [o.name for o in exhibit.still] == ["wall"]
-    assert [o.name for o in exhibit.staged] == ["box", "wall", "anna"]
-    view = View(exhibit, port=8767)
+    content = read_recording(recording)
+    assert content.playing_time == pytest.approx(9 * TICK)
+    assert [o.name for o in content.still] == ["wall"]
+    assert [o.name for o in content.scene_at_start] == ["box", "wall", "anna"]
+    view = View(content, port=8767)
     try:
-        figures = view.booths[0].movers
+        figures = view.path_views[0].movers
         head, box = figures._limbs["anna"]["head"][0], figures._things["box"][1][0]
         before, low = np.array(head.position), np.array(box.position)
         view.go_to(0.5)
         np.testing.assert_allclose(head.position - before, [0.4, 0.0, 0.0], atol=1e-6)
         np.testing.assert_allclose(box.position - low, [0.0, 0.0, 0.4], atol=1e-6)
         assert view.q[0] == pytest.approx(0.45)
-        assert "moving, 300 mm from wrist to anna's right hand" in view.facts()[0]
+        assert "moving, 300 mm from wrist to anna's right hand" in view.describe()[0]
         view.go_to(1.0)
         assert not head.visible  # she is seen no more
-        assert "standing" in view.facts()[0]
-        assert "she is near" in view.facts()[0]
+        assert "standing" in view.describe()[0]
+        assert "she is near" in view.describe()[0]
     finally:
         view.stop()
 
@@ -194,41 +196,41 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
 @pytest.mark.parametrize("ending", [".webp", ".gif"])
 def test_a_film_moves(motion, tmp_path, ending, monkeypatch):
     image = pytest.importorskip("PIL.Image")
-    monkeypatch.setattr("safe_ompl.viewer.film._FEWEST", 3)
-    file = tmp_path / f"film{ending}"
-    save_film(Exhibit.of_motions([motion]), file, rate=1.0)
-    film = image.open(file)
-    assert film.n_frames == 3
+    monkeypatch.setattr("safe_ompl.viewer.animation._FEWEST", 3)
+    file = tmp_path / f"animation{ending}"
+    save_animation(ViewerContent.of_motions([motion]), file, rate=1.0)
+    animation = image.open(file)
+    assert animation.n_frames == 3
     frames = []
-    for k in range(film.n_frames):
-        film.seek(k)
-        frames.append(np.asarray(film.convert("L"), dtype=float))
+    for k in range(animation.n_frames):
+        animation.seek(k)
+        frames.append(np.asarray(animation.convert("L"), dtype=float))
     assert np.abs(frames[0] - frames[2])[60:].max() > 40
     with pytest.raises(InputError, match=r"\.webp or \.gif"):
-        save_film(Exhibit.of_motions([motion]), tmp_path / "film.mp4")
+        save_animation(ViewerContent.of_motions([motion]), tmp_path / "animation.mp4")
 
 
 def test_in_the_film_of_a_recording_people_and_things_move(recording, tmp_path, monkeypatch):
     pytest.importorskip("PIL.Image")
     drawn = []
 
-    def photograph(studio, things):
+    def render(renderer, things):
         people = [t for t in things if t.colour == SHIRT]
         drawn.append(
             (np.vstack([t.surface.vertices for t in people]).mean(axis=0) if people else None, things)
         )
         return np.zeros((8, 8, 3))
 
-    monkeypatch.setattr("safe_ompl.pictures.render.rasteriser.RasterStudio.photograph", photograph)
-    monkeypatch.setattr("safe_ompl.viewer.film._FEWEST", 10)
-    exhibit = read_recording(recording)
-    save_film(exhibit, tmp_path / "drive.webp", rate=10.0)
+    monkeypatch.setattr("safe_ompl.pictures.render.rasteriser.Renderer.render", render)
+    monkeypatch.setattr("safe_ompl.viewer.animation._FEWEST", 10)
+    content = read_recording(recording)
+    save_animation(content, tmp_path / "drive.webp", rate=10.0)
     places = [place for place, _ in drawn]
     np.testing.assert_allclose(places[4] - places[0], [0.4, 0.0, 0.0], atol=1e-6)
     assert places[9] is None, "she is seen no more, and stands nowhere"
     assert len({len(things) for _, things in drawn[:9]}) == 1, "nobody is drawn twice"
     boxes = [
-        box.pose.position[2] for t in (0.0, 0.4) for box in exhibit.movers.obstacles_at(t, exhibit.scene)[1:]
+        box.pose.position[2] for t in (0.0, 0.4) for box in content.movers.obstacles_at(t, content.scene)[1:]
     ]
     np.testing.assert_allclose(boxes, [0.0, 0.4], atol=1e-9)
 

@@ -15,8 +15,8 @@ import pytest
 from safe_ompl import Box, Obstacle, Pose, Robot, Scene
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.scene.shapes.anatomy import STANDING
-from safe_ompl.viewer import Exhibit, save_page
-from safe_ompl.viewer.movers import Movers
+from safe_ompl.view.browser.view import save_page
+from safe_ompl.view.content import ViewerContent, Movers
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 OPTIONS = (
@@ -51,11 +51,11 @@ def page(browser, tmp_path_factory, data_folder, request):
         [middle - 0.25 * (robot.upper - robot.lower), middle + 0.25 * (robot.upper - robot.lower)]
     )
     scene = Scene((Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.6, 0.0, 0.3)), weight=1.0),))
-    exhibit = (
-        Exhibit(robot, scene, {"SafePRM": path}) if request.param == "path" else drive(robot, scene, path)
+    content = (
+        ViewerContent(robot, scene, {"SafePRM": path}) if request.param == "path" else drive(robot, scene, path)
     )
     file = tmp_path_factory.mktemp("page") / "view.html"
-    save_page(exhibit, file)
+    save_page(content, file)
     browser.get_log("performance")  # of the page before
     browser.get(file.as_uri())
     wait_for(lambda: browser.find_elements("css selector", BAR))
@@ -76,7 +76,7 @@ def drive(robot, scene, path):
         for k in range(9)
     ]
     movers = Movers(times, {"anna": 1.75}, walk, [{}] * 9)
-    return Exhibit(robot, scene, danger=None, motions={"live": motion}, movers=movers)
+    return ViewerContent(robot, scene, danger=None, motions={"live": motion}, movers=movers)
 
 
 def wait_for(condition):

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene, certificate
-from safe_ompl.viewer import Exhibit
-from safe_ompl.viewer.clearance import Nearest
-from safe_ompl.viewer.colours import of_levels
-from safe_ompl.viewer.proof import Proof
+from safe_ompl.view.annotations import Nearest, Proof
+from safe_ompl.view.content import ViewerContent
+from safe_ompl.view.style import level_colours
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 
@@ -60,34 +59,34 @@ def test_the_intervals_of_a_proof_cover_the_path(ur5, scene, result):
 
 
 def test_an_exhibit_knows_where_a_path_goes(result):
-    exhibit = Exhibit.of_results([result])
-    along = exhibit.along(result.planner, np.array([0.0, 1.0]))
+    content = ViewerContent.of_results([result])
+    along = content.along(result.planner, np.array([0.0, 1.0]))
     np.testing.assert_allclose(along, [START, GOAL], atol=1e-9)
-    assert len(exhibit.danger_field.points) > 100
+    assert len(content.danger_field.points) > 100
 
 
 def test_results_of_one_planner_are_told_apart(result):
-    exhibit = Exhibit.of_results([result, dataclasses.replace(result, seed=7)])
-    assert list(exhibit.paths) == ["SafeRRTConnect", "SafeRRTConnect, seed 7"]
+    content = ViewerContent.of_results([result, dataclasses.replace(result, seed=7)])
+    assert list(content.paths) == ["SafeRRTConnect", "SafeRRTConnect, seed 7"]
 
 
 def test_results_that_cannot_be_shown_are_refused(result):
     bare = PlanResult("Timeout", None, None, "PRM", 0, result.joint_names, 0.1)
     with pytest.raises(InputError, match="PRM does not know its robot"):
-        Exhibit.of_results([bare])
+        ViewerContent.of_results([bare])
     with pytest.raises(InputError, match="same robot and scene"):
-        Exhibit.of_results([result, dataclasses.replace(result, scene=Scene())])
+        ViewerContent.of_results([result, dataclasses.replace(result, scene=Scene())])
     with pytest.raises(InputError, match="no result"):
-        Exhibit.of_results([])
+        ViewerContent.of_results([])
 
 
 def test_without_danger_there_is_no_field(ur5, scene):
-    assert Exhibit(ur5, scene, danger=None).danger_field is None
-    assert Exhibit(ur5, Scene()).danger_field is None
+    assert ViewerContent(ur5, scene, danger=None).danger_field is None
+    assert ViewerContent(ur5, Scene()).danger_field is None
 
 
 def test_colours_darken_with_danger():
-    brightness = of_levels(np.linspace(0.0, 2.0, 5), 1.0).sum(axis=1)
+    brightness = level_colours(np.linspace(0.0, 2.0, 5), 1.0).sum(axis=1)
     assert (np.diff(brightness.astype(int)) <= 0).all()
     assert brightness[2] == brightness[4] < brightness[1]
 
@@ -95,31 +94,31 @@ def test_colours_darken_with_danger():
 @pytest.fixture
 def view(result):
     pytest.importorskip("viser")
-    from safe_ompl.viewer import View
+    from safe_ompl.view.browser.view import View
 
-    view = View(Exhibit.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765)
+    view = View(ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765)
     yield view
     view.stop()
 
 
 def test_sliders_and_play_bar_move_the_robots(view):
-    from safe_ompl.viewer.controls import Controls
+    from safe_ompl.view.browser.controls import Controls
 
     controls = Controls(view)
     controls._go_to(0.5)  # as when it plays
-    middle = view.exhibit.along("SafeRRTConnect", np.array([0.5]))[0]
+    middle = view.content.along("SafeRRTConnect", np.array([0.5]))[0]
     np.testing.assert_allclose(view.q, middle)
     np.testing.assert_allclose([slider.value for slider in controls._joints], middle)
     controls._bar.value = 1.0
     np.testing.assert_allclose(view.q, GOAL, atol=1e-9)
     controls._joints[0].value = 0.25
     assert view.q[0] == pytest.approx(0.25)
-    assert len(view.facts()) == 2
-    assert "worker" in view.facts()[0]
+    assert len(view.describe()) == 2
+    assert "worker" in view.describe()[0]
 
 
 def test_playing_goes_on_by_itself(view):
-    from safe_ompl.viewer.controls import Controls
+    from safe_ompl.view.browser.controls import Controls
 
     controls = Controls(view)
     before = view.share
@@ -132,8 +131,8 @@ def test_playing_goes_on_by_itself(view):
 
 
 def test_booths_stand_apart_or_in_one_place(view):
-    places = np.array([booth.root.position for booth in view.booths])
+    places = np.array([path_view.root.position for path_view in view.path_views])
     assert np.linalg.norm(places[0] - places[1]) > 1.0
     view.set_side_by_side(False)
-    assert not np.any([booth.root.position for booth in view.booths])
-    assert [booth.scenery.visible for booth in view.booths] == [True, False]
+    assert not np.any([path_view.root.position for path_view in view.path_views])
+    assert [path_view.scenery.visible for path_view in view.path_views] == [True, False]
