@@ -40,12 +40,16 @@ from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.scenario.scenario import find_scenario
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.view.browser.view import save_page
-from safe_ompl.view.content import ViewerContent
-from safe_ompl.view.pictures.path import choose_camera, render_path
-from safe_ompl.view.pictures.results import render_comparison, save_png
+from safe_ompl.view import (
+    ViewerContent,
+    choose_camera,
+    read_recording,
+    render_comparison,
+    render_path,
+    save_page,
+    save_png,
+)
 from safe_ompl.view.plots import plot_bubbles, plot_field, plot_profiles, plot_speeds
-from safe_ompl.view.recordings import read_recording
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "pictures"

@@ -13,11 +13,10 @@ from safe_ompl.benchmark.campaign import Campaign, Summary, default_planners, su
 from safe_ompl.cli.arguments import add_run_options, load_scenario
 from safe_ompl.cli.console import error_console, output_console, progress_bar
 from safe_ompl.cli.files import json_line, make_folder, opened
-from safe_ompl.cli.pictures import how_to_get_pictures
+from safe_ompl.cli.pictures import draw_comparison, how_to_get_pictures
 from safe_ompl.cli.plan import record
 from safe_ompl.cli.tables import comparison_table, durations_table
 from safe_ompl.cli.values import count, names
-from safe_ompl.view.pictures.results import draw_comparison
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup

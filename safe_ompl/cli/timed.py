@@ -12,13 +12,13 @@ from safe_ompl.cli.values import limit
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.view.plots import plot_motion
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.trajectories.danger import MotionDanger
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.trajectory import RATE, Trajectory
+from safe_ompl.view.plots import plot_motion
 
 
 def add_timed_options(parser: Any) -> None:

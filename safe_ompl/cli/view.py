@@ -1,4 +1,4 @@
-"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or as a animation."""
+"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or animated."""
 
 from __future__ import annotations
 
@@ -22,15 +22,11 @@ from safe_ompl.exchange.form import read_json
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.format import FORMAT as CERTIFICATE
 from safe_ompl.paths.certificate.format import check_form
-from safe_ompl.view.pictures.animation import ENDINGS
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.result import PlanResult
-from safe_ompl.view.content import ViewerContent
-from safe_ompl.view.browser.view import View
-from safe_ompl.view.recordings import read_recording
-from safe_ompl.view.pictures.animation import save_animation
-from safe_ompl.view.browser.view import save_page
+from safe_ompl.view import BrowserView, ViewerContent, read_recording, save_animation, save_page
+from safe_ompl.view.pictures.animation import ENDINGS
 from safe_ompl.view.recordings import ENDING
 
 _PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
@@ -154,7 +150,7 @@ class Show:
             error_console().print(f"view in {options.html}")
         if options.html is not None or options.animation is not None:
             return 0
-        view = View(content, port=options.port)
+        view = BrowserView(content, port=options.port)
         error_console().print(f"view at {view.url}; Ctrl-C ends it")
         try:
             view.run(browser=not options.no_browser)
@@ -167,7 +163,9 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
     robot = scenario.build_robot()
     start = scenario.start_configuration(robot)
     if options.planners == _NONE:  # also a start in collision can be looked at
-        return ViewerContent(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
+        return ViewerContent(
+            robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name
+        )
     setup = setup_scenario(scenario, robot)
     results = []
     for planner in options.planners:

@@ -43,6 +43,7 @@ def result_from_mapping(data: Mapping[str, Any], robot: Robot | None = None) -> 
     """
     names = tuple(document.sequence("joint_names", document.require(data, "joint_names")))
     path = document.require(data, "path")
+    planned = data.get("planned_path")
     about = data.get("problem")
     scene = danger = None
     if about is not None:
@@ -64,6 +65,7 @@ def result_from_mapping(data: Mapping[str, Any], robot: Robot | None = None) -> 
         improvements=tuple(Improvement(**item) for item in data.get("improvements", ())),
         interrupted=bool(data.get("interrupted", False)),
         moving_obstacles=data.get("moving_obstacles"),
+        planned_path=None if planned is None else finite_array(planned, (None, len(names)), "planned_path"),
         robot=robot,
         scene=scene,
         danger=danger,

@@ -178,9 +178,11 @@ class SafeSetup(TimedSetup):
         exact = self.haveExactSolutionPath()
         found = self.solution() if self.haveSolutionPath() else None
         planned = simplified = clock()
+        raw = None
         if found is not None and exact and duration is not None:
             left = time - (planned - begin)
             if left > 0:
+                raw = found
                 self._make_cheaper(min(duration, left) if duration else left, seed)
                 found = self.solution()
             else:
@@ -193,6 +195,7 @@ class SafeSetup(TimedSetup):
             *(name, int(seed), self.robot.joint_names),
             *(planned - begin, simplified - planned, counts),
             approximate_path=None if exact else found,
+            planned_path=raw,
         )
 
     def _validated(self, result: PlanResult, name: str, report: bool, begin: float) -> PlanResult:

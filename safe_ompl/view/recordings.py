@@ -15,7 +15,7 @@ from safe_ompl.live.ticks import read_ticks
 from safe_ompl.paths.certificate.portable import built_robot, built_scene
 from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.anatomy import STANDING
-from safe_ompl.view.content import ViewerContent, Keypoints, Movers
+from safe_ompl.view.content import Keypoints, Movers, ViewerContent
 
 ENDING = ".jsonl"
 

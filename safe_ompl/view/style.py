@@ -72,6 +72,7 @@ def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
 _CAPS = {
     ACCELERATION: "#8b96a1",
     "joint velocity": "#0b62b4",
+    "bends beside people": "#3aa0c9",
     "separation": "#c8452b",
     "separation or contact": "#c8452b",
     "danger": "#7d2f91",

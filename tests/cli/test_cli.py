@@ -17,9 +17,8 @@ from safe_ompl.benchmark.campaign import failure
 from safe_ompl.cli import main, pictures
 from safe_ompl.planners.registry import planner_names
 from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.view import render_comparison, render_path
 from safe_ompl.view.pictures import results
-from safe_ompl.view.pictures.path import render_path
-from safe_ompl.view.pictures.results import render_comparison
 
 RECORD = [
     "scenario",
@@ -120,7 +119,7 @@ def quick_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
         return lambda *arguments, **options: draw(*arguments, **{**options, **quality})
 
     monkeypatch.setattr(results, "render_path", coarse(render_path, ghosts=0))
-    monkeypatch.setattr(results, "render_comparison", coarse(render_comparison, panel=(60, 50)))
+    monkeypatch.setattr(pictures, "render_comparison", coarse(render_comparison, panel=(60, 50)))
 
 
 def strict(text: str) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from safe_ompl.view.browser.layers import PLANES
 
 if TYPE_CHECKING:
-    from safe_ompl.view.browser.view import View
+    from safe_ompl.view.browser.view import BrowserView
 
 _FRAME, _IDLE = 1 / 30, 0.1  # [s]
 _STEP = 1e-3
@@ -21,11 +21,11 @@ class Controls:
 
     Parameters
     ----------
-    view : View
+    view : BrowserView
         What it controls.
     """
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: BrowserView) -> None:
         self._view = view
         self._gui = view.server.gui
         self._facts = self._gui.add_markdown("")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from safe_ompl.view.content import Keypoints, Movers
-from collections.abc import Sequence
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,6 +12,7 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 from safe_ompl.scene.shapes.person import Person
+from safe_ompl.view.content import Keypoints, Movers
 from safe_ompl.view.pictures.bodies import RobotBody, limb_surfaces, obstacle_surfaces
 from safe_ompl.view.pictures.surface import Surface, tube
 from safe_ompl.view.style import Colour, rgb

@@ -12,10 +12,10 @@ from safe_ompl.arrays import FloatArray
 from safe_ompl.danger.field import DangerField
 from safe_ompl.errors import SafeOmplError
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.view.browser.figures import wxyz
 from safe_ompl.view.annotations import Nearest, NearestPoints
-from safe_ompl.view.style import Bytes, as_bytes, level_colours, rgb
+from safe_ompl.view.browser.figures import wxyz
 from safe_ompl.view.plots.paths import AXES, SIZE, plot_speeds
+from safe_ompl.view.style import Bytes, as_bytes, level_colours, rgb
 
 Plane = Literal["level", "facing x", "facing y"]
 PLANES: tuple[Plane, ...] = get_args(Plane)
@@ -189,9 +189,7 @@ class ClearanceLines:
         for k, _ in enumerate(nearest):
             colour = (_PEOPLE, _THINGS)[k]
             nothing = np.zeros((1, 2, 3))
-            self._lines.append(
-                view.add_line_segments(f"{name}/{k}", nothing, rgb(colour), thickness=0.01)
-            )
+            self._lines.append(view.add_line_segments(f"{name}/{k}", nothing, rgb(colour), thickness=0.01))
             self._labels.append(
                 view.add_label(f"{name}/{k}/length", "", anchor="center-left", font_screen_scale=0.8)
             )

@@ -14,8 +14,7 @@ from safe_ompl.view.browser.figures import MoverFigures, RobotFigure, RobotModel
 from safe_ompl.view.browser.layers import ClearanceLines, DangerPoints, FieldSlice, SpeedBoard
 from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.pictures.scene import DrawnScene
-from safe_ompl.view.style import as_bytes, gap_colours
-from safe_ompl.view.style import NEUTRAL, START_COLOUR, Colour, cap_colours, mixed, rgb
+from safe_ompl.view.style import NEUTRAL, START_COLOUR, Colour, as_bytes, cap_colours, gap_colours, mixed, rgb
 
 SAMPLES = 121
 _EVENLY = np.linspace(0.0, 1.0, SAMPLES)

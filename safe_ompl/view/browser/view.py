@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 from importlib import import_module
 from io import StringIO
@@ -14,6 +15,8 @@ import numpy as np
 
 from safe_ompl.arrays import FloatArray
 from safe_ompl.errors import SafeOmplError
+from safe_ompl.exchange.timed_motion import TimedMotion
+from safe_ompl.setup.result import PlanResult
 from safe_ompl.view.browser.controls import Controls
 from safe_ompl.view.browser.figures import RobotModel
 from safe_ompl.view.browser.layers import BOARD_SHAPE
@@ -30,7 +33,38 @@ _FIELD_OF_VIEW = 0.6  # [rad]
 _BACKGROUND = 245
 
 
-class View:
+def view(
+    shown: ViewerContent | PlanResult | TimedMotion | Sequence[PlanResult],
+    *,
+    port: int = PORT,
+    browser: bool = True,
+) -> None:
+    """Show paths in the browser, until Ctrl-C; needs the extra `safe-ompl[viewer]`.
+
+    Parameters
+    ----------
+    shown : PlanResult, sequence of PlanResult, TimedMotion or ViewerContent
+        What is shown; several results stand side by side.
+    port : int
+        Port of the server; the next free one if it is taken.
+    browser : bool
+        Whether to open it in the browser.
+
+    Raises
+    ------
+    InputError
+        If a result does not know its robot and scene, or they are about different ones.
+    SafeOmplError
+        If viser is not installed.
+    """
+    if isinstance(shown, TimedMotion):
+        shown = ViewerContent.of_motions([shown])
+    elif not isinstance(shown, ViewerContent):
+        shown = ViewerContent.of_results([shown] if isinstance(shown, PlanResult) else shown)
+    BrowserView(shown, port=port).run(browser=browser)
+
+
+class BrowserView:
     """A view of an content, served to browsers on this machine.
 
     Parameters
@@ -111,7 +145,9 @@ class View:
     def describe(self) -> list[str]:
         """Return for each path_view what there is to say of its robot, as Markdown."""
         share = self.share if self._on_path else None
-        return [path_view.describe(q, share) for path_view, q in zip(self.path_views, self._postures, strict=True)]
+        return [
+            path_view.describe(q, share) for path_view, q in zip(self.path_views, self._postures, strict=True)
+        ]
 
     def set_side_by_side(self, apart: bool) -> None:
         """Set the path_views beside each other, or all into one place, where only the first scene is shown."""
@@ -208,7 +244,7 @@ def save_page(content: ViewerContent, file: str | Path, *, slice_at: float | Non
     SafeOmplError
         If viser is not installed.
     """
-    view = View(content)
+    view = BrowserView(content)
     try:
         for path_view in view.path_views:
             if slice_at is not None and path_view.slice is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,9 +12,9 @@ from numpy.typing import NDArray
 from safe_ompl.arrays import FloatArray
 from safe_ompl.view.pictures.camera import Camera
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
-from safe_ompl.view.pictures.scene import DrawnScene, best_view
+from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tube
-from safe_ompl.view.style import Colour
+from safe_ompl.view.style import Colour, as_bytes, mixed
 
 if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
@@ -25,21 +26,50 @@ Image = NDArray[np.uint8]
 ACCENT: Colour = (0.09, 0.42, 0.78)
 START: Colour = (0.66, 0.67, 0.69)
 _COINCIDENCE = 1e-3  # sizes of the robot's motion by which bodies that share a place are told apart
-_TRACE = 0.006  # sizes of the robot's motion; radius of the trace of the tip
+TRACE, _THIN = (
+    0.006,
+    0.0022,
+)  # sizes of the robot's motion; radius of the trace of the tip, and of the planned one
+GHOSTS = 4
+PALE: Colour = (1.0, 1.0, 1.0)
 _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
 _DETAIL = 0.8  # pixels; what is smaller does not matter where bodies only hide ghosts
+
+
+@dataclass(frozen=True)
+class DrawnPath:
+    """A path, and how it is drawn.
+
+    Parameters
+    ----------
+    path : (N, n) array
+        Way points [rad or m]; between them the joints move on straight lines.
+    planned : (N', n) array, optional
+        The path before it was simplified; the way of its tip is drawn as a thin line.
+    closest : float, optional
+        Where along the path, as a fraction of its length, the robot is closest to an obstacle: this posture
+        will be among those shown.
+    accent : Colour, optional
+        Colour of the goal posture and of the trace of the tip.
+    subtitle : str
+        What to write under the name, for example "mean danger 3.9, closest 12 mm".
+    """
+
+    path: FloatArray
+    planned: FloatArray | None = None
+    closest: float | None = None
+    accent: Colour | None = None
+    subtitle: str = ""
 
 
 def render_path(
     robot: Robot,
     scene: Scene,
-    path: FloatArray,
+    path: FloatArray | DrawnPath,
     *,
     size: tuple[int, int] = (900, 700),
     camera: Camera | None = None,
-    accent: Colour = ACCENT,
-    ghosts: int = 4,
-    closest: float | None = None,
+    ghosts: int = GHOSTS,
     danger_points: bool = False,
 ) -> Image:
     """Draw a robot along a path: start in grey, goal in the accent colour, translucent postures between.
@@ -50,19 +80,14 @@ def render_path(
         Who moves.
     scene : Scene
         What stands around it.
-    path : (N, n) array
+    path : (N, n) array or DrawnPath
         Way points [rad or m]; between them the joints move on straight lines.
     size : (int, int)
         Width and height [px].
     camera : Camera, optional
         Where from; by default the direction that shows most of robot and people.
-    accent : Colour
-        Colour of the goal posture and of the trace of the tip.
     ghosts : int
         How many postures are shown between start and goal.
-    closest : float, optional
-        Where along the path, as a fraction of its length, the robot is closest to an obstacle: this posture
-        will be among those shown.
     danger_points : bool
         Whether the scene's danger points are drawn.
 
@@ -74,11 +99,12 @@ def render_path(
     Raises
     ------
     InputError
-        If the path is empty, has the wrong number of joints or is not finite.
+        If a path is empty, has the wrong number of joints or is not finite.
     """
-    drawn = DrawnScene(robot, scene, [path], danger_points=danger_points)
+    shown = path if isinstance(path, DrawnPath) else DrawnPath(path)
+    drawn = DrawnScene(robot, scene, [shown.path], danger_points=danger_points)
     renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
-    return draw(drawn, renderer, drawn.samples[0], accent, moments(ghosts, closest))
+    return draw(drawn, renderer, shown, ghosts)
 
 
 def choose_camera(
@@ -117,45 +143,38 @@ def moments(count: int, closest: float | None) -> FloatArray:
     return even
 
 
-def draw(
-    drawn: DrawnScene, renderer: Renderer, samples: FloatArray, accent: Colour, shown: FloatArray
-) -> Image:
-    """Return the picture of one path, see `render_path`.
-
-    Parameters
-    ----------
-    drawn : DrawnScene
-        Robot and scene.
-    renderer : Renderer
-        Camera and light.
-    samples : (S, n) array
-        The path at equal steps of its length.
-    accent : Colour
-        Colour of goal and trace.
-    shown : (G,) array
-        Fractions of the path at which a translucent posture is shown.
-    """
+def draw(drawn: DrawnScene, renderer: Renderer, shown: DrawnPath, ghosts: int) -> Image:
+    """Return the picture of one path of a scene with so many translucent postures, see `render_path`."""
+    samples, accent = resampled(drawn.robot, shown.path), shown.accent or ACCENT
     start, goal = samples[0], samples[-1]
-    trace = Surface.from_triangles(*tube(drawn.trace(samples), _TRACE * drawn.size))
     gap = _COINCIDENCE * drawn.size
     things = [
         ColouredSurface(drawn.body.posed(start), START, glossy=True),
         ColouredSurface(drawn.body.posed(goal, moved_from=start).inflated(gap), accent, glossy=True),
-        ColouredSurface(trace, accent),
+        ColouredSurface(trace(drawn, samples, TRACE), accent),
         *drawn.surroundings,
     ]
+    if shown.planned is not None:
+        planned = resampled(drawn.robot, shown.planned)
+        things.append(ColouredSurface(trace(drawn, planned, _THIN), mixed(accent, PALE, 0.35)))
     picture = tone_mapped(renderer.render(things))
 
     detail = _DETAIL * renderer.camera.pixel(renderer.size[1])
     solid = Surface.merged(thing.surface for thing in things).simplified(detail)
-    postures = [samples[round(share * (len(samples) - 1))] for share in shown]
+    shares = moments(ghosts, shown.closest)
+    postures = [samples[round(share * (len(samples) - 1))] for share in shares]
     bodies = [drawn.body.posed(q, moved_from=start).inflated(-gap - detail) for q in postures]
     layers = renderer.layers(solid, [(body, _glass(body, renderer)) for body in bodies])
-    for share, layer in zip(shown, layers, strict=True):
+    for share, layer in zip(shares, layers, strict=True):
         weight = _FIRST_TINT + (1.0 - _FIRST_TINT) * share
         tint = (1.0 - weight) * np.array(START) + weight * np.array(accent)
         picture = picture * (1.0 - layer[..., :1]) + tint * layer[..., 1:2]
-    return np.asarray(np.round(255.0 * np.clip(picture, 0.0, 1.0)), dtype=np.uint8)
+    return as_bytes(picture)
+
+
+def trace(drawn: DrawnScene, samples: FloatArray, width: float) -> Surface:
+    """Return the way of the tip as a tube; its radius is a share of the size of the robot's motion."""
+    return Surface.from_triangles(*tube(drawn.trace(samples), width * drawn.size))
 
 
 def _glass(body: Surface, renderer: Renderer) -> FloatArray:

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from safe_ompl.arrays import FloatArray
-from safe_ompl.benchmark.campaign import Summary
-from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
+from safe_ompl.errors import InputError, SafeOmplError
 from safe_ompl.paths.curve import Curve
 from safe_ompl.paths.measures import PROFILE_POINTS
 from safe_ompl.scene.shapes.person import Person
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.view.pictures.camera import Camera
-from safe_ompl.view.pictures.path import Image, draw, moments, render_path, renderer_of
+from safe_ompl.view.pictures.path import GHOSTS, DrawnPath, Image, draw, render_path
+from safe_ompl.view.pictures.rasteriser import Renderer
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
-from safe_ompl.view.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
-from safe_ompl.view.style import Colour, grid_columns, planner_styles
+from safe_ompl.view.plots import plot_plan
+from safe_ompl.view.style import grid_columns, planner_styles
 
 if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
@@ -48,12 +49,27 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
     left = render_path(
         setup.robot,
         setup.scene,
-        result.path,
+        drawn_path(result),
         size=(height * 5 // 4, height),
-        accent=planner_styles([result.planner])[result.planner].colour,
-        closest=result.report.clearance.at,
     )
     save_png(np.hstack([left, right]), file)
+
+
+def drawn_path(result: PlanResult) -> DrawnPath:
+    """Return the path of a solved plan as it is drawn: in the planner's colour, with danger and clearance in words."""
+    assert result.path is not None
+    assert result.report is not None
+    danger, clearance = result.report.danger, result.report.clearance
+    facts = [] if danger is None else [f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}"]
+    if clearance.obstacle is not None:
+        facts.append(f"clearance: min {1e3 * clearance.min:.0f} mm")
+    return DrawnPath(
+        result.path,
+        result.planned_path,
+        clearance.at if clearance.obstacle is not None else None,
+        planner_styles([result.planner])[result.planner].colour,
+        "; ".join(facts),
+    )
 
 
 def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
@@ -73,53 +89,20 @@ def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
     return {kind: distances[:, chosen].min(axis=1) for kind, chosen in kinds.items() if any(chosen)}
 
 
-def draw_comparison(setup: SafeSetup, summaries: Sequence[Summary], folder: Path) -> None:
-    """Draw what a campaign found: danger profiles and bands, times, and the robot along the typical paths."""
-    profiles = {summary.planner: summary.profiles for summary in summaries}
-    plot_profiles(profiles, folder / "profiles.png")
-    plot_bands(profiles, folder / "bands.png")
-    plot_times({s.planner: s.metrics["planning_time"] for s in summaries}, folder / "times.png")
-    plot_clearance_danger(
-        {s.planner: s.metrics["clearance_min"] for s in summaries},
-        {s.planner: s.metrics["danger_mean"] for s in summaries},
-        folder / "clearances.png",
-    )
-    typical = [summary.typical for summary in summaries if summary.typical]
-    if typical:
-        _draw_paths(setup, typical, folder / "paths.png")
-
-
-def _draw_paths(setup: SafeSetup, results: Sequence[PlanResult], file: Path) -> None:
-    paths, subtitles, closest = {}, {}, {}
-    for result in results:
-        if result.path is not None and result.report is not None and result.report.danger is not None:
-            danger, clearance = result.report.danger, result.report.clearance
-            paths[result.planner] = result.path
-            closest[result.planner] = clearance.at
-            subtitles[result.planner] = (
-                f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}; "
-                f"clearance: min {1e3 * clearance.min:.0f} mm"
-            )
-    render_comparison(setup.robot, setup.scene, paths, file, subtitles=subtitles, closest=closest)
-
-
 _CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
+_PLANNED = ", thin: before it was simplified"
 _GUTTER, _HEADING, _FOOT = 14, 52, 30  # [px] between panels, above each row, and below all
 
 
 def render_comparison(
     robot: Robot,
     scene: Scene,
-    paths: Mapping[str, FloatArray],
+    paths: Mapping[str, FloatArray | DrawnPath],
     file: str | Path,
     *,
-    subtitles: Mapping[str, str] | None = None,
-    closest: Mapping[str, float] | None = None,
-    accents: Mapping[str, Colour] | None = None,
     panel: tuple[int, int] | None = None,
     camera: Camera | None = None,
-    ghosts: int = 4,
-    danger_points: bool = False,
+    ghosts: int = GHOSTS,
 ) -> None:
     """Draw the paths of several planners, one panel each, and save the picture as a PNG file.
 
@@ -129,51 +112,38 @@ def render_comparison(
         Who moves.
     scene : Scene
         What stands around it.
-    paths : mapping of str to (N, n) array
-        Planner name → way points [rad or m].
+    paths : mapping of str to (N, n) array or DrawnPath
+        Planner name → way points [rad or m], or the path with what is said of it; without an accent it has the
+        planner's colour.
     file : path-like
         Where the picture goes.
-    subtitles : mapping of str to str, optional
-        Planner name → what to say under its name, for example "mean danger 3.9, closest 12 mm".
-    closest : mapping of str to float, optional
-        Planner name → where along its path the robot is closest to an obstacle; see `render_path`.
-    accents : mapping of str to Colour, optional
-        Planner name → colour; by default those of `safe_ompl.view.style`.
     panel : (int, int), optional
         Width and height of a panel [px]; by default smaller the more panels there are.
     camera : Camera, optional
         Where from; by default the direction that shows most of robot and people on all paths.
-    ghosts, danger_points
-        See `render_path`.
+    ghosts : int
+        How many postures are shown between start and goal.
 
     Raises
     ------
     InputError
-        If there is no path, or one cannot be used; if a subtitle or accent belongs to no path.
+        If there is no path, or one cannot be used.
     SafeOmplError
         If Matplotlib is not installed.
     """
     if not paths:
         raise InputError("no path to draw; give at least one")
-    subtitles, closest, accents = subtitles or {}, closest or {}, accents or {}
-    for name in [*subtitles, *closest, *accents]:
-        if name not in paths:
-            raise UnknownNameError("planner", name, paths)
-    size = panel or _panel_size(len(paths))
-    drawn = DrawnScene(robot, scene, list(paths.values()), danger_points=danger_points)
-    renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
     styles = planner_styles(paths)
+    shown = {name: path if isinstance(path, DrawnPath) else DrawnPath(path) for name, path in paths.items()}
+    size = panel or _panel_size(len(paths))
+    drawn = DrawnScene(robot, scene, [path.path for path in shown.values()])
+    renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
     images = [
-        draw(
-            drawn,
-            renderer,
-            way,
-            accents.get(name, styles[name].colour),
-            moments(ghosts, closest.get(name)),
-        )
-        for name, way in zip(paths, drawn.samples, strict=True)
+        draw(drawn, renderer, replace(path, accent=path.accent or styles[name].colour), ghosts)
+        for name, path in shown.items()
     ]
-    save_panels(list(paths), [subtitles.get(name, "") for name in paths], images, file)
+    caption = _CAPTION + (_PLANNED if any(path.planned is not None for path in shown.values()) else "")
+    save_panels(list(paths), [path.subtitle for path in shown.values()], images, file, caption)
 
 
 def save_png(image: Image, file: str | Path) -> None:
@@ -187,7 +157,7 @@ def save_png(image: Image, file: str | Path) -> None:
 
 
 def save_panels(
-    titles: Sequence[str], subtitles: Sequence[str], images: Sequence[Image], file: str | Path
+    titles: Sequence[str], subtitles: Sequence[str], images: Sequence[Image], file: str | Path, caption: str
 ) -> None:
     """Save pictures of equal size side by side, with a title and a subtitle above each, as a PNG file."""
     try:
@@ -208,7 +178,7 @@ def save_panels(
         figure.figimage(image, left, total_height - top - height, origin="upper")
         _write(figure, left + 2, top - 28, title, 13.0, "black", weight="bold")
         _write(figure, left + 2, top - 9, subtitle, 10.5, "0.3")
-    _write(figure, _GUTTER + 2, total_height - 10, _CAPTION, 9.5, "0.4")
+    _write(figure, _GUTTER + 2, total_height - 10, caption, 9.5, "0.4")
     Path(file).parent.mkdir(parents=True, exist_ok=True)
     canvas.print_png(str(file))
 

@@ -108,7 +108,9 @@ class DrawnScene:
     def landmarks(self) -> FloatArray:
         """Return the points (P, 3) that a picture must show: the robot's motion, and the scene near it."""
         centre = (self._actors.min(axis=0) + self._actors.max(axis=0)) / 2
-        around = np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in self.surroundings]) - centre
+        around = (
+            np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in self.surroundings]) - centre
+        )
         far = np.linalg.norm(around, axis=1, keepdims=True) / (_NEARBY * self.size)
         return np.vstack([self._actors, centre + around / np.maximum(far, 1.0)])
 

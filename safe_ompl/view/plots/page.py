@@ -68,11 +68,17 @@ class Page:
         self._style = matplotlib.rc_context(_STYLE)
         with matplotlib.rc_context(_STYLE):
             self.figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained" if arranged else None)
+            if arranged:  # what ends at the edge of the axes, such as a tick's label, is not cut
+                self.figure.get_layout_engine().set(rect=(0.008, 0.0, 0.98, 0.992))
             FigureCanvasAgg(self.figure)
 
     def __enter__(self) -> Page:
         self._style.__enter__()
         return self
+
+    def set_title(self, title: str) -> None:
+        """Write a title above all axes."""
+        self.figure.suptitle(title, x=0.01, ha="left", fontsize=12, weight="bold")
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         try:

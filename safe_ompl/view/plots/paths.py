@@ -18,6 +18,7 @@ from safe_ompl.view.plots.page import ALARM, ALONG, DANGER, DPI, GREY, Page, cur
 from safe_ompl.view.style import Colour, cap_colours, planner_styles
 
 _LINE = 0.08  # of the height of the axes: what a line of words needs
+_NEAR = 50.0  # [mm]; the clearance under which a path is too near, shaded
 _CLEARANCES = ("0.25", "0.62")
 
 
@@ -26,7 +27,6 @@ def plot_plan(
     file: str | Path | None,
     *,
     clearance: ArrayLike | Mapping[str, ArrayLike] | None = None,
-    near: float = 0.05,
     improvements: ArrayLike | None = None,
     planner: str = "",
     title: str | None = None,
@@ -42,8 +42,6 @@ def plot_plan(
         Danger at equal steps of the path.
     clearance : (S',) array, or mapping of str to (S',) array, optional
         Clearance at equal steps of the path [m]; or several, by what they are to, the most important one first.
-    near : float
-        Clearance under which the path is too near [m]; shaded.
     improvements : (K, 2) array, optional
         Of an optimisation: times [s] at which better paths were found, and their costs.
     planner : str
@@ -71,7 +69,7 @@ def plot_plan(
         lowest = upper
         if gaps is not None:
             lowest = page.figure.add_subplot(rows, 1, 2)
-            _draw_clearance(lowest, gaps, 1e3 * near)
+            _draw_clearance(lowest, gaps)
         lowest.set_xlabel(ALONG)
         if steps is not None:
             _draw_improvements(page.figure.add_subplot(rows, 1, rows), steps)
@@ -122,8 +120,8 @@ def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
     axes.set_ylim(0.0, top)
 
 
-def _draw_clearance(axes: Any, gaps: Mapping[str, FloatArray], near: float) -> None:
-    axes.axhspan(0.0, near, color=ALARM, alpha=0.12, linewidth=0)
+def _draw_clearance(axes: Any, gaps: Mapping[str, FloatArray]) -> None:
+    axes.axhspan(0.0, _NEAR, color=ALARM, alpha=0.12, linewidth=0)
     for k, (to, values) in enumerate(gaps.items()):
         at, colour = natural(len(values)), _CLEARANCES[k % len(_CLEARANCES)]
         axes.plot(at, values, color=colour, linewidth=2.4 if k == 0 else 1.6, label=f"to {to}")
@@ -136,19 +134,9 @@ def _draw_clearance(axes: Any, gaps: Mapping[str, FloatArray], near: float) -> N
     if len(gaps) > 1:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=len(gaps), borderaxespad=0.0)
     axes.set(ylabel="clearance [mm]", xlim=(0.0, 1.0))
-    axes.set_ylim(0.0, 1.12 * max(near, *(float(values.max()) for values in gaps.values())))
+    axes.set_ylim(0.0, 1.12 * max(_NEAR, *(float(values.max()) for values in gaps.values())))
 
 
-_COLOURS = {  # the same cap in every picture; distinct to the colour-blind
-    "joint velocity": "#0b62b4",
-    "bends beside people": "#7d2f91",
-    "separation": "#c8452b",
-    "separation or contact": "#c8452b",
-    "danger": "#b87a00",
-    "tool speed": "#00876a",
-    "link speed": "#6aa84f",
-}
-_OTHER = "#3a444f"
 _SAMPLES = 1500
 _JOINTS = ("#0b62b4", "#b87a00", "#00876a", "#7d2f91", "#c8452b", "#596675", "#6aa84f", "#3aa0c9")
 
@@ -181,7 +169,7 @@ def plot_motion(
     with Page(file, 7.5, 0.6 + 2.2 * rows + 0.8, dpi) as page:
         upper, *lower = page.figure.subplots(rows, 1, height_ratios=[1.5] + [1.0] * (rows - 1))
         _draw_speed(upper, trajectory)
-        upper.set_title(f"{trajectory.duration:.2f} s" if title is None else title)
+        page.set_title(f"{trajectory.duration:.2f} s" if title is None else title)
         times = np.linspace(0.0, trajectory.duration, _SAMPLES)
         state, limits = trajectory.at(times), trajectory.limits
         _draw_joints(lower[0], times, state.qd / limits.velocity, "velocity / limit")
@@ -195,7 +183,7 @@ def plot_motion(
             fontsize=8,
         )
         if danger is not None:
-            _draw_danger(lower[2], danger)
+            _draw_danger_in_motion(lower[2], danger)
         lower[-1].set_xlabel("time [s]")
     return page.figure
 
@@ -207,11 +195,12 @@ def _draw_speed(axes: Any, trajectory: Trajectory) -> None:
     speed = np.sqrt(law.squares_at(s))
     top = 1.15 * float(speed.max())
     binding = trajectory.binding()
+    colours = cap_colours(cap.name for cap in trajectory.caps)
     for cap in trajectory.caps:
         if np.isfinite(cap.speeds).any():
             bound = np.where(np.isfinite(cap.speeds), cap.speeds, np.nan)
-            axes.stairs(bound, law.edges, baseline=None, color=_colour(cap.name), linewidth=1.0, alpha=0.55)
-    axes.plot(s, speed, color="0.25", linewidth=2.0, label="accelerations")
+            axes.stairs(bound, law.edges, baseline=None, color=colours[cap.name], linewidth=1.0, alpha=0.55)
+    axes.plot(s, speed, color=colours[ACCELERATION], linewidth=2.4, label=ACCELERATION)
     middles = (s[1:] + s[:-1]) / 2
     cells = np.clip(np.searchsorted(law.edges, middles, side="right") - 1, 0, len(binding) - 1)
     names = np.array([binding[k] or "" for k in cells])
@@ -220,21 +209,13 @@ def _draw_speed(axes: Any, trajectory: Trajectory) -> None:
         bound[1:] |= names == cap.name
         if bound.any():
             line = np.where(bound, speed, np.nan)
-            axes.plot(s, line, color=_colour(cap.name), linewidth=3.4, solid_capstyle="butt", label=cap.name)
+            axes.plot(s, line, color=colours[cap.name], linewidth=3.4, solid_capstyle="butt", label=cap.name)
     for corner in trajectory.curve.stops:
         axes.axvline(trajectory.curve.starts[corner], color=GREY, linewidth=0.8, linestyle=(0, (2.0, 2.0)))
     axes.set(
         xlabel="arc length [rad]", ylabel="speed along the path [rad/s]", xlim=(0.0, s[-1]), ylim=(0.0, top)
     )
-    axes.legend(
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=4,
-        fontsize=8,
-        borderaxespad=0.2,
-        title="bounded by",
-    )
-    axes.get_legend().set_title(None)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=9, borderaxespad=0.2)
 
 
 def _draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) -> None:
@@ -245,7 +226,7 @@ def _draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) ->
     axes.set(ylabel=name, xlim=(0.0, times[-1]), ylim=(-1.15, 1.15))
 
 
-def _draw_danger(axes: Any, danger: MotionDanger) -> None:
+def _draw_danger_in_motion(axes: Any, danger: MotionDanger) -> None:
     axes.plot(danger.times, danger.values, color="0.25", linewidth=2.0)
     if np.isfinite(danger.proven_peak):
         axes.axhline(danger.proven_peak, color=ALARM, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
@@ -253,10 +234,6 @@ def _draw_danger(axes: Any, danger: MotionDanger) -> None:
         axes.set_title(note, loc="right", color=ALARM, fontsize=9, weight="normal")
     axes.set(ylabel="danger in motion", xlim=(0.0, danger.times[-1]))
     axes.set_ylim(0.0, 1.15 * max(danger.peak, 1e-9))
-
-
-def _colour(name: str) -> str:
-    return _COLOURS.get(name, _OTHER)
 
 
 SIZE = (6.0, 2.7)

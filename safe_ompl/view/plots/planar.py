@@ -74,7 +74,7 @@ def plot_bubbles(
             axes.set_title(words, weight="normal")
         right.set(xlabel=f"{robot.joint_names[0]} [rad]", ylabel=f"{robot.joint_names[1]} [rad]")
         _add_bubble_legend(page.figure)
-        page.figure.suptitle(title, x=0.01, ha="left", fontsize=12, weight="bold")
+        page.set_title(title)
     return page.figure
 
 
@@ -197,7 +197,7 @@ def plot_field(
         bar = page.figure.colorbar(shades, ax=panels, label="danger field [1/m]", shrink=0.9)
         bar.outline.set_edgecolor(GREY)
         bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:.1f}")
-        page.figure.suptitle(title, x=0.01, ha="left", fontsize=12, weight="bold")
+        page.set_title(title)
     return page.figure
 
 

@@ -74,7 +74,7 @@ def plot_bands(
         grid[0, 0].set_ylim(bottom=0.0)
         page.figure.supxlabel(ALONG, fontsize=11)
         page.figure.supylabel(DANGER, fontsize=11)
-        page.figure.suptitle(title, x=0.01, ha="left", fontsize=12, weight="bold")
+        page.set_title(title)
         _add_band_legend(page.figure)
     return page.figure
 

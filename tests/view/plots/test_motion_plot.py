@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from safe_ompl.danger.field import DangerField
+from safe_ompl.exchange.timed_motion import ACCELERATION
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 from safe_ompl.view.plots import plot_motion
@@ -28,7 +29,7 @@ def test_speed_and_what_binds_it(trajectory, tmp_path):
     speed, velocity, acceleration = plot_motion(trajectory, tmp_path / "motion.png").axes
     assert (tmp_path / "motion.png").stat().st_size > 10_000
     lines = {line.get_label(): line for line in speed.lines}
-    whole = lines["accelerations"]
+    whole = lines[ACCELERATION]
     assert whole.get_ydata().max() == pytest.approx(np.sqrt(trajectory.law.squares.max()))
     bound = lines["tool speed"].get_ydata()
     kept = np.isfinite(bound)
@@ -40,9 +41,22 @@ def test_speed_and_what_binds_it(trajectory, tmp_path):
         assert 0.3 < abs(shares).max() <= 1 + 1e-9
 
 
+def test_nothing_is_cut_at_the_edges(trajectory, tmp_path):
+    figure = plot_motion(trajectory, tmp_path / "motion.png")
+    renderer = figure.canvas.get_renderer()
+    width, height = figure.canvas.get_width_height()
+    for axes in figure.axes:
+        box = axes.get_tightbbox(renderer)
+        assert 0.005 * width < box.x0 < box.x1 < 0.99 * width
+        assert 0 < box.y0 < box.y1 <= height
+        frame = axes.get_window_extent(renderer)
+        assert frame.x1 < 0.985 * width, "a line at the end of the axes is drawn in full"
+
+
 def test_danger_and_its_proven_peak(trajectory, panda, tmp_path):
     danger = trajectory.danger(DangerField(panda, [[0.6, 0.4, 0.5]]).moving)
-    axes = plot_motion(trajectory, tmp_path / "motion.svg", danger=danger, title="mine").axes
-    assert axes[0].get_title(loc="left") == "mine"
+    figure = plot_motion(trajectory, tmp_path / "motion.svg", danger=danger, title="mine")
+    axes = figure.axes
+    assert figure.get_suptitle() == "mine"
     np.testing.assert_allclose(axes[3].lines[0].get_ydata(), danger.values)
     assert f"proven below {danger.proven_peak:.2f}" in axes[3].get_title(loc="right")

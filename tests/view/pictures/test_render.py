@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import builtins
 from typing import Any
 
 import numpy as np
 import pytest
 
-pytest.importorskip("mitsuba")
 pytest.importorskip("matplotlib")
 
 import coal
 from matplotlib.image import imread
 
-from safe_ompl.errors import InputError, SafeOmplError, UnknownNameError
+from safe_ompl.errors import InputError
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene import surfaces
 from safe_ompl.scene.obstacle import Obstacle
@@ -24,7 +22,7 @@ from safe_ompl.scene.shapes.basic import Box, Sphere
 from safe_ompl.scene.shapes.person import Person
 from safe_ompl.view.pictures.bodies import RobotBody, obstacle_surfaces
 from safe_ompl.view.pictures.camera import Camera, in_picture
-from safe_ompl.view.pictures.path import choose_camera, moments, render_path
+from safe_ompl.view.pictures.path import DrawnPath, choose_camera, moments, render_path
 from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Renderer, ZBuffer, tone_mapped
 from safe_ompl.view.pictures.results import render_comparison, save_png
 from safe_ompl.view.pictures.scene import DrawnScene
@@ -170,37 +168,11 @@ def test_azimuth_and_elevation_can_be_given(upright: Robot, scene: Scene) -> Non
     assert np.arcsin(back[2] / np.linalg.norm(back)) == pytest.approx(0.3)
 
 
-# ------------------------------------------------------------------------------------------------ ray tracing
+# ------------------------------------------------------------------------------------------------ renderer
 
 
 def _ball(radius: float, at: tuple[float, float, float]) -> Surface:
     return Surface.from_triangles(*tessellate(coal.Sphere(radius))).moved(np.eye(3), np.array(at))
-
-
-def test_the_empty_floor_has_its_value_everywhere() -> None:
-    camera = Camera.framing(np.eye(3), 0.3, 0.5, SMALL)
-    image = Studio(0.0, camera, SMALL, samples=4).render([])
-    assert image == pytest.approx(FLOOR_VALUE, abs=0.01)
-
-
-def test_layers_show_the_body_where_nothing_hides_it() -> None:
-    camera = Camera.framing(_ball(1.0, (0, 0, 0)).vertices, 0.0, 0.0, SMALL)
-    renderer = Studio(-1.0, camera, SMALL, samples=4)
-    body = _ball(0.5, (0, 0, 0))
-    values = np.tile((1.0, 0.5, 0.0), (len(body.vertices), 1))
-    free, hidden = (renderer.layers(_ball(0.3, at), [(body, values)])[0] for at in ((-1, 0, 0), (2, 0, 0)))
-    assert free[36, 48] == pytest.approx((1.0, 0.5, 0.0), abs=1e-3)
-    assert free[2, 2] == pytest.approx(0.0)
-    assert hidden[36, 48] == pytest.approx(0.0, abs=1e-3)
-
-
-def test_the_variant_of_the_caller_comes_back() -> None:
-    import mitsuba
-
-    mitsuba.set_variant("scalar_spectral")
-    Studio(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL, samples=1).render([])
-    assert mitsuba.variant() == "scalar_spectral"
-    mitsuba.set_variant("scalar_rgb")
 
 
 def test_development_keeps_order_and_range() -> None:
@@ -208,9 +180,6 @@ def test_development_keeps_order_and_range() -> None:
     assert (np.diff(values) >= 0).all()
     assert values[0] == 0.0
     assert values[-1] <= 1.0
-
-
-# ------------------------------------------------------------------------------------------- without ray tracing
 
 
 def test_a_z_buffer_keeps_what_is_nearest() -> None:
@@ -249,25 +218,12 @@ def test_what_is_behind_the_camera_is_not_drawn() -> None:
     assert (buffer.faces == -1).all()
 
 
-def test_the_empty_floor_of_a_quick_picture_has_its_value_everywhere() -> None:
+def test_the_empty_floor_has_its_value_everywhere() -> None:
     image = Renderer(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL).render([])
     assert image == pytest.approx(FLOOR_VALUE, abs=1e-6)
 
 
-def test_a_quick_picture_looks_like_a_ray_traced_one() -> None:
-    things = [
-        ColouredSurface(_ball(0.5, (0, 0, 0.5)), (0.8, 0.2, 0.2)),
-        ColouredSurface(_ball(0.2, (0, 1, 0.2)), (0.2, 0.2, 0.8)),
-    ]
-    camera = Camera.framing(Surface.merged(thing.surface for thing in things).vertices, 0.3, 0.5, SMALL)
-    quick = Renderer(0.0, camera, SMALL).render(things)
-    traced = Studio(0.0, camera, SMALL, samples=16).render(things)
-    assert np.abs(tone_mapped(quick) - tone_mapped(traced)).max(axis=2).mean() < 0.06
-    for channel in range(3):
-        assert np.corrcoef(quick[..., channel].ravel(), traced[..., channel].ravel())[0, 1] > 0.9
-
-
-def test_quick_layers_show_the_body_where_nothing_hides_it() -> None:
+def test_layers_show_the_body_where_nothing_hides_it() -> None:
     camera = Camera.framing(_ball(1.0, (0, 0, 0)).vertices, 0.0, 0.0, SMALL)
     renderer = Renderer(-1.0, camera, SMALL)
     body = _ball(0.5, (0, 0, 0))
@@ -345,9 +301,9 @@ def test_the_closest_moment_is_among_those_shown(
 
 def test_the_robot_shows_in_the_picture(planar: Robot, scene: Scene) -> None:
     camera = choose_camera(planar, scene, {"a": PATH})
-    drawn = render_path(planar, scene, PATH, size=SMALL, samples=4, camera=camera, ghosts=1)
-    drawn = DrawnScene(planar, scene, [PATH])
-    empty = tone_mapped(Studio(drawn.floor, camera, SMALL, 4).render(drawn.surroundings))
+    drawn = render_path(planar, scene, PATH, size=SMALL, camera=camera, ghosts=1)
+    drawn_scene = DrawnScene(planar, scene, [PATH])
+    empty = tone_mapped(Renderer(drawn_scene.floor, camera, SMALL).render(drawn_scene.surroundings))
     assert drawn.shape == (72, 96, 3)
     assert drawn.dtype == np.uint8
     changed = np.abs(drawn - 255.0 * empty).max(axis=2) > 40
@@ -356,18 +312,28 @@ def test_the_robot_shows_in_the_picture(planar: Robot, scene: Scene) -> None:
     assert blue.any()  # goal and trace have the accent colour
 
 
+def test_the_planned_path_is_a_thinner_line_than_the_simplified_one(planar: Robot) -> None:
+    around = np.array([PATH[0], [2.0, -1.0], PATH[-1]])
+    camera = choose_camera(planar, Scene(), {"a": PATH, "b": around})
+    views = [
+        render_path(planar, Scene(), path, size=(240, 180), camera=camera, ghosts=0).astype(int)
+        for path in (DrawnPath(PATH), DrawnPath(PATH, around), DrawnPath(around))
+    ]
+    thin, bold = ((np.abs(view - views[0]).max(axis=2) > 30).sum() for view in views[1:])
+    assert 20 < thin < 0.7 * bold
+
+
 def test_a_ghost_tints_the_picture(planar: Robot) -> None:
     scene = Scene()
     plain, ghostly = (
-        render_path(planar, scene, PATH, size=SMALL, samples=4, ghosts=count, danger_points=True)
-        for count in (0, 2)
+        render_path(planar, scene, PATH, size=SMALL, ghosts=count, danger_points=True) for count in (0, 2)
     )
     assert 0.01 < (np.abs(plain.astype(int) - ghostly).max(axis=2) > 10).mean() < 0.4
 
 
 def test_danger_points_are_red(planar: Robot, scene: Scene) -> None:
     drawn, plain = (
-        render_path(planar, scene, PATH, size=(240, 180), samples=4, ghosts=0, danger_points=shown)
+        render_path(planar, scene, PATH, size=(240, 180), ghosts=0, danger_points=shown)
         for shown in (True, False)
     )
     redder = drawn[..., 0].astype(int) - drawn[..., 1] > plain[..., 0].astype(int) - plain[..., 1] + 30
@@ -375,7 +341,7 @@ def test_danger_points_are_red(planar: Robot, scene: Scene) -> None:
 
 
 def test_the_same_picture_comes_out_twice(planar: Robot, scene: Scene) -> None:
-    first, second = (render_path(planar, scene, PATH, size=SMALL, samples=4, ghosts=1) for _ in range(2))
+    first, second = (render_path(planar, scene, PATH, size=SMALL, ghosts=1) for _ in range(2))
     assert np.array_equal(first, second)
 
 
@@ -384,13 +350,12 @@ def test_a_comparison_is_saved_with_a_panel_per_planner(planar: Robot, scene: Sc
     render_comparison(
         planar,
         scene,
-        {"RRTConnect": PATH, "SafeRRTConnect": PATH[::2]},
+        {
+            "RRTConnect": DrawnPath(PATH, accent=(1.0, 0.0, 0.0), subtitle="mean danger 3.9"),
+            "SafeRRTConnect": DrawnPath(PATH[::2], PATH, closest=0.3),
+        },
         file,
-        subtitles={"RRTConnect": "mean danger 3.9"},
-        closest={"SafeRRTConnect": 0.3},
-        accents={"RRTConnect": (1.0, 0.0, 0.0)},
         panel=SMALL,
-        samples=4,
         ghosts=1,
     )
     image = imread(file)
@@ -422,37 +387,21 @@ def test_a_path_that_cannot_be_drawn_says_why(planar: Robot, path: np.ndarray, m
         render_path(planar, Scene(), path, size=SMALL)
 
 
-@pytest.mark.parametrize(("size", "samples"), [((0, 72), 4), (SMALL, -1)])
-def test_a_picture_needs_pixels_and_samples(planar: Robot, size: tuple[int, int], samples: int) -> None:
-    with pytest.raises(InputError, match=r"at least 1 (pixel|sample)"):
-        render_path(planar, Scene(), PATH, size=size, samples=samples)
+def test_a_picture_needs_pixels(planar: Robot) -> None:
+    with pytest.raises(InputError, match="at least 1 pixel"):
+        render_path(planar, Scene(), PATH, size=(0, 72))
 
 
-def test_a_comparison_needs_paths_and_knows_its_names(planar: Robot, tmp_path: Any) -> None:
+def test_a_comparison_needs_paths(planar: Robot, tmp_path: Any) -> None:
     with pytest.raises(InputError, match="no path to draw"):
         render_comparison(planar, Scene(), {}, tmp_path / "a.png")
-    with pytest.raises(UnknownNameError, match="'PRM'; known: RRTConnect"):
-        render_comparison(planar, Scene(), {"RRTConnect": PATH}, tmp_path / "a.png", subtitles={"PRM": "x"})
-
-
-def test_without_mitsuba_the_extra_is_named(planar: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *rest: Any, **more: Any) -> Any:
-        if name.startswith("mitsuba"):
-            raise ImportError(name)
-        return real(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(SafeOmplError, match=r"safe-ompl\[plots\]"):
-        render_path(planar, Scene(), PATH, size=SMALL, samples=1)
 
 
 def test_one_picture_of_a_real_robot() -> None:
     robot = Robot.from_example("ur5")
     person = Obstacle("person", Person(), Pose((0.9, 0.0, -0.8)))
     path = np.array([[0.0, -1.2, 1.5, -1.8, -1.57, 0.0], [1.0, -1.2, 1.5, -1.8, -1.57, 0.0]])
-    drawn = render_path(robot, Scene((person,)), path, size=SMALL, samples=4, ghosts=1)
+    drawn = render_path(robot, Scene((person,)), path, size=SMALL, ghosts=1)
     assert drawn.std() > 10
     assert ColouredSurface(_ball(1.0, (0, 0, 0)), (1.0, 0.0, 0.0)).glossy is False
 

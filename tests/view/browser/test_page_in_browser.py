@@ -16,7 +16,7 @@ from safe_ompl import Box, Obstacle, Pose, Robot, Scene
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.view.browser.view import save_page
-from safe_ompl.view.content import ViewerContent, Movers
+from safe_ompl.view.content import Movers, ViewerContent
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 OPTIONS = (
@@ -52,7 +52,9 @@ def page(browser, tmp_path_factory, data_folder, request):
     )
     scene = Scene((Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.6, 0.0, 0.3)), weight=1.0),))
     content = (
-        ViewerContent(robot, scene, {"SafePRM": path}) if request.param == "path" else drive(robot, scene, path)
+        ViewerContent(robot, scene, {"SafePRM": path})
+        if request.param == "path"
+        else drive(robot, scene, path)
     )
     file = tmp_path_factory.mktemp("page") / "view.html"
     save_page(content, file)

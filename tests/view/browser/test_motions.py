@@ -133,9 +133,9 @@ def test_an_exhibit_plays_a_motion_as_it_is_in_time(motion, trajectory):
 
 def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
     pytest.importorskip("viser")
-    from safe_ompl.view.browser.view import View
+    from safe_ompl.view.browser.view import BrowserView
 
-    view = View(ViewerContent.of_motions([motion, motion]), port=8766)
+    view = BrowserView(ViewerContent.of_motions([motion, motion]), port=8766)
     try:
         assert list(view.content.paths) == ["SafeRRTConnect", "SafeRRTConnect, 2"]
         board = view.path_views[0].board
@@ -152,13 +152,13 @@ def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
 
 def test_robot_people_and_things_move_together(recording):
     pytest.importorskip("viser")
-    from safe_ompl.view.browser.view import View
+    from safe_ompl.view.browser.view import BrowserView
 
     content = read_recording(recording)
     assert content.playing_time == pytest.approx(9 * TICK)
     assert [o.name for o in content.still] == ["wall"]
     assert [o.name for o in content.scene_at_start] == ["box", "wall", "anna"]
-    view = View(content, port=8767)
+    view = BrowserView(content, port=8767)
     try:
         figures = view.path_views[0].movers
         head, box = figures._limbs["anna"]["head"][0], figures._things["box"][1][0]
@@ -196,15 +196,15 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
 @pytest.mark.parametrize("ending", [".webp", ".gif"])
 def test_a_film_moves(motion, tmp_path, ending, monkeypatch):
     image = pytest.importorskip("PIL.Image")
-    monkeypatch.setattr("safe_ompl.viewer.animation._FEWEST", 3)
+    monkeypatch.setattr("safe_ompl.view.pictures.animation.FEWEST_FRAMES", 3)
     file = tmp_path / f"animation{ending}"
     save_animation(ViewerContent.of_motions([motion]), file, rate=1.0)
-    animation = image.open(file)
-    assert animation.n_frames == 3
+    moving = image.open(file)
+    assert moving.n_frames == 3
     frames = []
-    for k in range(animation.n_frames):
-        animation.seek(k)
-        frames.append(np.asarray(animation.convert("L"), dtype=float))
+    for k in range(moving.n_frames):
+        moving.seek(k)
+        frames.append(np.asarray(moving.convert("L"), dtype=float))
     assert np.abs(frames[0] - frames[2])[60:].max() > 40
     with pytest.raises(InputError, match=r"\.webp or \.gif"):
         save_animation(ViewerContent.of_motions([motion]), tmp_path / "animation.mp4")
@@ -214,15 +214,15 @@ def test_in_the_film_of_a_recording_people_and_things_move(recording, tmp_path, 
     pytest.importorskip("PIL.Image")
     drawn = []
 
-    def render(renderer, things):
+    def render(_, things):
         people = [t for t in things if t.colour == SHIRT]
         drawn.append(
             (np.vstack([t.surface.vertices for t in people]).mean(axis=0) if people else None, things)
         )
         return np.zeros((8, 8, 3))
 
-    monkeypatch.setattr("safe_ompl.pictures.render.rasteriser.Renderer.render", render)
-    monkeypatch.setattr("safe_ompl.viewer.animation._FEWEST", 10)
+    monkeypatch.setattr("safe_ompl.view.pictures.rasteriser.Renderer.render", render)
+    monkeypatch.setattr("safe_ompl.view.pictures.animation.FEWEST_FRAMES", 10)
     content = read_recording(recording)
     save_animation(content, tmp_path / "drive.webp", rate=10.0)
     places = [place for place, _ in drawn]

@@ -10,14 +10,14 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.errors import InputError
 from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.view.plots import cspace
-from safe_ompl.view.plots.cspace import isosurface, plot_bubbles, plot_cspace_path
+from safe_ompl.view.plots import cspace, planar, plot_bubbles, plot_cspace_path
+from safe_ompl.view.plots.cspace import isosurface
 from safe_ompl.view.plots.planar import plot_field
 
 
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cspace, "_GRID_PIXELS", 31)
+    monkeypatch.setattr(planar, "_GRID_PIXELS", 31)
     monkeypatch.setattr(cspace, "_VOXELS", 13)
 
 

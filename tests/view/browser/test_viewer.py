@@ -94,9 +94,11 @@ def test_colours_darken_with_danger():
 @pytest.fixture
 def view(result):
     pytest.importorskip("viser")
-    from safe_ompl.view.browser.view import View
+    from safe_ompl.view.browser.view import BrowserView
 
-    view = View(ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765)
+    view = BrowserView(
+        ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765
+    )
     yield view
     view.stop()
 
