@@ -213,9 +213,14 @@ def _draw_speed(axes: Any, trajectory: Trajectory) -> None:
     for corner in trajectory.curve.stops:
         axes.axvline(trajectory.curve.starts[corner], color=GREY, linewidth=0.8, linestyle=(0, (2.0, 2.0)))
     axes.set(
-        xlabel="arc length [rad]", ylabel="speed along the path [rad/s]", xlim=(0.0, s[-1]), ylim=(0.0, top)
+        xlabel="arc length [rad]", ylabel="speed along the path [rad/s]", xlim=_span(s[-1]), ylim=(0.0, top)
     )
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=9, borderaxespad=0.2)
+
+
+def _span(end: float) -> tuple[float, float]:
+    """Return the limits of an axis from 0 to `end`, wide enough for lines that run along its ends."""
+    return -0.004 * end, 1.004 * end
 
 
 def _draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) -> None:
@@ -223,7 +228,7 @@ def _draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) ->
         axes.axhline(side, color=ALARM, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
     for k, values in enumerate(shares.T):
         axes.plot(times, values, color=_JOINTS[k % len(_JOINTS)], linewidth=1.2)
-    axes.set(ylabel=name, xlim=(0.0, times[-1]), ylim=(-1.15, 1.15))
+    axes.set(ylabel=name, xlim=_span(times[-1]), ylim=(-1.15, 1.15))
 
 
 def _draw_danger_in_motion(axes: Any, danger: MotionDanger) -> None:
@@ -232,7 +237,7 @@ def _draw_danger_in_motion(axes: Any, danger: MotionDanger) -> None:
         axes.axhline(danger.proven_peak, color=ALARM, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
         note = f"mean {danger.mean:.2f}, peak {danger.peak:.2f}, proven below {danger.proven_peak:.2f}"
         axes.set_title(note, loc="right", color=ALARM, fontsize=9, weight="normal")
-    axes.set(ylabel="danger in motion", xlim=(0.0, danger.times[-1]))
+    axes.set(ylabel="danger in motion", xlim=_span(danger.times[-1]))
     axes.set_ylim(0.0, 1.15 * max(danger.peak, 1e-9))
 
 
