@@ -38,6 +38,8 @@ class RobotBody:
         capsules along its skeleton.
     coarse : bool
         Draw the collision geometry, which has fewer triangles.
+    detail : float
+        What is smaller is not drawn [m].
 
     Attributes
     ----------
@@ -45,7 +47,7 @@ class RobotBody:
         Surfaces of the links, each in its own frame; none for a robot that has no bodies.
     """
 
-    def __init__(self, robot: Robot, *, coarse: bool = False) -> None:
+    def __init__(self, robot: Robot, *, coarse: bool = False, detail: float = 1e-5) -> None:
         self._robot = robot
         self._geometry = robot.shared.collision_model if coarse else robot.visual_model
         shown = {part.parentJoint for part in self._geometry.geometryObjects}
@@ -53,7 +55,7 @@ class RobotBody:
             if part.parentJoint not in shown:  # else the arm would be drawn in pieces
                 self._geometry.addGeometryObject(part)
         self.links = [
-            Surface.from_triangles(*tessellate(part.geometry)) for part in self._geometry.geometryObjects
+            Surface.coarsened(*tessellate(part.geometry), detail) for part in self._geometry.geometryObjects
         ]
 
     def posed(self, q: FloatArray, moved_from: FloatArray | None = None) -> Surface:

@@ -33,7 +33,6 @@ TRACE, _THIN = (
 GHOSTS = 4
 PALE: Colour = (1.0, 1.0, 1.0)
 _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
-_DETAIL = 0.8  # pixels; what is smaller does not matter where bodies only hide ghosts
 
 
 @dataclass(frozen=True)
@@ -157,18 +156,15 @@ def draw(drawn: DrawnScene, renderer: Renderer, shown: DrawnPath, ghosts: int) -
     if shown.planned is not None:
         planned = resampled(drawn.robot, shown.planned)
         things.append(ColouredSurface(trace(drawn, planned, _THIN), mixed(accent, PALE, 0.35)))
-    picture = tone_mapped(renderer.render(things))
-
-    detail = _DETAIL * renderer.camera.pixel(renderer.size[1])
-    solid = Surface.merged(thing.surface for thing in things).simplified(detail)
     shares = moments(ghosts, shown.closest)
     postures = [samples[round(share * (len(samples) - 1))] for share in shares]
-    bodies = [drawn.body.posed(q, moved_from=start).inflated(-gap - detail) for q in postures]
-    layers = renderer.layers(solid, [(body, _glass(body, renderer)) for body in bodies])
+    bodies = [drawn.body.posed(q, moved_from=start).inflated(-2.0 * gap) for q in postures]
+    linear, layers = renderer.render_layers(things, [(body, _glass(body, renderer)) for body in bodies])
+    picture = tone_mapped(linear)
     for share, layer in zip(shares, layers, strict=True):
         weight = _FIRST_TINT + (1.0 - _FIRST_TINT) * share
         tint = (1.0 - weight) * np.array(START) + weight * np.array(accent)
-        picture = picture * (1.0 - layer[..., :1]) + tint * layer[..., 1:2]
+        picture = picture * (1.0 - layer[..., :1]) + tint * layer[..., 1:]
     return as_bytes(picture)
 
 
@@ -178,10 +174,10 @@ def trace(drawn: DrawnScene, samples: FloatArray, width: float) -> Surface:
 
 
 def _glass(body: Surface, renderer: Renderer) -> FloatArray:
-    """Opacity of a glass body at its vertices, its brightness times opacity, and 0: (V, 3)."""
+    """Return the opacity of a glass body at its vertices, and its brightness times opacity: (V, 2)."""
     to_eye = renderer.camera.eye - body.vertices
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
     facing = np.einsum("ij,ij->i", to_eye, body.normals)
     lit = np.clip((body.normals * np.sign(facing)[:, None]) @ renderer.light_direction(), 0.0, 1.0)
     opacity = 0.34 + 0.45 * (1.0 - np.abs(facing)) ** 3
-    return np.column_stack([opacity, opacity * (0.72 + 0.44 * lit), np.zeros_like(lit)])
+    return np.column_stack([opacity, opacity * (0.72 + 0.44 * lit)])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from safe_ompl.arrays import FloatArray, IntArray
 from safe_ompl.errors import InputError
-from safe_ompl.maths.kernels.triangles import lit_shares, nearest_triangles
+from safe_ompl.maths.kernels.triangles import light_at, nearest_triangles
 from safe_ompl.view.pictures.camera import Camera, floor_nearness, in_picture, viewing_rays
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface
 
@@ -51,10 +51,36 @@ class Renderer:
 
     def render(self, things: Sequence[ColouredSurface]) -> FloatArray:
         """Return a picture of things on the floor: (height, width, 3), linear RGB."""
+        return self.render_layers(things, ())[0]
+
+    def render_layers(
+        self, things: Sequence[ColouredSurface], bodies: Iterable[tuple[Surface, FloatArray]]
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """Return a picture of things on the floor, and what is seen of bodies among them.
+
+        Parameters
+        ----------
+        things : sequence of ColouredSurface
+            What is solid.
+        bodies : iterable of (Surface, (V, C) array)
+            What is translucent, with values in [0, 1] per vertex.
+
+        Returns
+        -------
+        (height, width, 3) array
+            The picture without the bodies, linear RGB.
+        list of (height, width, C) array
+            Of each body alone the values of its vertices, 0 where it is not seen.
+        """
         solid = Surface.merged(thing.surface for thing in things)
-        thing_of_face = np.repeat(np.arange(len(things)), [len(thing.surface.faces) for thing in things])
         seen = ZBuffer.of(in_picture(self.camera, solid.vertices, self._fine), solid.faces, self._fine)
+        hidden = np.maximum(seen.nearness.ravel(), self._floor_nearness)
         faces = np.where(seen.nearness.ravel() > self._floor_nearness, seen.faces.ravel(), -1)
+        return self._picture(solid, things, faces), [self._layer(hidden, *body) for body in bodies]
+
+    def _picture(self, solid: Surface, things: Sequence[ColouredSurface], faces: IntArray) -> FloatArray:
+        """Return the picture of things, which make one solid of which subpixels (S,) see triangles, or -1."""
+        thing_of_face = np.repeat(np.arange(len(things)), [len(thing.surface.faces) for thing in things])
         light = _Light(solid, self._floor, self.light_direction())
         groups = np.append(1000 * thing_of_face + _facets(solid), -1)[faces]
         pixels, first = self._distinct(groups)
@@ -68,29 +94,36 @@ class Renderer:
         rays = viewing_rays(self.camera, self._fine, ground)
         places = self.camera.eye + rays / self._floor_nearness[ground, None]
         colours[ground] *= light.on_floor(places)[:, None]
-        return self._averaged(colours[first])
+        return _averaged(colours[first].reshape(self._fine[1], self._fine[0], 3))
 
-    def layers(self, solid: Surface, bodies: Iterable[tuple[Surface, FloatArray]]) -> list[FloatArray]:
-        """Return what is seen of each body alone, in the values of its vertices: (height, width, 3).
+    def _layer(self, hidden: FloatArray, surface: Surface, values: FloatArray) -> FloatArray:
+        """Return the values (V, C) of a body's vertices where it is nearer than what hides it: (height, width, C)."""
+        layer = np.zeros((self.size[1], self.size[0], values.shape[1]))
+        points = in_picture(self.camera, surface.vertices, self._fine)
+        left, top, right, bottom = self._window(points)
+        if left >= right or top >= bottom:
+            return layer
+        fine = ((right - left) * _SUBPIXELS, (bottom - top) * _SUBPIXELS)
+        corner = _SUBPIXELS * np.array([left, top])
+        seen = ZBuffer.of(points - (*corner, 0.0), surface.faces, fine)
+        row, column = np.nonzero(seen.nearness > 0.0)
+        pixels = (row + corner[1]) * self._fine[0] + column + corner[0]
+        nearer = seen.nearness[row, column] > hidden[pixels]
+        row, column, pixels = row[nearer], column[nearer], pixels[nearer]
+        image = np.zeros((fine[1], fine[0], values.shape[1]), dtype=np.float32)
+        image[row, column] = self._interpolated(values, surface, seen.faces[row, column], pixels)
+        layer[top:bottom, left:right] = np.clip(_averaged(image), 0.0, 1.0)
+        return layer
 
-        Parameters
-        ----------
-        solid : Surface
-            What may hide a body.
-        bodies : iterable of (Surface, (V, 3) array)
-            What may be seen, with three values in [0, 1] per vertex.
-        """
-        wall = ZBuffer.of(in_picture(self.camera, solid.vertices, self._fine), solid.faces, self._fine)
-        hidden = np.maximum(wall.nearness.ravel(), self._floor_nearness)
-        images = []
-        for surface, values in bodies:
-            points = in_picture(self.camera, surface.vertices, self._fine)
-            seen = ZBuffer.of(points, surface.faces, self._fine)
-            pixels = np.flatnonzero((seen.faces.ravel() >= 0) & (seen.nearness.ravel() > hidden))
-            image = np.zeros((len(hidden), 3), dtype=np.float32)
-            image[pixels] = self._interpolated(values, surface, seen.faces.ravel()[pixels], pixels)
-            images.append(np.clip(self._averaged(image), 0.0, 1.0))
-        return images
+    def _window(self, points: FloatArray) -> tuple[int, int, int, int]:
+        """Return the first column and row of the pixels that `points: (P, 3)` of subpixels span, and those after."""
+        shown = points[np.isfinite(points).all(axis=1), :2] / _SUBPIXELS
+        if not len(shown):
+            return 0, 0, 0, 0
+        low, high = np.floor(shown.min(axis=0)), np.ceil(shown.max(axis=0)) + 1.0
+        left, top = np.clip(low, 0, self.size).astype(int)
+        right, bottom = np.clip(high, 0, self.size).astype(int)
+        return int(left), int(top), int(right), int(bottom)
 
     def _distinct(self, groups: IntArray) -> tuple[IntArray, IntArray]:
         """Return subpixels that are alone in their group within their pixel, and for each subpixel its like there."""
@@ -106,16 +139,10 @@ class Renderer:
                 first[one] = np.where(fine[one] == fine[other], numbers[other], first[one])
         return np.flatnonzero(first == numbers), first.ravel()
 
-    def _averaged(self, fine: NDArray[np.float32]) -> FloatArray:
-        """Return the means (height, width, 3) of all pixels from their subpixels (S, 3)."""
-        rows = fine.reshape(self._fine[1], self._fine[0], 3)
-        parts = [rows[i::_SUBPIXELS, j::_SUBPIXELS] for i in range(_SUBPIXELS) for j in range(_SUBPIXELS)]
-        return np.asarray(sum(parts) / len(parts), dtype=float)
-
     def _interpolated(
         self, values: FloatArray, surface: Surface, faces: IntArray, pixels: IntArray
     ) -> FloatArray:
-        """Return values (V, 3) of vertices where the rays of pixels (P,) meet triangles (P,): (P, 3)."""
+        """Return values (V, C) of vertices where the rays of pixels (P,) meet triangles (P,): (P, C)."""
         corners = surface.faces[faces]
         a, b, c = (surface.vertices[corners[:, k]] for k in range(3))
         rays, away = viewing_rays(self.camera, self._fine, pixels), self.camera.eye - a
@@ -202,10 +229,21 @@ class _Light:
     def on(self, places: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the light (P,) at places (P, 3) of surfaces with normals (P, 3), and the share of the key light."""
         texels, heights = self._on_map(places + 1.5 * self._texel * normals)
-        lit = lit_shares(texels, heights, self._slants, self._maps, self._texel)
-        facing = np.clip(normals @ (self._directions / self._directions[:, 2:]).T, 0.0, None)
-        bounced = _BOUNCE * (0.5 - 0.5 * normals[:, 2])
-        return bounced + (lit * facing) @ self._shares, lit[:, _SKY_LIGHTS:].mean(axis=1)
+        lights = np.column_stack(
+            [
+                self._directions * (self._shares / self._directions[:, 2])[:, None],
+                np.repeat([0.0, 1.0 / _KEY_LIGHTS], [_SKY_LIGHTS, _KEY_LIGHTS]),
+            ]
+        )
+        raised = np.column_stack([texels, heights])
+        light, key = light_at(raised, normals, self._slants, lights, self._maps, self._texel)
+        return light + _BOUNCE * (0.5 - 0.5 * normals[:, 2]), key
+
+
+def _averaged(fine: NDArray[np.float32]) -> FloatArray:
+    """Return the means (height, width, C) of all pixels from their subpixels."""
+    parts = [fine[i::_SUBPIXELS, j::_SUBPIXELS] for i in range(_SUBPIXELS) for j in range(_SUBPIXELS)]
+    return np.asarray(sum(parts) / len(parts), dtype=float)
 
 
 def _facets(surface: Surface) -> IntArray:

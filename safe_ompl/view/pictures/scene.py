@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
     from safe_ompl.scene.scene import Scene
 
+_DETAIL = 1e-3  # sizes of the robot's motion; smaller than the pixel of a picture of a thousand rows
 _PATH_SAMPLES = 121  # of a path
 _NEARBY = 1.1  # sizes of the robot's motion within which the scene must be in view
 _GROUND = 1.2  # sizes of the robot's motion from which the lowest slab is the ground, and not a thing on it
@@ -71,7 +72,6 @@ class DrawnScene:
         if not len(paths):
             raise InputError("no path to draw; give at least one")
         self.robot = robot
-        self.body = RobotBody(robot)
         self.samples = [resampled(robot, path) for path in paths]
         coarse = RobotBody(robot, coarse=True)
         self._actors = np.vstack(
@@ -79,6 +79,7 @@ class DrawnScene:
         )
         self.ends = Surface.merged(coarse.posed(q) for s in self.samples for q in (s[0], s[-1]))
         self.size = float(np.linalg.norm(np.ptp(self._actors, axis=0)))
+        self.body = RobotBody(robot, detail=_DETAIL * self.size)
         self._set_scene(scene)
         if danger_points:
             dots = _dots(scene.danger_points()[0], 0.006 * self.size)

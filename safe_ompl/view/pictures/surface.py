@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from safe_ompl.scene.surfaces import Triangles
 from safe_ompl.view.style import Colour
 
 _AROUND = 32  # facets around a round shape
+_SMOOTH_GROUPS = 4  # of triangles at one vertex
 _SAME_PLACE, _SAME_DIRECTION = 1e-6, 1e-3  # [m], and of unit vectors
 
 
@@ -47,6 +49,12 @@ class Surface:
         normals, places = _corner_normals(vertices, faces, welded, np.cos(crease)), faces.reshape(-1)
         kept, index = _distinct_rows(np.column_stack([welded[places], np.round(normals / _SAME_DIRECTION)]))
         return cls(vertices[places[kept]], normals[kept], index.reshape(-1, 3))
+
+    @classmethod
+    def coarsened(cls, vertices: FloatArray, faces: IntArray, cell: float) -> Surface:
+        """Return the surface of triangles without what is smaller than a cell [m]."""
+        rough = cls(vertices, vertices, faces).simplified(cell)
+        return cls.from_triangles(rough.vertices, rough.faces)
 
     @classmethod
     def merged(cls, surfaces: Iterable[Surface]) -> Surface:
@@ -85,30 +93,31 @@ class Surface:
 
 
 def _corner_normals(vertices: FloatArray, faces: IntArray, welded: IntArray, cos_crease: float) -> FloatArray:
-    """Return normals (3 F, 3) of all triangle corners: area-weighted means over shallow neighbours.
+    """Return normals (3 F, 3) of all triangle corners: area-weighted means over neighbours that bend little.
 
+    The largest triangle at a vertex takes those together that bend less than the crease from it, the largest of the
+    rest does the same, and so on; triangles that are left after some rounds keep their own normals.
     `welded: (V,)` is the same for vertices in one place.
     """
     points = vertices[faces]
     area_normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
     unit = _normalised(area_normals)
-    face_of_corner = np.repeat(np.arange(len(faces)), 3)
-    vertex_of_corner = welded[faces.reshape(-1)]
-
-    order = np.argsort(vertex_of_corner, kind="stable")
-    fan = face_of_corner[order]
-    counts = np.bincount(vertex_of_corner)
-    size = counts[vertex_of_corner[order]]
-    start = np.concatenate(([0], np.cumsum(counts)[:-1]))[vertex_of_corner[order]]
-
-    total = area_normals[fan]
-    for shift in range(1, int(counts.max(initial=0))):
-        rows = np.flatnonzero(size > shift)
-        other = fan[start[rows] + (rows - start[rows] + shift) % size[rows]]
-        shallow = np.einsum("ij,ij->i", unit[fan[rows]], unit[other]) > cos_crease
-        total[rows[shallow]] += area_normals[other[shallow]]
-    normals = np.empty_like(total)
-    normals[order] = _normalised(total)
+    by_area = np.argsort(-np.einsum("ij,ij->i", area_normals, area_normals), kind="stable")
+    corners = (3 * by_area[:, None] + np.arange(3)).reshape(-1)
+    corners = corners[np.argsort(welded[faces.reshape(-1)[corners]], kind="stable")]
+    vertex = welded[faces.reshape(-1)[corners]]
+    normals = np.repeat(unit, 3, axis=0)
+    for _ in range(_SMOOTH_GROUPS):
+        if not len(corners):
+            break
+        new = np.concatenate([[True], vertex[1:] != vertex[:-1]])
+        first, group = np.flatnonzero(new), np.cumsum(new) - 1
+        face = corners // 3
+        close = np.einsum("ij,ij->i", unit[face], unit[face[first]][group]) > cos_crease
+        close[first] = True
+        means = _normalised(np.add.reduceat(np.where(close[:, None], area_normals[face], 0.0), first))
+        normals[corners[close]] = means[group[close]]
+        corners, vertex = corners[~close], vertex[~close]
     return normals
 
 
@@ -180,8 +189,8 @@ def _profile(geometry: Any, kind: str) -> FloatArray:
 
 
 def _mesh_triangles(model: Any) -> Triangles:
-    triangles = (model.tri_indices(i) for i in range(model.num_tris))
-    faces = np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.intp)
+    corners = map(itemgetter(0, 1, 2), map(model.tri_indices, range(model.num_tris)))
+    faces = np.array(list(corners), dtype=np.intp)
     return np.array(model.vertices(), dtype=float), faces.reshape(-1, 3)
 
 

@@ -160,7 +160,7 @@ def plot_clearance_danger(
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
         axes.set_title(title)
-        _add_planner_legend(axes, across)
+        _add_planner_legend(axes, across, scatteryoffsets=[0.5])
     return page.figure
 
 

@@ -44,6 +44,7 @@ ARM = """
   <joint name="wrist" type="fixed"><parent link="lower"/><child link="tip"/><origin xyz="0.3 0 0"/></joint>
 </robot>
 """
+GREY = (0.5, 0.5, 0.5)
 PATH = np.array([[-1.2, 0.3], [-0.4, 1.0], [0.9, 0.5]])
 
 
@@ -228,7 +229,8 @@ def test_layers_show_the_body_where_nothing_hides_it() -> None:
     renderer = Renderer(-1.0, camera, SMALL)
     body = _ball(0.5, (0, 0, 0))
     values = np.tile((1.0, 0.5, 0.0), (len(body.vertices), 1))
-    free, hidden = (renderer.layers(_ball(0.3, at), [(body, values)])[0] for at in ((-1, 0, 0), (2, 0, 0)))
+    walls = [[ColouredSurface(_ball(0.3, at), GREY)] for at in ((-1, 0, 0), (2, 0, 0))]
+    free, hidden = (renderer.render_layers(wall, [(body, values)])[1][0] for wall in walls)
     assert free[36, 48] == pytest.approx((1.0, 0.5, 0.0), abs=1e-3)
     assert free[2, 2] == pytest.approx(0.0)
     assert hidden[36, 48] == pytest.approx(0.0, abs=1e-3)
