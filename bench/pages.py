@@ -41,6 +41,7 @@ from safe_ompl.scenario.scenario import find_scenario
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.view import (
+    DrawnPath,
     ViewerContent,
     choose_camera,
     read_recording,
@@ -74,12 +75,12 @@ def simplification() -> None:
     robot, scene = Robot.from_example("ur5"), Scene((WORKER,))
     setup = SafeSetup(robot, scene)
     setup.setConfigurations(LEFT, RIGHT)
-    paths, words = {}, {}
+    paths = {}
     for name, simplify in (("as planned", False), ("simplified", True)):
         result = setup.plan("RRTConnect", time=5.0, seed=1, simplify=simplify)
-        paths[name] = result.path
-        words[name] = f"{result.report.length:.1f} rad, mean danger {result.report.danger.mean:.1f}"
-    render_comparison(robot, scene, paths, OUT / "simplification.png", subtitles=words, panel=(460, 400))
+        words = f"{result.report.length:.1f} rad, mean danger {result.report.danger.mean:.1f}"
+        paths[name] = DrawnPath(result.path, subtitle=words)
+    render_comparison(robot, scene, paths, OUT / "simplification.png", panel=(460, 400))
 
 
 def planar() -> None:
@@ -254,7 +255,7 @@ def region() -> None:
 
 
 FLOORS = (
-    ("doors", "cli · benchmark · pictures · viewer", "what a person or a script starts"),
+    ("doors", "cli · benchmark · view", "what a person or a script starts"),
     ("setup", "SafeSetup, plan, results; exchange: files", "OMPL's SimpleSetup for a robot in a scene"),
     ("planners", "planners · live", "paths by OMPL; replanning beside people"),
     ("paths", "paths · trajectories · people · plugins", "what happens to a path once it exists"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -23,54 +24,65 @@ class Controls:
     ----------
     view : BrowserView
         What it controls.
+    clock : callable
+        Returns the time [s] by which it plays.
+
+    Attributes
+    ----------
+    bar : viser slider
+        The play bar, where there is a path.
+    joints : list of viser sliders
+        One for each joint.
     """
 
-    def __init__(self, view: BrowserView) -> None:
-        self._view = view
+    def __init__(self, view: BrowserView, clock: Callable[[], float] = perf_counter) -> None:
+        self._view, self._clock = view, clock
         self._gui = view.server.gui
-        self._facts = self._gui.add_markdown("")
-        self._told = perf_counter()
+        self._text = self._gui.add_markdown("")
+        self._last = clock()
         self._playing = False
         self._following = False  # whether sliders follow the robot, and do not lead it
         if view.content.paths:
             self._add_play_bar()
         self._add_layers()
         self._add_joints()
-        self._tell()
+        self._describe()
 
     def advance(self) -> float:
         """Play on, if it plays; return after how long to come again [s]."""
         if not self._playing:
             return _IDLE
-        now = perf_counter()
-        share = self._view.share + (now - self._told) / self._view.content.playing_time * self._speed.value
-        self._told = now
-        self._go_to(share % 1.0)
+        now = self._clock()
+        share = self._view.share + (now - self._last) / self._view.content.playing_time * self._speed.value
+        self._last = now
+        self.go_to(share % 1.0)
         return _FRAME
 
     def _add_play_bar(self) -> None:
-        self._bar = self._gui.add_slider("path", 0.0, 1.0, _STEP, 0.0)
+        self.bar = self._gui.add_slider("path", 0.0, 1.0, _STEP, 0.0)
         self._button = self._gui.add_button("Play")
         self._speed = self._gui.add_slider("speed", 0.1, 3.0, 0.1, 1.0)
-        self._bar.on_update(lambda _: self._seek())
-        self._button.on_click(lambda _: self._play(not self._playing))
+        self.bar.on_update(lambda _: self._seek())
+        self._button.on_click(lambda _: self.play(not self._playing))
 
-    def _play(self, on: bool) -> None:
+    def play(self, on: bool) -> None:
+        """Start or stop playing."""
         self._playing = on
         self._button.label = "Pause" if on else "Play"
-        self._told = perf_counter()
+        self._last = self._clock()
 
     def _seek(self) -> None:
         if not self._following:
-            self._go_to(self._bar.value)
+            self.go_to(self.bar.value)
 
-    def _go_to(self, share: float) -> None:
+    def go_to(self, share: float) -> None:
+        """Bring the robots to a fraction of their paths, and all sliders with them."""
         self._view.go_to(share)
         self._following = True
-        self._bar.value = round(share / _STEP) * _STEP
-        self._follow()
+        self.bar.value = round(share / _STEP) * _STEP
+        self._update_sliders()
         self._following = False
-        self._tell()
+        self._describe()
 
     def _add_layers(self) -> None:
         path_views = self._view.path_views
@@ -134,7 +146,7 @@ class Controls:
     def _add_joints(self) -> None:
         robot, q = self._view.content.robot, self._view.q
         with self._gui.add_folder("Joints", expand_by_default=not self._view.content.paths):
-            self._joints = [
+            self.joints = [
                 self._gui.add_slider(
                     name,
                     float(low),
@@ -144,20 +156,20 @@ class Controls:
                 )
                 for name, low, high, value in zip(robot.joint_names, robot.lower, robot.upper, q, strict=True)
             ]
-        for slider in self._joints:
-            slider.on_update(lambda _: self._lead())
+        for slider in self.joints:
+            slider.on_update(lambda _: self._pose_by_sliders())
 
-    def _lead(self) -> None:
+    def _pose_by_sliders(self) -> None:
         if not self._following:
             if self._playing:
-                self._play(False)
-            self._view.pose(np.array([slider.value for slider in self._joints]))
-            self._tell()
+                self.play(False)
+            self._view.pose(np.array([slider.value for slider in self.joints]))
+            self._describe()
 
-    def _follow(self) -> None:
+    def _update_sliders(self) -> None:
         robot = self._view.content.robot
-        for slider, value in zip(self._joints, np.clip(self._view.q, robot.lower, robot.upper), strict=True):
+        for slider, value in zip(self.joints, np.clip(self._view.q, robot.lower, robot.upper), strict=True):
             slider.value = float(value)
 
-    def _tell(self) -> None:
-        self._facts.content = "\n\n".join(self._view.describe())
+    def _describe(self) -> None:
+        self._text.content = "\n\n".join(self._view.describe())

@@ -150,27 +150,34 @@ class MoverFigures:
         Who moves.
     scene : Scene
         Its obstacles that move are shown by `movers`.
+
+    Attributes
+    ----------
+    limbs : dict of str to dict of str to list of viser handles
+        Name of a person → name of a limb → its meshes.
+    things : dict of str to (Pose, list of viser handles)
+        Name of an obstacle that moves → where it was first, and its meshes.
     """
 
     def __init__(self, view: Any, name: str, movers: Movers, scene: Scene) -> None:
         self._view, self._name, self._movers = view, name, movers
-        self._limbs: dict[str, dict[str, list[Any]]] = {}
-        self._things = {
+        self.limbs: dict[str, dict[str, list[Any]]] = {}
+        self.things = {
             obstacle.name: (obstacle.pose, self._meshes(obstacle.name, obstacle_surfaces(obstacle)))
             for obstacle in scene
             if obstacle.name in movers.objects
         }
         for people in movers.people:
             for person in people:
-                if person not in self._limbs:
-                    self._limbs[person] = self._figure(person, people[person])
+                if person not in self.limbs:
+                    self.limbs[person] = self._figure(person, people[person])
         self.at(0.0)
 
     def at(self, time: float) -> None:
         """Show where all are at a time [s]."""
         sample = self._movers.sample(time)
         people, places = self._movers.people[sample], self._movers.places[sample]
-        for name, limbs in self._limbs.items():
+        for name, limbs in self.limbs.items():
             there = people.get(name)
             if there is not None:
                 for limb in Person(self._movers.heights[name], there).limbs():
@@ -178,7 +185,7 @@ class MoverFigures:
             for mesh in (mesh for meshes in limbs.values() for mesh in meshes):
                 if mesh.visible != (there is not None):
                     mesh.visible = there is not None
-        for name, (first, meshes) in self._things.items():
+        for name, (first, meshes) in self.things.items():
             if name in places:
                 _place(meshes, places[name].se3 * first.se3.inverse())
 

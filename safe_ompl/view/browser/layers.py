@@ -185,12 +185,12 @@ class ClearanceLines:
 
     def __init__(self, view: Any, name: str, nearest: Sequence[Nearest]) -> None:
         self._nearest = nearest
-        self._lines, self._labels = [], []
+        self._lines, self.labels = [], []
         for k, _ in enumerate(nearest):
             colour = (_PEOPLE, _THINGS)[k]
             nothing = np.zeros((1, 2, 3))
             self._lines.append(view.add_line_segments(f"{name}/{k}", nothing, rgb(colour), thickness=0.01))
-            self._labels.append(
+            self.labels.append(
                 view.add_label(f"{name}/{k}/length", "", anchor="center-left", font_screen_scale=0.8)
             )
         self._visible = True
@@ -198,7 +198,7 @@ class ClearanceLines:
     def show(self, visible: bool) -> None:
         """Show or hide them."""
         self._visible = visible
-        for node in (*self._lines, *self._labels):
+        for node in (*self._lines, *self.labels):
             node.visible = visible
 
     def found(self, q: FloatArray) -> list[NearestPoints]:
@@ -209,7 +209,7 @@ class ClearanceLines:
         """Show where the robot is nearest at `q: (n,)`."""
         if not self._visible:
             return
-        for nearest, line, label in zip(self._nearest, self._lines, self._labels, strict=True):
+        for nearest, line, label in zip(self._nearest, self._lines, self.labels, strict=True):
             found = nearest.at(q)
             line.visible = label.visible = found is not None
             if found is not None:
@@ -250,6 +250,10 @@ class SpeedBoard:
 
     Attributes
     ----------
+    cursor : viser handle
+        The line at the time that is shown.
+    labels : list of viser handles
+        Lines of words above the board.
     has_title : bool
         Whether it says the motion's name: it does where there is Matplotlib.
     """
@@ -278,10 +282,10 @@ class SpeedBoard:
                 wxyz=wxyz(turn),
                 position=centre,
             )
-        self._cursor = view.add_line_segments(
+        self.cursor = view.add_line_segments(
             f"{name}_cursor", np.zeros((1, 2, 3)), _CURSOR, thickness=0.006 * width
         )
-        self._labels = [
+        self.labels = [
             view.add_label(f"{name}_told_{k}", "", anchor="bottom-center", font_screen_scale=0.9)
             for k in range(_LINES)
         ]
@@ -292,9 +296,9 @@ class SpeedBoard:
         left, bottom, width, height = AXES
         share = left + width * min(time / self._motion.duration, 1.0)
         ends = np.array([self._place(share, bottom), self._place(share, bottom + height)])
-        self._cursor.points = ends[None].astype(np.float32)
+        self.cursor.points = ends[None].astype(np.float32)
         said = self._motion.remark(time).split("; ", _LINES - 1)
-        for k, label in enumerate(self._labels):
+        for k, label in enumerate(self.labels):
             label.text = said[k] if k < len(said) else ""
             label.visible = k < len(said)
             label.position = self._place(0.5, 1.04 + _LINE * (len(said) - 1 - k))

@@ -56,6 +56,8 @@ class PathView:
     points : DangerPoints or None
     slice : FieldSlice or None
     lines : ClearanceLines
+    label : viser handle or None
+        The name of the path, where no board says it.
     proof : viser handle or None
     """
 
@@ -88,13 +90,13 @@ class PathView:
         nearest = [Nearest(content.robot, group) for group in (people, things)]
         self.lines = ClearanceLines(view, f"{self.node}/clearance", nearest)
         tips = np.asarray(content.robot.keypoints_batch(self.samples)[:, -1])
-        self._label: Any = None
+        self.label: Any = None
         if colour is not None:
             if self.motion is None:
                 add_trace(view, f"{self.node}/trace", tips, colour)
             else:
                 add_timed_trace(view, f"{self.node}/trace", self.motion)
-            self._label = view.add_label(
+            self.label = view.add_label(
                 f"{self.node}/name", name, position=self._above(), anchor="bottom-center"
             )
         self.proof = None
@@ -140,9 +142,9 @@ class PathView:
         """Add a board with the speed against time, if the motion has times, see `SpeedBoard`."""
         if self.motion is not None:
             self.board = SpeedBoard(self._view, f"{self.node}/speed", self.motion, centre, width, facing)
-            if self._label is not None and self.board.has_title:
-                self._label.remove()  # the board says it
-                self._label = None
+            if self.label is not None and self.board.has_title:
+                self.label.remove()  # the board says it
+                self.label = None
 
     def add_floor(self, drawn: DrawnScene) -> None:
         """Add the floor of a drawn, and a pedestal where the robot would hang in the air."""

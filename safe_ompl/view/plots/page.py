@@ -62,14 +62,15 @@ class Page:
             import matplotlib
             from matplotlib.backends.backend_agg import FigureCanvasAgg
             from matplotlib.figure import Figure
+            from matplotlib.layout_engine import ConstrainedLayoutEngine
         except ImportError as missing:
             raise SafeOmplError("plots need Matplotlib: pip install 'safe-ompl[plots]'") from missing
         self._file = None if file is None else Path(file)
         self._style = matplotlib.rc_context(_STYLE)
         with matplotlib.rc_context(_STYLE):
-            self.figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained" if arranged else None)
-            if arranged:  # what ends at the edge of the axes, such as a tick's label, is not cut
-                self.figure.get_layout_engine().set(rect=(0.008, 0.0, 0.98, 0.992))
+            # The margin keeps what ends at the edge of the axes, such as a tick's label, from being cut.
+            layout = ConstrainedLayoutEngine(rect=(0.008, 0.0, 0.98, 0.992)) if arranged else None
+            self.figure = Figure(figsize=(width, height), dpi=dpi, layout=layout)
             FigureCanvasAgg(self.figure)
 
     def __enter__(self) -> Page:

@@ -121,7 +121,7 @@ def test_motions_that_make_no_sense_are_refused(setup, motion):
         plot_speeds([0.0, 1.0], [0.0, 1.0], {"cap": [1.0]}, [None, None], None)
 
 
-def test_an_exhibit_plays_a_motion_as_it_is_in_time(motion, trajectory):
+def test_a_view_plays_a_motion_as_it_is_in_time(motion, trajectory):
     content = ViewerContent.of_motions([motion])
     assert content.playing_time == pytest.approx(trajectory.duration)
     shares = np.array([0.0, 0.3, 0.7, 1.0])
@@ -139,13 +139,13 @@ def test_a_view_says_how_fast_it_is_and_what_bounds_it(motion):
     try:
         assert list(view.content.paths) == ["SafeRRTConnect", "SafeRRTConnect, 2"]
         board = view.path_views[0].board
-        assert view.path_views[0]._label is None, "the board says who it is"
+        assert view.path_views[0].label is None, "the board says who it is"
         view.go_to(0.5)
-        cursor = np.array(board._cursor.points)
+        cursor = np.array(board.cursor.points)
         assert "bounded by" in view.describe()[0]
         view.go_to(1.0)
-        assert np.linalg.norm(board._cursor.points - cursor) > 0.1
-        assert board._labels[0].text.startswith(f"{motion.duration:.2f} s: ")
+        assert np.linalg.norm(board.cursor.points - cursor) > 0.1
+        assert board.labels[0].text.startswith(f"{motion.duration:.2f} s: ")
     finally:
         view.stop()
 
@@ -161,7 +161,7 @@ def test_robot_people_and_things_move_together(recording):
     view = BrowserView(content, port=8767)
     try:
         figures = view.path_views[0].movers
-        head, box = figures._limbs["anna"]["head"][0], figures._things["box"][1][0]
+        head, box = figures.limbs["anna"]["head"][0], figures.things["box"][1][0]
         before, low = np.array(head.position), np.array(box.position)
         view.go_to(0.5)
         np.testing.assert_allclose(head.position - before, [0.4, 0.0, 0.0], atol=1e-6)
@@ -169,7 +169,7 @@ def test_robot_people_and_things_move_together(recording):
         assert view.q[0] == pytest.approx(0.45)
         assert "moving, 300 mm from wrist to anna's right hand" in view.describe()[0]
         view.go_to(1.0)
-        assert not head.visible  # she is seen no more
+        assert not head.visible  # the person is not seen any more
         assert "standing" in view.describe()[0]
         assert "she is near" in view.describe()[0]
     finally:
@@ -194,7 +194,7 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
 
 
 @pytest.mark.parametrize("ending", [".webp", ".gif"])
-def test_a_film_moves(motion, tmp_path, ending, monkeypatch):
+def test_an_animation_moves(motion, tmp_path, ending, monkeypatch):
     image = pytest.importorskip("PIL.Image")
     monkeypatch.setattr("safe_ompl.view.pictures.animation.FEWEST_FRAMES", 3)
     file = tmp_path / f"animation{ending}"
@@ -210,7 +210,7 @@ def test_a_film_moves(motion, tmp_path, ending, monkeypatch):
         save_animation(ViewerContent.of_motions([motion]), tmp_path / "animation.mp4")
 
 
-def test_in_the_film_of_a_recording_people_and_things_move(recording, tmp_path, monkeypatch):
+def test_in_the_animation_of_a_recording_people_and_things_move(recording, tmp_path, monkeypatch):
     pytest.importorskip("PIL.Image")
     drawn = []
 
@@ -227,7 +227,7 @@ def test_in_the_film_of_a_recording_people_and_things_move(recording, tmp_path, 
     save_animation(content, tmp_path / "drive.webp", rate=10.0)
     places = [place for place, _ in drawn]
     np.testing.assert_allclose(places[4] - places[0], [0.4, 0.0, 0.0], atol=1e-6)
-    assert places[9] is None, "she is seen no more, and stands nowhere"
+    assert places[9] is None, "the person is not seen any more, and stands nowhere"
     assert len({len(things) for _, things in drawn[:9]}) == 1, "nobody is drawn twice"
     boxes = [
         box.pose.position[2] for t in (0.0, 0.4) for box in content.movers.obstacles_at(t, content.scene)[1:]

@@ -58,7 +58,7 @@ def test_the_intervals_of_a_proof_cover_the_path(ur5, scene, result):
     assert "mm apart" in str(first)
 
 
-def test_an_exhibit_knows_where_a_path_goes(result):
+def test_a_view_knows_where_a_path_goes(result):
     content = ViewerContent.of_results([result])
     along = content.along(result.planner, np.array([0.0, 1.0]))
     np.testing.assert_allclose(along, [START, GOAL], atol=1e-9)
@@ -107,13 +107,13 @@ def test_sliders_and_play_bar_move_the_robots(view):
     from safe_ompl.view.browser.controls import Controls
 
     controls = Controls(view)
-    controls._go_to(0.5)  # as when it plays
+    controls.go_to(0.5)  # as when it plays
     middle = view.content.along("SafeRRTConnect", np.array([0.5]))[0]
     np.testing.assert_allclose(view.q, middle)
-    np.testing.assert_allclose([slider.value for slider in controls._joints], middle)
-    controls._bar.value = 1.0
+    np.testing.assert_allclose([slider.value for slider in controls.joints], middle)
+    controls.bar.value = 1.0
     np.testing.assert_allclose(view.q, GOAL, atol=1e-9)
-    controls._joints[0].value = 0.25
+    controls.joints[0].value = 0.25
     assert view.q[0] == pytest.approx(0.25)
     assert len(view.describe()) == 2
     assert "worker" in view.describe()[0]
@@ -122,17 +122,18 @@ def test_sliders_and_play_bar_move_the_robots(view):
 def test_playing_goes_on_by_itself(view):
     from safe_ompl.view.browser.controls import Controls
 
-    controls = Controls(view)
+    now = 100.0
+    controls = Controls(view, clock=lambda: now)
     before = view.share
     controls.advance()
     assert view.share == before
-    controls._play(True)
-    controls._told -= 1.0  # a second ago
+    controls.play(True)
+    now += 1.0
     controls.advance()
-    assert view.share > before
+    assert view.share == pytest.approx(before + 1.0 / view.content.playing_time)
 
 
-def test_booths_stand_apart_or_in_one_place(view):
+def test_paths_stand_apart_or_in_one_place(view):
     places = np.array([path_view.root.position for path_view in view.path_views])
     assert np.linalg.norm(places[0] - places[1]) > 1.0
     view.set_side_by_side(False)
