@@ -24,7 +24,6 @@ ENDINGS = (".webp", ".gif")
 PANEL = (420, 380)
 RATE = 12.5  # [Hz]
 FEWEST_FRAMES = 40
-_DETAIL = 0.7  # pixels; what is smaller is not drawn
 _HEADING, _GUTTER = 46, 8  # [px] above panels, and between them
 _REST = 1.2  # [s] that the last frame stays
 _QUALITY = 80  # of WebP, from 0 to 100
@@ -74,7 +73,7 @@ def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RA
 
 
 class _Frames:
-    """What all frames share: the scene, links without what is smaller than a pixel, camera and light.
+    """What all frames share: robot and scene, camera and light.
 
     Parameters
     ----------
@@ -94,10 +93,7 @@ class _Frames:
         styles = planner_styles(self.paths)
         self._colours = [styles[name].colour for name in self.paths]
         self._drawn = DrawnScene(content.robot, content.scene_at_start, list(self.paths.values()))
-        camera = best_view(self._drawn, PANEL)
-        self._renderer = Renderer(self._drawn.floor, camera, PANEL)
-        detail = _DETAIL * camera.pixel(PANEL[1])
-        self._drawn.body.links = [link.simplified(detail) for link in self._drawn.body.links]
+        self._renderer = Renderer(self._drawn.floor, best_view(self._drawn, PANEL), PANEL)
         times = shares * content.playing_time
         movers = content.movers
         self._moving = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot
     from safe_ompl.scene.scene import Scene
 
-_DETAIL = 1e-3  # sizes of the robot's motion; smaller than the pixel of a picture of a thousand rows
+_DETAIL = 5e-4  # sizes of the robot's motion; half a pixel of a picture of a thousand rows
 _PATH_SAMPLES = 121  # of a path
 _NEARBY = 1.1  # sizes of the robot's motion within which the scene must be in view
 _GROUND = 1.2  # sizes of the robot's motion from which the lowest slab is the ground, and not a thing on it
