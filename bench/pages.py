@@ -79,7 +79,7 @@ def simplification() -> None:
     for name, simplify in (("as planned", False), ("simplified", True)):
         result = setup.plan("RRTConnect", time=5.0, seed=1, simplify=simplify)
         words = f"{result.report.length:.1f} rad, mean danger {result.report.danger.mean:.1f}"
-        paths[name] = DrawnPath(result.path, subtitle=words)
+        paths[name] = DrawnPath(result.path, accent=(0.04, 0.38, 0.71), subtitle=words)
     render_comparison(robot, scene, paths, OUT / "simplification.png", panel=(460, 400))
 
 

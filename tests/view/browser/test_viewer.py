@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+import safe_ompl
 from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene, certificate
 from safe_ompl.view.annotations import Nearest, Proof
 from safe_ompl.view.content import ViewerContent
@@ -78,6 +79,23 @@ def test_results_that_cannot_be_shown_are_refused(result):
         ViewerContent.of_results([result, dataclasses.replace(result, scene=Scene())])
     with pytest.raises(InputError, match="no result"):
         ViewerContent.of_results([])
+
+
+def test_results_are_shown_from_the_package_and_still_by_themselves(result, monkeypatch):
+    shown = []
+
+    class Browser:
+        def __init__(self, content, port):
+            shown.append((list(content.paths), port))
+
+        def run(self, browser):
+            shown.append(browser)
+
+    monkeypatch.setattr("safe_ompl.view.browser.view.BrowserView", Browser)
+    safe_ompl.view([result, dataclasses.replace(result, planner="PRM")], port=8081)
+    with pytest.warns(DeprecationWarning, match=r"call safe_ompl\.view\(result\)"):
+        result.view(browser=False)
+    assert shown == [(["SafeRRTConnect", "PRM"], 8081), True, (["SafeRRTConnect"], 8080), False]
 
 
 def test_without_danger_there_is_no_field(ur5, scene):
