@@ -43,13 +43,13 @@ from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.view import (
     DrawnPath,
     ViewerContent,
-    choose_camera,
     read_recording,
     render_comparison,
     render_path,
     save_page,
     save_png,
 )
+from safe_ompl.view.pictures.path import choose_camera
 from safe_ompl.view.plots import plot_bubbles, plot_field, plot_profiles, plot_speeds
 
 ROOT = Path(__file__).parents[1]

@@ -25,9 +25,15 @@ from safe_ompl.paths.certificate.format import check_form
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.result import PlanResult
-from safe_ompl.view import BrowserView, ViewerContent, read_recording, save_animation, save_page
-from safe_ompl.view.pictures.animation import ENDINGS
-from safe_ompl.view.recordings import ENDING
+from safe_ompl.view import (
+    ANIMATION_ENDINGS,
+    RECORDING_ENDING,
+    BrowserView,
+    ViewerContent,
+    read_recording,
+    save_animation,
+    save_page,
+)
 
 _PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
 _NONE = ("none",)
@@ -87,7 +93,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     check_page(options.html)
     if options.slice is not None and options.html is None:
         raise InputError("is for --html; a live view has a slider for it", "--slice")
-    recordings = [name for name in options.what if Path(name).suffix.lower() == ENDING]
+    recordings = [name for name in options.what if Path(name).suffix.lower() == RECORDING_ENDING]
     if recordings:
         if len(options.what) > 1:
             raise InputError(f"one recording at a time, not {', '.join(options.what)}")
@@ -123,8 +129,8 @@ def _check_viewer() -> None:
 def _check_animation(file: str | None) -> None:
     if file is None:
         return
-    if Path(file).suffix.lower() not in ENDINGS:
-        raise InputError(f"{file!r} must end in {' or '.join(ENDINGS)}", "--animation")
+    if Path(file).suffix.lower() not in ANIMATION_ENDINGS:
+        raise InputError(f"{file!r} must end in {' or '.join(ANIMATION_ENDINGS)}", "--animation")
     advice = how_to_get_pictures()
     if advice:
         raise InputError(advice, "--animation")

@@ -15,30 +15,28 @@ if TYPE_CHECKING:
     from safe_ompl.view import plots
     from safe_ompl.view.browser.view import BrowserView, save_page, view
     from safe_ompl.view.content import ViewerContent
-    from safe_ompl.view.pictures.animation import save_animation
-    from safe_ompl.view.pictures.path import DrawnPath, choose_camera, render_path
+    from safe_ompl.view.pictures.animation import ANIMATION_ENDINGS, save_animation
+    from safe_ompl.view.pictures.path import DrawnPath, render_path
     from safe_ompl.view.pictures.results import draw_plan, drawn_path, render_comparison, save_png
-    from safe_ompl.view.recordings import read_recording
-    from safe_ompl.view.style import planner_styles
+    from safe_ompl.view.recordings import RECORDING_ENDING, read_recording
 
 _MODULES = {  # each is imported when one of its names is first asked for
     "browser.view": ("BrowserView", "save_page", "view"),
     "content": ("ViewerContent",),
-    "pictures.animation": ("save_animation",),
-    "pictures.path": ("DrawnPath", "choose_camera", "render_path"),
+    "pictures.animation": ("ANIMATION_ENDINGS", "save_animation"),
+    "pictures.path": ("DrawnPath", "render_path"),
     "pictures.results": ("draw_plan", "drawn_path", "render_comparison", "save_png"),
-    "recordings": ("read_recording",),
-    "style": ("planner_styles",),
+    "recordings": ("RECORDING_ENDING", "read_recording"),
 }
 
 __all__ = [
+    "ANIMATION_ENDINGS",
+    "RECORDING_ENDING",
     "BrowserView",
     "DrawnPath",
     "ViewerContent",
-    "choose_camera",
     "draw_plan",
     "drawn_path",
-    "planner_styles",
     "plots",
     "read_recording",
     "render_comparison",

@@ -17,7 +17,7 @@ from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.view.content import Keypoints, Movers, ViewerContent
 
-ENDING = ".jsonl"
+RECORDING_ENDING = ".jsonl"
 
 
 def read_recording(file: str | Path) -> ViewerContent:

@@ -297,11 +297,11 @@ class SpeedBoard:
         share = left + width * min(time / self._motion.duration, 1.0)
         ends = np.array([self._place(share, bottom), self._place(share, bottom + height)])
         self.cursor.points = ends[None].astype(np.float32)
-        said = self._motion.remark(time).split("; ", _LINES - 1)
+        lines = self._motion.remark(time).split("; ", _LINES - 1)
         for k, label in enumerate(self.labels):
-            label.text = said[k] if k < len(said) else ""
-            label.visible = k < len(said)
-            label.position = self._place(0.5, 1.04 + _LINE * (len(said) - 1 - k))
+            label.text = lines[k] if k < len(lines) else ""
+            label.visible = k < len(lines)
+            label.position = self._place(0.5, 1.04 + _LINE * (len(lines) - 1 - k))
 
     def _place(self, across: float, above: float) -> FloatArray:
         place: FloatArray = (

@@ -125,18 +125,18 @@ class PathView:
 
     def describe(self, q: FloatArray, share: float | None) -> str:
         """Return what there is to say of `q: (n,)` in words, as Markdown."""
-        said = [f"**{self.name or self._content.robot.name}**"]
+        lines = [f"**{self.name or self._content.robot.name}**"]
         field = self._content.danger_field
         if field is not None:
-            said.append(f"danger {field.value(q):.3f}")
-        said += [
+            lines.append(f"danger {field.value(q):.3f}")
+        lines += [
             f"{1e3 * found.distance:.0f} mm: {found.link} – {found.obstacle}" for found in self.lines.found(q)
         ]
         if self.motion is not None and share is not None:
-            said.append(self.motion.remark(share * self._content.playing_time))
+            lines.append(self.motion.remark(share * self._content.playing_time))
         if self._content.proof is not None and share is not None:
-            said.append(f"proven: {self._content.proof.at(share)}")
-        return "  \n".join(said)
+            lines.append(f"proven: {self._content.proof.at(share)}")
+        return "  \n".join(lines)
 
     def add_board(self, centre: FloatArray, width: float, facing: FloatArray) -> None:
         """Add a board with the speed against time, if the motion has times, see `SpeedBoard`."""

@@ -65,7 +65,7 @@ def view(
 
 
 class BrowserView:
-    """A view of an content, served to browsers on this machine.
+    """A view, served to browsers on this machine.
 
     Parameters
     ----------

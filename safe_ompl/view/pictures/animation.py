@@ -20,7 +20,7 @@ from safe_ompl.view.pictures.scene import DrawnScene, best_view
 from safe_ompl.view.pictures.surface import ColouredSurface
 from safe_ompl.view.style import NEUTRAL, as_bytes, mixed, planner_styles
 
-ENDINGS = (".webp", ".gif")
+ANIMATION_ENDINGS = (".webp", ".gif")
 PANEL = (420, 380)
 RATE = 12.5  # [Hz]
 FEWEST_FRAMES = 40
@@ -55,8 +55,8 @@ def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RA
     if not content.paths:
         raise InputError("there is no path to show in motion")
     ending = Path(file).suffix.lower()
-    if ending not in ENDINGS:
-        raise InputError(f"must end in {' or '.join(ENDINGS)}, got {str(file)!r}", "animation")
+    if ending not in ANIMATION_ENDINGS:
+        raise InputError(f"must end in {' or '.join(ANIMATION_ENDINGS)}, got {str(file)!r}", "animation")
     pillow = _pillow("Image")
     shares = np.linspace(0.0, 1.0, max(FEWEST_FRAMES, round(rate * content.playing_time) + 1))
     frames = _Frames(content, shares)

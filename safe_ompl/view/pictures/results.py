@@ -75,7 +75,7 @@ def drawn_path(result: PlanResult) -> DrawnPath:
 def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
     """Return the clearance [m] at equal steps of a path, from what is dangerous and from things, where there are any.
 
-    They are told apart because a shoulder is often as near to its table all along, nearer than the hand to a person.
+    They are separate because a shoulder is often as near to its table all along, nearer than the hand to a person.
     """
     curve = Curve(setup.robot, path)
     samples = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS))
@@ -113,7 +113,7 @@ def render_comparison(
     scene : Scene
         What stands around it.
     paths : mapping of str to (N, n) array or DrawnPath
-        Planner name → way points [rad or m], or the path with what is said of it; without an accent it has the
+        Planner name → way points [rad or m], or a path with its looks and subtitle; without an accent it has the
         planner's colour.
     file : path-like
         Where the picture goes.
