@@ -127,7 +127,7 @@ def call_the_rest() -> None:
     ones = np.ones((2, 2))
     stopping.stopping_speeds(np.ones(2), np.ones(2), ones, ones, np.ones(2), np.array([1, 1]))
     triangles.nearest_triangles(np.eye(3), np.array([[0, 1, 2]]), 4, 4)
-    triangles.lit_shares(ones, np.ones(2), ones, np.ones((2, 4, 4), np.float32), 0.0)
+    triangles.light_at(np.eye(3), np.eye(3), np.eye(2), np.eye(4)[:2], np.ones((2, 4, 4), np.float32), 0.0)
     links, places = np.array([[0, 1]]), np.arange(6.0).reshape(1, 2, 3)
     field.pulls(places, links, np.ones((1, 3, 2)), ones[:1].copy(), False)
 

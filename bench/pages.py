@@ -37,12 +37,20 @@ from safe_ompl import (
 from safe_ompl.cli.main import main
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.people import find_skeleton
-from safe_ompl.pictures.plots import plot_bubbles, plot_field, plot_profiles, plot_speeds
-from safe_ompl.pictures.render import choose_camera, render_comparison, render_path, save_png
 from safe_ompl.scenario.scenario import find_scenario
 from safe_ompl.scene.shapes.anatomy import STANDING
 from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.viewer import Exhibit, read_recording, save_page
+from safe_ompl.view import (
+    DrawnPath,
+    ViewerContent,
+    read_recording,
+    render_comparison,
+    render_path,
+    save_page,
+    save_png,
+)
+from safe_ompl.view.pictures.path import choose_camera
+from safe_ompl.view.plots import plot_bubbles, plot_field, plot_profiles, plot_speeds
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "pictures"
@@ -67,12 +75,12 @@ def simplification() -> None:
     robot, scene = Robot.from_example("ur5"), Scene((WORKER,))
     setup = SafeSetup(robot, scene)
     setup.setConfigurations(LEFT, RIGHT)
-    paths, words = {}, {}
+    paths = {}
     for name, simplify in (("as planned", False), ("simplified", True)):
         result = setup.plan("RRTConnect", time=5.0, seed=1, simplify=simplify)
-        paths[name] = result.path
-        words[name] = f"{result.report.length:.1f} rad, mean danger {result.report.danger.mean:.1f}"
-    render_comparison(robot, scene, paths, OUT / "simplification.png", subtitles=words, panel=(460, 400))
+        words = f"{result.report.length:.1f} rad, mean danger {result.report.danger.mean:.1f}"
+        paths[name] = DrawnPath(result.path, accent=(0.04, 0.38, 0.71), subtitle=words)
+    render_comparison(robot, scene, paths, OUT / "simplification.png", panel=(460, 400))
 
 
 def planar() -> None:
@@ -162,23 +170,23 @@ def save_reaching(file: str) -> None:
 
 def draw_moments(ticks: str) -> None:
     """Draw moments of a drive: on the way, slowed, standing before a hand, and on the way again."""
-    exhibit = read_recording(ticks)
-    motion, movers = exhibit.motions["live"], exhibit.movers
+    content = read_recording(ticks)
+    motion, movers = content.motions["live"], content.movers
     assert movers is not None
     states = np.array(motion.binding)
     stands = int(np.flatnonzero((states == "standing") & (motion.times > 1.0))[0])
     slowed = int(np.flatnonzero((states != "standing")[:stands])[-1]) - 4
     goes = stands + int(np.flatnonzero(states[stands:] == "moving")[0]) + 12
     shown = [max(stands - 30, 0), slowed, stands + 10, min(goes, len(states) - 1)]
-    still = [obstacle for obstacle in exhibit.scene if not isinstance(obstacle.shape, Person)]
+    still = [obstacle for obstacle in content.scene if not isinstance(obstacle.shape, Person)]
     scenes = [Scene((*still, *movers.people_at(motion.times[k]))) for k in shown]
     panel = (420, 400)
     everyone = Scene((*still, *movers.people_at(motion.times[shown[2]])))
     camera = choose_camera(
-        exhibit.robot, everyone, {"live": motion.configurations[shown]}, size=panel, azimuth=2.5
+        content.robot, everyone, {"live": motion.configurations[shown]}, size=panel, azimuth=2.5
     )
     images = [
-        render_path(exhibit.robot, scene, motion.configurations[[k, k]], size=panel, ghosts=0, camera=camera)
+        render_path(content.robot, scene, motion.configurations[[k, k]], size=panel, ghosts=0, camera=camera)
         for scene, k in zip(scenes, shown, strict=True)
     ]
     words = [f"{motion.times[k]:.1f} s: {motion.binding[k]}" for k in shown]
@@ -203,7 +211,7 @@ def viewer() -> None:
         options.add_argument(f"--{option}")
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "view.html"
-        save_page(Exhibit.of_motions([motion]), page)
+        save_page(ViewerContent.of_motions([motion]), page)
         driver = webdriver.ChromeService(shutil.which("chromedriver"))
         with webdriver.Chrome(options=options, service=driver) as browser:
             browser.get(page.as_uri())
@@ -247,7 +255,7 @@ def region() -> None:
 
 
 FLOORS = (
-    ("doors", "cli · benchmark · pictures · viewer", "what a person or a script starts"),
+    ("doors", "cli · benchmark · view", "what a person or a script starts"),
     ("setup", "SafeSetup, plan, results; exchange: files", "OMPL's SimpleSetup for a robot in a scene"),
     ("planners", "planners · live", "paths by OMPL; replanning beside people"),
     ("paths", "paths · trajectories · people · plugins", "what happens to a path once it exists"),

@@ -40,9 +40,9 @@ from ompl import util as ou
 from safe_ompl import DangerObjective, Robot, SafeSetup, Scene
 from safe_ompl.arrays import FloatArray
 from safe_ompl.paths.simplify.cost import PathCost
-from safe_ompl.pictures.plots.page import GREY, Page
-from safe_ompl.pictures.style import planner_styles
 from safe_ompl.planners.registry import make_planner
+from safe_ompl.view.plots.page import GREY, Page
+from safe_ompl.view.style import planner_styles
 
 OURS, RESTART = "Safe", "Restart"
 PLANNERS = (OURS, RESTART, "BITstar", "RRTstar", "InformedRRTstar", "TRRT", "BiTRRT", "GradienTRRT")

@@ -22,4 +22,4 @@ for planner in ("ClassicRRTConnect", "SafeRRTConnect"):
 
 shortened = setup.plan("SafeRRTConnect", time=10.0, seed=0, simplify=True)
 print(f"simplified: danger mean {shortened.report.danger.mean:.2f}, {shortened.report.length:.2f} rad")
-# result.view() shows it in the browser (pip install 'safe-ompl[viewer]').
+# safe_ompl.view(result) shows it in the browser (pip install 'safe-ompl[viewer]').

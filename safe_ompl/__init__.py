@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from safe_ompl.paths.certificate.issue import certificate
     from safe_ompl.paths.certificate.verifier.verify import verify
     from safe_ompl.people.replanning import Replanner
+    from safe_ompl.view import view
 
 _LATER = {  # what planning does without is imported when it is first asked for
     "Benchmark": "safe_ompl.benchmark.benchmark",
@@ -74,6 +75,7 @@ _LATER = {  # what planning does without is imported when it is first asked for
     "save": "safe_ompl.exchange.files",
     "verify": "safe_ompl.paths.certificate.verifier.verify",
 }
+_ROOMS = ("view",)  # modules that are public names; `view` can be called
 
 __all__ = [
     "Benchmark",
@@ -140,11 +142,14 @@ __all__ = [
     "simplify_danger",
     "time_path",
     "verify",
+    "view",
 ]
 
 
 def __getattr__(name: str) -> object:
-    """Import one of the names in `_LATER`, and keep it."""
+    """Import one of the names in `_LATER` or `_ROOMS`, and keep it."""
+    if name in _ROOMS:
+        return import_module(f"{__name__}.{name}")
     if name not in _LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found: object = getattr(import_module(_LATER[name]), name)

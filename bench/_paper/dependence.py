@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from _paper.tables import markdown_table
-from safe_ompl.pictures.plots.page import GREY, Page
+from safe_ompl.view.plots.page import GREY, Page
 
 _ROWS = (
     ("danger_ratio", "mean danger, safe/classic"),

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from _paper.evidence import Evidence
-from safe_ompl.pictures.plots import plot_bubbles, plot_cspace_path, plot_field
-from safe_ompl.pictures.render import render_path, save_png
-from safe_ompl.pictures.results import draw_comparison
-from safe_ompl.pictures.style import planner_styles
+from safe_ompl.cli.pictures import draw_comparison
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.view import render_path, save_png
+from safe_ompl.view.plots import plot_bubbles, plot_cspace_path, plot_field
+from safe_ompl.view.style import planner_styles
 
 _IN_CSPACE = ("ClassicRRTConnect", "SafeRRTConnect")
 _FIELD_POSES = ((0.6, 0.9), (1.4, -2.0))

@@ -14,8 +14,8 @@ from _paper.smoothing import Smoothing
 from _paper.studies import Pair
 from _paper.tables import markdown_table
 from safe_ompl.benchmark.campaign import BAND
-from safe_ompl.pictures.plots.page import GREY, Page
-from safe_ompl.pictures.style import PlannerStyle, planner_styles
+from safe_ompl.view.plots.page import GREY, Page
+from safe_ompl.view.style import PlannerStyle, planner_styles
 
 FIGURE = "smoothing.png"
 _CAPTION = "Mean danger of paths as planned and smoothed: mean over the runs and 15–85 %"

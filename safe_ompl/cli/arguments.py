@@ -33,7 +33,7 @@ def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> Non
     add_run_options(parser, usual_time)
 
 
-def add_run_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
+def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplify: bool = False) -> None:
     """Add time limit and seed."""
     parser.add_argument(
         "--time", type=seconds, metavar="SECONDS", help=f"time limit of a run (default: {usual_time})"
@@ -44,9 +44,10 @@ def add_run_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
         type=seconds,
         nargs="?",
         const=True,
-        default=False,
+        default=simplify,
         metavar="SECONDS",
-        help="make paths shorter and safer, for some time or until nothing more is to gain",
+        help="make paths shorter and safer, for some time or until nothing more is to gain"
+        + (" (default: the latter)" if simplify else ""),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +13,17 @@ from safe_ompl.benchmark.campaign import Campaign, Summary, default_planners, su
 from safe_ompl.cli.arguments import add_package_dirs, add_run_options, load_scenario
 from safe_ompl.cli.console import error_console, output_console, progress_bar
 from safe_ompl.cli.files import json_line, make_folder, opened
-from safe_ompl.cli.pictures import how_to_get_pictures
+from safe_ompl.cli.pictures import draw_comparison, how_to_get_pictures
 from safe_ompl.cli.plan import record
 from safe_ompl.cli.tables import comparison_table, durations_table
 from safe_ompl.cli.values import count, names
-from safe_ompl.pictures.results import draw_comparison
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.trajectories.faster import duration_of
 from safe_ompl.trajectories.timing import CELLS
 
-_RUNS = 30
+_RUNS = 10
 
 
 def add_command(commands: Any) -> None:
@@ -33,7 +32,8 @@ def add_command(commands: Any) -> None:
         "compare",
         help="compare planners: table, report.json and pictures",
         description="Run several planners with several seeds each, and compare them: a table, report.json, "
-        "and pictures of danger, times, and the robot along each planner's typical path.",
+        "and pictures of danger, times, and the robot along each planner's typical path. Paths are simplified; "
+        "the table, the report and the picture of the paths say what they were before.",
     )
     parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
     parser.add_argument(
@@ -45,7 +45,13 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--runs", type=count, default=_RUNS, metavar="N", help="runs of each planner (default: %(default)s)"
     )
-    add_run_options(parser, usual_time="the scenario's")
+    add_run_options(parser, usual_time="the scenario's", simplify=True)
+    parser.add_argument(
+        "--no-simplify",
+        dest="simplify",
+        action="store_false",
+        help="compare the paths as they are planned; by default they are simplified, and the table has both",
+    )
     parser.add_argument(
         "--processes",
         type=count,
@@ -93,15 +99,31 @@ class Compare:
         """Run the campaign, show the table, write the report, draw the pictures."""
         results = self._results()
         summaries = summarize(results)
+        planned = self._planned(results)
         durations = None
         if self.timed:
             durations = [self._duration(result) for result in results]
-        self._write_report(results, summaries, durations)
-        output_console().print(comparison_table(self.campaign, self.setup.robot.name, summaries))
+        self._write_report(results, summaries, planned, durations)
+        output_console().print(comparison_table(self.campaign, self.setup.robot.name, summaries, planned))
         if durations is not None:
             output_console().print(durations_table([result.planner for result in results], durations))
         self._draw(summaries)
         return 0 if all(summary.solved for summary in summaries) else 1
+
+    def _planned(self, results: Sequence[PlanResult]) -> list[Summary]:
+        """Return the summaries of the paths before they were simplified; none if no path was."""
+        found = [
+            result
+            if result.planned_path is None
+            else replace(
+                result,
+                path=result.planned_path,
+                report=self.setup.report(result.planned_path),
+                simplification_time=0.0,
+            )
+            for result in results
+        ]
+        return summarize(found) if any(result.planned_path is not None for result in results) else []
 
     def _duration(self, result: PlanResult) -> float | None:
         """Return how long a path takes [s], +inf where nothing allows motion; None where there is none."""
@@ -120,6 +142,7 @@ class Compare:
         self,
         results: Sequence[PlanResult],
         summaries: Sequence[Summary],
+        planned: Sequence[Summary],
         durations: Sequence[float | None] | None,
     ) -> None:
         name = self.campaign.scenario.name
@@ -128,6 +151,7 @@ class Compare:
             "robot": self.setup.robot.name,
             "seed": self.campaign.seed,
             "summary": [summary.as_dict() for summary in summaries],
+            "summary_as_planned": [summary.as_dict() for summary in planned],
             "runs": [record(name, self.setup.robot, result) for result in results],
         }
         for run, duration in zip(report["runs"], durations or (), strict=False):

@@ -28,7 +28,7 @@ from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 from safe_ompl.trajectories.trajectory import Trajectory
-from safe_ompl.viewer import read_recording, save_page
+from safe_ompl.view import read_recording, save_page
 
 _PLANNER = "SafeRRTConnect"
 

@@ -1,12 +1,17 @@
-"""A check that pictures can be drawn; they need the extra `safe-ompl[plots]`."""
+"""Pictures of commands: a check that they can be drawn (extra `safe-ompl[plots]`), and those of `compare`."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
+from safe_ompl.benchmark.campaign import Summary
 from safe_ompl.cli.files import check_writable
 from safe_ompl.errors import InputError
+from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.view import drawn_path, plots, render_comparison
 
 EXTRAS = ("matplotlib",)
 
@@ -29,3 +34,20 @@ def check_picture(file: str | None, option: str) -> None:
     if advice:
         raise InputError(advice, option)
     check_writable(file, option)
+
+
+def draw_comparison(setup: SafeSetup, summaries: Sequence[Summary], folder: Path) -> None:
+    """Draw what a campaign found: danger profiles and bands, times, and the robot along the typical paths."""
+    profiles = {summary.planner: summary.profiles for summary in summaries}
+    plots.plot_profiles(profiles, folder / "profiles.png")
+    plots.plot_bands(profiles, folder / "bands.png")
+    plots.plot_times({s.planner: s.metrics["planning_time"] for s in summaries}, folder / "times.png")
+    plots.plot_clearance_danger(
+        {s.planner: s.metrics["clearance_min"] for s in summaries},
+        {s.planner: s.metrics["danger_mean"] for s in summaries},
+        folder / "clearances.png",
+    )
+    # Without accents: planners beside each other choose their colours together.
+    typical = {s.planner: replace(drawn_path(s.typical), accent=None) for s in summaries if s.typical}
+    if typical:
+        render_comparison(setup.robot, setup.scene, typical, folder / "paths.png")

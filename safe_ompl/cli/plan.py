@@ -29,7 +29,6 @@ from safe_ompl.cli.verify import certificate_of
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
 from safe_ompl.exchange.results import result_to_mapping
-from safe_ompl.pictures.results import draw_plan
 from safe_ompl.planners.registry import make_planner
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
@@ -39,6 +38,7 @@ from safe_ompl.setup.optimise import COSTS
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.setup.safe_setup import SafeSetup
 from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.view import draw_plan
 
 
 def add_command(commands: Any) -> None:

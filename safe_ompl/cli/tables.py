@@ -88,19 +88,30 @@ def _chosen_columns(summaries: Sequence[Summary], more: Sequence[_Column] = ()) 
     return [_SOLVED, _TIME_COLUMN, *([_SIMPLIFICATION] if simplified else []), *_PATH, *more]
 
 
-def comparison_table(campaign: Campaign, robot: str, summaries: Sequence[Summary]) -> Table:
-    """Return a table with one row per planner: medians over the solved runs, the best ones marked."""
+def comparison_table(
+    campaign: Campaign, robot: str, summaries: Sequence[Summary], planned: Sequence[Summary] = ()
+) -> Table:
+    """Return a table with one row per planner: medians over the solved runs, the best ones marked.
+
+    Where paths were simplified, a second row says what they were before, from the summaries `planned`.
+    """
     title = f"{campaign.scenario.name} · {robot} · {campaign.runs} runs each"
     table = plain_table("planner", title=title, gap=1)
     table.caption = (
         f"Medians over the solved runs; {_BEST} best. near: length of path with less than 50 mm of "
         "clearance; checks: collision and margin queries"
+        + ("; as planned: the path before it was simplified" if planned else "")
     )
     columns = _chosen_columns(summaries, _WORK)
     _add_columns(table, columns)
     rows = zip(*(column.cells(summaries) for column in columns), strict=True)
+    before = {summary.planner: summary for summary in planned}
     for summary, cells in zip(summaries, rows, strict=True):
         table.add_row(summary.planner, *cells)
+        if summary.planner in before:
+            raw = before[summary.planner]
+            values = [column.written(raw) + " " if column in _PATH else "" for column in columns]
+            table.add_row("  as planned", *values, style="dim")
     return table
 
 

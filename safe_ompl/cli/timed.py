@@ -12,13 +12,13 @@ from safe_ompl.cli.values import limit
 from safe_ompl.errors import InputError
 from safe_ompl.exchange.form import marked
 from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.pictures.plots import plot_motion
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.result import PlanResult
 from safe_ompl.trajectories.danger import MotionDanger
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.trajectory import RATE, Trajectory
+from safe_ompl.view import plots
 
 
 def add_timed_options(parser: Any) -> None:
@@ -76,7 +76,7 @@ def show_timed(
         if danger is not None:
             output_console().print(told_danger(danger))
     if options.timed_plot:
-        plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
+        plots.plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
     if options.trajectory:
         with opened(options.trajectory) as stream:
             print(json_line(_saved(trajectory, result, options.rate or RATE)), file=stream)

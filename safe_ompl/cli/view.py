@@ -1,4 +1,4 @@
-"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or as a film."""
+"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or animated."""
 
 from __future__ import annotations
 
@@ -23,12 +23,18 @@ from safe_ompl.exchange.problems import unpacked_robot
 from safe_ompl.exchange.timed_motion import TimedMotion
 from safe_ompl.paths.certificate.schema import FORMAT as CERTIFICATE
 from safe_ompl.paths.certificate.schema import check_form
-from safe_ompl.pictures.render.animation import ENDINGS
 from safe_ompl.scenario.scenario import Scenario
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.result import PlanResult
-from safe_ompl.viewer import Exhibit, View, read_recording, save_film, save_page
-from safe_ompl.viewer.recordings import ENDING
+from safe_ompl.view import (
+    ANIMATION_ENDINGS,
+    RECORDING_ENDING,
+    BrowserView,
+    ViewerContent,
+    read_recording,
+    save_animation,
+    save_page,
+)
 
 _PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
 _NONE = ("none",)
@@ -89,7 +95,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     check_page(options.html)
     if options.slice is not None and options.html is None:
         raise InputError("is for --html; a live view has a slider for it", "--slice")
-    recordings = [name for name in options.what if Path(name).suffix.lower() == ENDING]
+    recordings = [name for name in options.what if Path(name).suffix.lower() == RECORDING_ENDING]
     if recordings:
         if len(options.what) > 1:
             raise InputError(f"one recording at a time, not {', '.join(options.what)}")
@@ -103,8 +109,8 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         return Show(lambda: _planned(scenario, options), options)
     if len(files) < len(options.what):
         raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
-    exhibit = _loaded(files, options.package_dir)
-    return Show(lambda: exhibit, options)
+    content = _loaded(files, options.package_dir)
+    return Show(lambda: content, options)
 
 
 def check_page(file: str | None) -> None:
@@ -125,8 +131,8 @@ def _check_viewer() -> None:
 def _check_animation(file: str | None) -> None:
     if file is None:
         return
-    if Path(file).suffix.lower() not in ENDINGS:
-        raise InputError(f"{file!r} must end in {' or '.join(ENDINGS)}", "--animation")
+    if Path(file).suffix.lower() not in ANIMATION_ENDINGS:
+        raise InputError(f"{file!r} must end in {' or '.join(ANIMATION_ENDINGS)}", "--animation")
     advice = how_to_get_pictures()
     if advice:
         raise InputError(advice, "--animation")
@@ -137,22 +143,22 @@ def _check_animation(file: str | None) -> None:
 class Show:
     """The job of `safe-ompl view`."""
 
-    exhibit: Callable[[], Exhibit]
+    content: Callable[[], ViewerContent]
     options: argparse.Namespace
 
     def __call__(self) -> int:
         """Write what is asked for, or serve the view until Ctrl-C."""
-        exhibit, options = self.exhibit(), self.options
+        content, options = self.content(), self.options
         if options.animation is not None:
             with error_console().status("drawing"):
-                save_film(exhibit, options.animation)
+                save_animation(content, options.animation)
             error_console().print(f"moving picture in {options.animation}")
         if options.html is not None:
-            save_page(exhibit, options.html, slice_at=options.slice)
+            save_page(content, options.html, slice_at=options.slice)
             error_console().print(f"view in {options.html}")
         if options.html is not None or options.animation is not None:
             return 0
-        view = View(exhibit, port=options.port)
+        view = BrowserView(content, port=options.port)
         error_console().print(f"view at {view.url}; Ctrl-C ends it")
         try:
             view.run(browser=not options.no_browser)
@@ -161,11 +167,13 @@ class Show:
         return 0
 
 
-def _planned(scenario: Scenario, options: argparse.Namespace) -> Exhibit:
+def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
     robot = scenario.build_robot()
     start = scenario.start_configuration(robot)
     if options.planners == _NONE:  # also a start in collision can be looked at
-        return Exhibit(robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name)
+        return ViewerContent(
+            robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name
+        )
     setup = setup_scenario(scenario, robot)
     results = []
     for planner in options.planners:
@@ -180,22 +188,22 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> Exhibit:
         if not result:
             error_console().print(f"safe-ompl: {planner} found no path: {result.status}")
         results.append(result)
-    return Exhibit.of_results(results, title=scenario.name, posture=start)
+    return ViewerContent.of_results(results, title=scenario.name, posture=start)
 
 
-def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> Exhibit:
+def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
     content = read_json(files[0])
     if isinstance(content, dict) and content.get("format") == CERTIFICATE:
         if len(files) > 1:
             raise InputError(f"one certificate at a time, not {', '.join(files)}")
         with document.within(files[0], ": "):
             check_form(content)
-            return Exhibit.of_certificate(content, unpacked_robot(content["robot"], package_dirs))
+            return ViewerContent.of_certificate(content, unpacked_robot(content["robot"], package_dirs))
     loaded = [load(file, package_dirs=package_dirs) for file in files]
     title = Path(files[0]).stem
     motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]
     if motions and len(motions) == len(files):
-        return Exhibit.of_motions(motions, title=title)
+        return ViewerContent.of_motions(motions, title=title)
     if motions and all(isinstance(thing, TimedMotion | PlanResult) for thing in loaded):
         raise InputError(f"either results or trajectories, not both: {', '.join(files)}")
     for file, thing in zip(files, loaded, strict=True):
@@ -203,4 +211,4 @@ def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> Exhibit:
             raise InputError(
                 f"must be a result, a certificate or a trajectory, not a {type(thing).__name__}", file
             )
-    return Exhibit.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)
+    return ViewerContent.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)

@@ -48,6 +48,7 @@ def result_from_mapping(
     """
     names = tuple(document.sequence("joint_names", document.require(data, "joint_names")))
     path = document.require(data, "path")
+    planned = data.get("planned_path")
     about = data.get("problem")
     scene = danger = None
     if about is not None:
@@ -69,6 +70,7 @@ def result_from_mapping(
         improvements=tuple(Improvement(**item) for item in data.get("improvements", ())),
         interrupted=bool(data.get("interrupted", False)),
         moving_obstacles=data.get("moving_obstacles"),
+        planned_path=None if planned is None else finite_array(planned, (None, len(names)), "planned_path"),
         robot=robot,
         scene=scene,
         danger=danger,

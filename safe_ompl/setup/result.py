@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -50,6 +51,8 @@ class PlanResult:
         Whether Ctrl-C ended simplification or optimisation: the path is the best so far.
     approximate_path : ndarray, shape (N, n), or None
         Where the planner came nearest to the goal without reaching it: validated, but no solution.
+    planned_path : ndarray, shape (M, n), or None
+        The path as the planner found it, where it was simplified.
     validation : Validation or None
         What is proven of the path, and what the user's own checks say of it.
     setup_time, validation_time : float
@@ -80,6 +83,7 @@ class PlanResult:
     validation_time: float = 0.0
     moving_obstacles: Mapping[str, Any] | None = None
     motion: CertifiedMotion | None = field(default=None, compare=False, repr=False)
+    planned_path: FloatArray | None = field(default=None, compare=False, repr=False)
 
     def timed(self, limits: RateLimits | None = None, **options: Any) -> Trajectory:
         """Return the path as a trajectory; parameters and errors of `time_path`.
@@ -181,19 +185,13 @@ class PlanResult:
         return {**vars(self), "robot": None, "scene": None, "danger": None, "motion": None}
 
     def view(self, *, port: int = 8080, browser: bool = True) -> None:
-        """Show the path in the browser, until Ctrl-C; needs the extra `safe-ompl[viewer]`.
+        """Show the path in the browser; deprecated: call `safe_ompl.view(result)`, which has the same options."""
+        warnings.warn(
+            "result.view() is deprecated: call safe_ompl.view(result)", DeprecationWarning, stacklevel=2
+        )
+        import safe_ompl  # the package itself: results know nothing of the room that shows them
 
-        Raises
-        ------
-        InputError
-            If the result does not know its robot and scene.
-        SafeOmplError
-            If viser is not installed.
-        """
-        # The one import that runs up: `result.view()` is what people type, and only they load the viewer.
-        from safe_ompl.viewer import Exhibit, View
-
-        View(Exhibit.of_results([self]), port=port).run(browser=browser)
+        safe_ompl.view(self, port=port, browser=browser)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""
@@ -220,6 +218,8 @@ class PlanResult:
         }
         if self.moving_obstacles is not None:
             told["moving_obstacles"] = dict(self.moving_obstacles)
+        if self.planned_path is not None:
+            told["planned_path"] = self.planned_path.tolist()
         if self.approximate_path is not None:
             told["approximate_path"] = self.approximate_path.tolist()
         if self.improvements:

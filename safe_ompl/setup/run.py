@@ -84,9 +84,11 @@ class Run:
         exact = setup.haveExactSolutionPath()
         found = setup.solution() if setup.haveSolutionPath() else None
         planned = simplified = clock()
+        raw = None
         if found is not None and exact and simplification is not None:
             left = time - (planned - begin)
             if left > 0:
+                raw = found
                 self._make_cheaper(min(simplification, left) if simplification else left)
                 found = setup.solution()
             else:
@@ -98,6 +100,7 @@ class Run:
             status=status.asString(),
             path=found if exact else None,
             approximate_path=None if exact else found,
+            planned_path=raw,
             planning_time=planned - begin,
             simplification_time=simplified - planned,
             counts=counts,

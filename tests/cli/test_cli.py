@@ -15,10 +15,10 @@ from ompl import util as ou
 
 from safe_ompl.benchmark.campaign import failure
 from safe_ompl.cli import main, pictures
-from safe_ompl.pictures import results
-from safe_ompl.pictures.render import render_comparison, render_path
 from safe_ompl.planners.registry import planner_names
 from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.view import render_comparison, render_path
+from safe_ompl.view.pictures import results
 
 RECORD = [
     "scenario",
@@ -119,7 +119,7 @@ def quick_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
         return lambda *arguments, **options: draw(*arguments, **{**options, **quality})
 
     monkeypatch.setattr(results, "render_path", coarse(render_path, ghosts=0))
-    monkeypatch.setattr(results, "render_comparison", coarse(render_comparison, panel=(60, 50)))
+    monkeypatch.setattr(pictures, "render_comparison", coarse(render_comparison, panel=(60, 50)))
 
 
 def strict(text: str) -> Any:
@@ -343,17 +343,35 @@ def test_compare_writes_table_and_report(run: Run, folder: Path, monkeypatch: py
     assert "no_such_module" in err
     assert "pip install" in err
     report = strict((folder / "deep/out/report.json").read_text())
-    assert list(report) == ["scenario", "robot", "seed", "summary", "runs"]
+    assert list(report) == ["scenario", "robot", "seed", "summary", "summary_as_planned", "runs"]
     assert [(run["planner"], run["seed"]) for run in report["runs"]] == [
         (planner, seed) for seed in range(7, 11) for planner in ("RRTConnect", "SafeRRTConnect")
     ]
     for record in report["runs"]:
-        assert list(record) == RECORD
+        assert list(record) == [*RECORD, "planned_path"]
         assert_solved_record(record)
+        assert record["planned_path"][0] == record["path"][0]
+    for summary, planned in zip(report["summary"], report["summary_as_planned"], strict=True):
+        assert planned["planner"] == summary["planner"]
+        assert planned["danger_mean"]["median"] > summary["danger_mean"]["median"]
+        assert planned["simplification_time"]["median"] == 0 < summary["simplification_time"]["median"]
+    assert out.count("as planned") == 3, "a row for each planner, and the caption"
     for summary in report["summary"]:
         assert summary["solved"] == summary["runs"] == 4
         assert list(summary["danger_mean"]) == ["median", "p15", "p85"]
         assert summary["typical_seed"] in range(7, 11)
+
+
+def test_compare_leaves_paths_as_planned_on_request(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pictures, "EXTRAS", ("no_such_module",))
+    status, out, _ = run("compare", "test.yaml", "--planners", "RRTConnect", "--runs", 1, "--no-simplify")
+    assert status == 0
+    assert "as planned" not in out
+    report = strict((folder / "compare-test/report.json").read_text())
+    assert report["summary_as_planned"] == []
+    assert list(report["runs"][0]) == RECORD
 
 
 @pytest.mark.usefixtures("quick_renderer")

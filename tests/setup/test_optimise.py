@@ -10,12 +10,12 @@ from safe_ompl.benchmark.campaign import Campaign, summarize
 from safe_ompl.cli import main
 from safe_ompl.errors import InputError
 from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.pictures.plots import plot_plan
 from safe_ompl.scenario.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
 from safe_ompl.setup.from_scenario import setup_scenario
 from safe_ompl.setup.optimise import Optimisation, optimise
 from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.view.plots import plot_plan
 
 
 @pytest.fixture(scope="module")

@@ -52,30 +52,43 @@ def nearest_triangles(
 
 
 @compiled
-def lit_shares(
-    places: FloatArray, heights: FloatArray, slants: FloatArray, maps: NDArray[np.float32], tolerance: float
-) -> NDArray[np.bool_]:
-    """Return whether each light sees each place: (P, L).
+def light_at(
+    places: FloatArray,
+    normals: FloatArray,
+    slants: FloatArray,
+    directions: FloatArray,
+    maps: NDArray[np.float32],
+    tolerance: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the light (P,) that surfaces receive at places, and the summed shares (P,) of the lights that see them.
 
     Parameters
     ----------
-    places : (P, 2) array
-        Columns and rows of the texels under them.
-    heights : (P,) array
-        Above the floor [m].
+    places : (P, 3) array
+        Columns and rows of the texels under them, and their heights above the floor [m].
+    normals : (P, 3) array
+        Unit normals of the surfaces.
     slants : (L, 2) array
         How far aside each light is, per metre of height [texels/m].
+    directions : (L, 4) array
+        Direction to each light, as long as it lights the open floor; and its share of what is counted.
     maps : (L, S, S) array
         For each light how high above the floor [m] the highest thing is on the ray that ends in each texel.
     tolerance : float
         How much higher that must be than a place to shade it [m].
     """
     size = maps.shape[1]
-    lit = np.ones((len(places), len(slants)), dtype=np.bool_)
+    light, counted = np.zeros(len(places)), np.zeros(len(places))
     for p in range(len(places)):
+        height = places[p, 2]
         for k in range(len(slants)):
-            column = round(places[p, 0] - heights[p] * slants[k, 0])
-            row = round(places[p, 1] - heights[p] * slants[k, 1])
-            if 0 <= column < size and 0 <= row < size:
-                lit[p, k] = maps[k, row, column] <= heights[p] + tolerance
-    return lit
+            column = round(places[p, 0] - height * slants[k, 0])
+            row = round(places[p, 1] - height * slants[k, 1])
+            inside = 0 <= column < size and 0 <= row < size
+            if inside and maps[k, row, column] > height + tolerance:
+                continue
+            towards = directions[k]
+            facing = normals[p, 0] * towards[0] + normals[p, 1] * towards[1] + normals[p, 2] * towards[2]
+            light[p] += max(facing, 0.0)
+            counted[p] += towards[3]
+    return light, counted

@@ -1,1 +1,0 @@
-"""Pictures: curves of danger and time, and renderings of robots along their paths."""

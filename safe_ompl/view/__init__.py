@@ -1,0 +1,76 @@
+"""Pictures, plots and the view in the browser.
+
+The browser needs the extra `safe-ompl[viewer]`, all pictures `safe-ompl[plots]`. The module can be called:
+`safe_ompl.view(result)` is `safe_ompl.view.view(result)`. Plots beyond those of one path are in `safe_ompl.view.plots`.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from safe_ompl.view import plots
+    from safe_ompl.view.browser.view import BrowserView, save_page, view
+    from safe_ompl.view.content import ViewerContent
+    from safe_ompl.view.pictures.animation import ANIMATION_ENDINGS, save_animation
+    from safe_ompl.view.pictures.path import DrawnPath, render_path
+    from safe_ompl.view.pictures.results import draw_plan, drawn_path, render_comparison, save_png
+    from safe_ompl.view.recordings import RECORDING_ENDING, read_recording
+
+_MODULES = {  # each is imported when one of its names is first asked for
+    "browser.view": ("BrowserView", "save_page", "view"),
+    "content": ("ViewerContent",),
+    "pictures.animation": ("ANIMATION_ENDINGS", "save_animation"),
+    "pictures.path": ("DrawnPath", "render_path"),
+    "pictures.results": ("draw_plan", "drawn_path", "render_comparison", "save_png"),
+    "recordings": ("RECORDING_ENDING", "read_recording"),
+}
+
+__all__ = [
+    "ANIMATION_ENDINGS",
+    "RECORDING_ENDING",
+    "BrowserView",
+    "DrawnPath",
+    "ViewerContent",
+    "draw_plan",
+    "drawn_path",
+    "plots",
+    "read_recording",
+    "render_comparison",
+    "render_path",
+    "save_animation",
+    "save_page",
+    "save_png",
+    "view",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Import one of the names in `_MODULES`, or the plots, and keep it."""
+    if name == "plots":
+        return import_module(f"{__name__}.plots")
+    for module, names in _MODULES.items():
+        if name in names:
+            found: object = getattr(import_module(f"{__name__}.{module}"), name)
+            globals()[name] = found
+            return found
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return all public names, those not yet imported too."""
+    return sorted({*globals(), *__all__})
+
+
+class _CallableModule(ModuleType):
+    """Lets people call `safe_ompl.view(result)`, a name that importing this module binds to the module."""
+
+    def __call__(self, *shown: Any, **options: Any) -> None:
+        """Show results in the browser, see `view`."""
+        self.view(*shown, **options)
+
+
+sys.modules[__name__].__class__ = _CallableModule

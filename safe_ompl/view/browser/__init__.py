@@ -1,0 +1,1 @@
+"""The view in the browser; the only folder that knows viser."""

@@ -1,0 +1,265 @@
+"""A view in the browser, live or as one HTML file that opens offline."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from time import sleep
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.errors import SafeOmplError
+from safe_ompl.exchange.timed_motion import TimedMotion
+from safe_ompl.setup.result import PlanResult
+from safe_ompl.view.browser.controls import Controls
+from safe_ompl.view.browser.figures import RobotModel
+from safe_ompl.view.browser.layers import BOARD_SHAPE
+from safe_ompl.view.browser.path_view import PathView
+from safe_ompl.view.content import ViewerContent
+from safe_ompl.view.pictures.scene import DrawnScene, best_view
+from safe_ompl.view.style import planner_styles
+
+PORT = 8080
+_SIZE = (1200, 800)  # [px] of the window that cameras are chosen for
+_APART = 1.15  # widths of a path_view from one to the next
+_BOARD = 1.25  # sizes of the robot's motion; width of a board
+_FIELD_OF_VIEW = 0.6  # [rad]
+_BACKGROUND = 245
+
+
+def view(
+    shown: ViewerContent | PlanResult | TimedMotion | Sequence[PlanResult],
+    *,
+    port: int = PORT,
+    browser: bool = True,
+) -> None:
+    """Show paths in the browser, until Ctrl-C; needs the extra `safe-ompl[viewer]`.
+
+    Parameters
+    ----------
+    shown : PlanResult, sequence of PlanResult, TimedMotion or ViewerContent
+        What is shown; several results stand side by side.
+    port : int
+        Port of the server; the next free one if it is taken.
+    browser : bool
+        Whether to open it in the browser.
+
+    Raises
+    ------
+    InputError
+        If a result does not know its robot and scene, or they are about different ones.
+    SafeOmplError
+        If viser is not installed.
+    """
+    if isinstance(shown, TimedMotion):
+        shown = ViewerContent.of_motions([shown])
+    elif not isinstance(shown, ViewerContent):
+        shown = ViewerContent.of_results([shown] if isinstance(shown, PlanResult) else shown)
+    BrowserView(shown, port=port).run(browser=browser)
+
+
+class BrowserView:
+    """A view, served to browsers on this machine.
+
+    Parameters
+    ----------
+    content : ViewerContent
+        What is shown.
+    port : int
+        Port of the server; the next free one if it is taken.
+    side_by_side : bool
+        Whether several paths stand beside each other; else all in one place.
+
+    Attributes
+    ----------
+    server : viser.ViserServer
+        The server; its `scene` may be added to.
+    path_views : list of PathView
+        One for each path.
+    share : float
+        Where on the paths the robots are, as a fraction of their length.
+
+    Raises
+    ------
+    SafeOmplError
+        If viser is not installed.
+    """
+
+    def __init__(self, content: ViewerContent, *, port: int = PORT, side_by_side: bool = True) -> None:
+        self.content = content
+        with redirect_stdout(StringIO()):  # viser prints a banner
+            self.server = _viser().ViserServer(
+                host="127.0.0.1", port=port, label=content.title, verbose=False
+            )
+        self.server.scene.set_up_direction("+z")
+        self.server.scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, dtype=np.uint8))
+        model = RobotModel(content.robot)
+        styles = planner_styles(content.paths)
+        names = list(content.paths) or [""]
+        self.path_views = [
+            PathView(self.server.scene, k, content, name, model, styles[name].colour if name else None)
+            for k, name in enumerate(names)
+        ]
+        self._set_camera()
+        self.set_side_by_side(side_by_side)
+        self.share = 0.0
+        self.go_to(0.0)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://127.0.0.1:{self.server.get_port()}"
+
+    def go_to(self, share: float) -> None:
+        """Bring all robots to a fraction of the length of their paths."""
+        self.share = float(np.clip(share, 0.0, 1.0))
+        self._postures = [path_view.at(self.share) for path_view in self.path_views]
+        self._on_path = True
+        self.refresh()
+
+    def pose(self, q: FloatArray) -> None:
+        """Bring all robots to the configuration `q: (n,)`."""
+        self._postures = [q] * len(self.path_views)
+        self._on_path = False
+        self.refresh()
+
+    @property
+    def q(self) -> FloatArray:
+        """The configuration (n,) of the first robot."""
+        return self._postures[0]
+
+    def refresh(self) -> None:
+        """Draw all robots, and what is drawn over them, once more."""
+        with self.server.atomic():
+            for path_view, q in zip(self.path_views, self._postures, strict=True):
+                path_view.pose(q)
+                if self._on_path:
+                    path_view.at_time(self.share * self.content.playing_time)
+
+    def describe(self) -> list[str]:
+        """Return for each path_view what there is to say of its robot, as Markdown."""
+        share = self.share if self._on_path else None
+        return [
+            path_view.describe(q, share) for path_view, q in zip(self.path_views, self._postures, strict=True)
+        ]
+
+    def set_side_by_side(self, apart: bool) -> None:
+        """Set the path_views beside each other, or all into one place, where only the first scene is shown."""
+        middle = 0.5 * (len(self.path_views) - 1)
+        for k, path_view in enumerate(self.path_views):
+            path_view.root.position = self._step * (k - middle) if apart else np.zeros(3)
+            path_view.scenery.visible = apart or k == 0
+        camera = self._camera_of(len(self.path_views) if apart else 1)
+        initial = self.server.initial_camera
+        initial.position, initial.look_at, initial.fov = camera.eye, camera.target, camera.field_of_view
+
+    def run(self, *, browser: bool = True) -> None:
+        """Serve the view until Ctrl-C.
+
+        Parameters
+        ----------
+        browser : bool
+            Whether to open it in the browser.
+        """
+        controls = Controls(self)
+        if browser:
+            webbrowser.open(self.url)
+        while True:
+            sleep(controls.advance())
+
+    def stop(self) -> None:
+        """Stop serving."""
+        with redirect_stdout(StringIO()):
+            self.server.stop()
+
+    def _set_camera(self) -> None:
+        paths = [path_view.samples for path_view in self.path_views]
+        drawn = DrawnScene(self.content.robot, self.content.scene_at_start, paths)
+        self._landmarks = drawn.landmarks()
+        self._view = best_view(drawn, (_SIZE[0] // len(paths), _SIZE[1]))
+        right = self._view.axes()[1]
+        across = self._landmarks @ right
+        self._step = _APART * float(np.ptp(across)) * right
+        for path_view in self.path_views:
+            path_view.add_floor(drawn)
+        if self.content.motions:
+            self._add_boards(_BOARD * drawn.size, right)
+
+    def _add_boards(self, width: float, right: FloatArray) -> None:
+        """Hang a board over each path_view, seen from the front by the camera."""
+        back, _ = self._view.axes()
+        facing = np.array([back[0], back[1], 0.0])
+        height = width * BOARD_SHAPE
+        centre = 0.5 * (self._landmarks.min(axis=0) + self._landmarks.max(axis=0))
+        centre[2] = self._landmarks[:, 2].max() + 0.65 * height
+        for path_view in self.path_views:
+            path_view.add_board(centre, width, facing)
+        corners = [
+            centre + 0.5 * (x * width * right + [0.0, 0.0, z * height]) for x in (-1, 1) for z in (-1, 1)
+        ]
+        self._landmarks = np.vstack([self._landmarks, *corners])
+        self._step = _APART * max(float(np.ptp(self._landmarks @ right)), width) * right
+
+    def _camera_of(self, path_views: int) -> Any:
+        """Return the camera that sees so many path_views beside each other."""
+        middle = 0.5 * (path_views - 1)
+        points = np.vstack([self._landmarks + self._step * (k - middle) for k in range(path_views)])
+        back, _ = self._view.axes()
+        azimuth, elevation = float(np.arctan2(back[1], back[0])), float(np.arcsin(back[2]))
+        return self._view.framing(points, azimuth, elevation, _SIZE, _FIELD_OF_VIEW)
+
+
+def _viser() -> Any:
+    try:
+        return import_module("viser")
+    except ImportError as missing:
+        raise SafeOmplError("the view needs viser: pip install 'safe-ompl[viewer]'") from missing
+
+
+_REST = 0.8  # [s] at the goal, before it begins again
+_RATE = 25.0  # [Hz] of frames, where a motion has times
+_FEWEST, _MOST = 97, 1501  # frames
+
+
+def save_page(content: ViewerContent, file: str | Path, *, slice_at: float | None = None) -> None:
+    """Write a view as one HTML file that needs no server and no network.
+
+    Parameters
+    ----------
+    content : ViewerContent
+        What is shown.
+    file : path-like
+        Where the page goes.
+    slice_at : float, optional
+        Height [m] of a level slice through the danger field, where there is one.
+
+    Raises
+    ------
+    SafeOmplError
+        If viser is not installed.
+    """
+    view = BrowserView(content)
+    try:
+        for path_view in view.path_views:
+            if slice_at is not None and path_view.slice is not None:
+                path_view.slice.move("level", slice_at)
+                path_view.slice.show(True)
+        view.go_to(0.0)
+        recording = view.server.get_scene_serializer()
+        if content.paths:
+            frames = (
+                int(np.clip(_RATE * content.playing_time, _FEWEST, _MOST)) if content.motions else _FEWEST
+            )
+            for share in np.linspace(0.0, 1.0, frames)[1:]:
+                recording.insert_sleep(content.playing_time / (frames - 1))
+                view.go_to(float(share))
+            recording.insert_sleep(_REST)
+        Path(file).write_text(recording.as_html(), encoding="utf-8")
+    finally:
+        view.stop()

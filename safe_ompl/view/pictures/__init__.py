@@ -1,0 +1,1 @@
+"""Three-dimensional pictures of robots along paths, drawn without a display."""

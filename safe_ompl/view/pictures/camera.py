@@ -1,0 +1,146 @@
+"""The camera of a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.errors import InputError
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera.
+
+    Parameters
+    ----------
+    eye, target, up : (3,) array
+        Where it stands, a point it looks at, and the direction that is up in the picture [m].
+    field_of_view : float
+        Vertical opening angle [rad].
+    """
+
+    eye: FloatArray
+    target: FloatArray
+    up: FloatArray
+    field_of_view: float
+
+    @classmethod
+    def framing(
+        cls,
+        points: FloatArray,
+        azimuth: float,
+        elevation: float,
+        size: tuple[int, int],
+        field_of_view: float = 0.5,
+        margin: float = 0.05,
+    ) -> Camera:
+        """Return the camera that looks from a direction and holds all points, as near as the margin allows.
+
+        Parameters
+        ----------
+        points : (P, 3) array
+            What must be in the picture [m].
+        azimuth, elevation : float
+            Direction from the points to the camera: about z from the x axis, and above the floor [rad].
+        size : (int, int)
+            Width and height of the picture [px].
+        field_of_view : float
+            Vertical opening angle [rad].
+        margin : float
+            Share of the picture left free at each side.
+
+        Raises
+        ------
+        InputError
+            If there are no points, one is not finite, or the picture has no pixels.
+        """
+        if min(size) < 1:
+            raise InputError(f"a picture needs at least 1 pixel; got {size[0]} by {size[1]}")
+        points = np.asarray(points, dtype=float).reshape(-1, 3)
+        if not len(points) or not np.isfinite(points).all():
+            raise InputError(f"a camera needs finite points to look at; got {len(points)} point(s)")
+        back, right, up = _camera_axes(azimuth, elevation)
+        x, y, z = points @ right, points @ up, points @ back
+        half_height = np.tan(field_of_view / 2) * (1.0 - 2.0 * margin)
+        eye_x, far_x = _fit(x, z, half_height * size[0] / size[1])
+        eye_y, far_y = _fit(y, z, half_height)
+        eye_z = max(far_x, far_y, float(z.max()) + 1e-3)
+        eye = eye_x * right + eye_y * up + eye_z * back
+        return cls(eye, eye - (eye_z - float(z.mean())) * back, up, field_of_view)
+
+    def axes(self) -> tuple[FloatArray, FloatArray]:
+        """Return the unit vectors (3,) back to the eye and to the right in the picture."""
+        back = (self.eye - self.target) / np.linalg.norm(self.eye - self.target)
+        return back, np.cross(self.up, back)
+
+    def key_light(self) -> FloatArray:
+        """Return the unit vector (3,) to the main light of a picture: high over the left shoulder of the camera."""
+        back = (self.eye - self.target - 0.35 * self.up) * (1.0, 1.0, 0.0)
+        back = back / np.linalg.norm(back)
+        left = np.cross(back, (0.0, 0.0, 1.0))
+        key = 0.6 * back + 0.8 * left + (0.0, 0.0, 1.3)
+        return np.asarray(key / np.linalg.norm(key))
+
+    def pixel(self, rows: int) -> float:
+        """Return the size of a pixel [m] at the distance of the target, in a picture of so many rows."""
+        distance = np.linalg.norm(self.eye - self.target)
+        return float(2.0 * distance * np.tan(self.field_of_view / 2) / rows)
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Return where points (P, 3) are in the picture: (P, 2), rightwards and upwards, in half heights."""
+        back, right = self.axes()
+        away = points - self.eye
+        depth = -(away @ back) * np.tan(self.field_of_view / 2)
+        return np.asarray(np.column_stack([away @ right, away @ self.up]) / depth[:, None])
+
+
+def _camera_axes(azimuth: float, elevation: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return unit vectors towards the camera, to the right of the picture and up in it."""
+    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+    back = np.array([ce * ca, ce * sa, se])
+    right = np.array([-sa, ca, 0.0])
+    return back, right, np.cross(back, right)
+
+
+def _fit(across: FloatArray, depth: FloatArray, slope: float) -> tuple[float, float]:
+    """Return the nearest camera (lateral position, depth) that sees all points within ± `slope`.
+
+    |xᵢ − x| ≤ slope · (z − zᵢ) for all i is tight at z = (max(xᵢ + s zᵢ) − min(xᵢ − s zᵢ)) / 2s.
+    """
+    high, low = float((across + slope * depth).max()), float((across - slope * depth).min())
+    return (high + low) / 2.0, (high - low) / (2.0 * slope)
+
+
+_NEAR = 0.02  # [m] in front of the camera, where it begins to see
+
+
+def in_picture(camera: Camera, points: FloatArray, size: tuple[int, int]) -> FloatArray:
+    """Return columns, rows and 1/depth [1/m] of points (P, 3) in a picture; NaN behind the camera."""
+    back, right = camera.axes()
+    away = points - camera.eye
+    depth = -(away @ back)
+    depth = np.where(depth > _NEAR, depth, np.nan)
+    scale = size[1] / 2 / np.tan(camera.field_of_view / 2) / depth
+    x = (size[0] - 1) / 2 + scale * (away @ right)
+    y = (size[1] - 1) / 2 - scale * (away @ camera.up)
+    return np.column_stack([x, y, 1.0 / depth])
+
+
+def viewing_rays(camera: Camera, size: tuple[int, int], pixels: IntArray) -> FloatArray:
+    """Return the ways of the rays (P, 3) of some pixels, numbered row by row, per metre of depth."""
+    back, right = camera.axes()
+    half = np.tan(camera.field_of_view / 2) / (size[1] / 2)
+    row, column = np.divmod(pixels, size[0])
+    x, y = (column - (size[0] - 1) / 2) * half, ((size[1] - 1) / 2 - row) * half
+    return np.asarray(x[:, None] * right + y[:, None] * camera.up - back)
+
+
+def floor_nearness(camera: Camera, size: tuple[int, int], floor: float) -> FloatArray:
+    """Return 1/depth [1/m] of a floor in each pixel (H, W), 0 where there is only sky."""
+    corners = viewing_rays(camera, size, np.array([0, size[0] - 1, (size[1] - 1) * size[0]]))[:, 2]
+    first, across, down = corners / (floor - camera.eye[2])
+    x, y = np.linspace(0.0, across - first, size[0]), np.linspace(0.0, down - first, size[1])
+    return np.asarray(np.maximum(first + x[None] + y[:, None], 0.0))

@@ -1,0 +1,338 @@
+"""Pictures of coloured surfaces by a z-buffer with soft shadows: no noise, no display, no library."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.errors import InputError
+from safe_ompl.maths.kernels.triangles import light_at, nearest_triangles
+from safe_ompl.view.pictures.camera import Camera, floor_nearness, in_picture, viewing_rays
+from safe_ompl.view.pictures.surface import ColouredSurface, Surface
+
+_SUBPIXELS = 2  # along each side of a pixel
+_SKY_SHARE = 0.55  # of the light on the open floor; the key light gives the rest
+_SKY_LIGHTS, _KEY_LIGHTS = 24, 8
+_KEY_RADIUS = 0.12  # [rad]
+_LOWEST = 0.3  # sine of the elevation of the lowest light
+_MAP = 256  # texels along each side of a shadow map
+_FADING = 0.12  # share of its sides
+_BOUNCE = 0.22  # light from the floor on what looks down
+_GLOSS, _SHININESS = 0.16, 60.0
+
+
+class Renderer:
+    """An endless light floor under a soft sky, and a camera; as `Studio`, drawn by a z-buffer.
+
+    Parameters
+    ----------
+    floor : float
+        Height of the floor [m].
+    camera : Camera
+        Where pictures are taken from; the key light comes from over its left shoulder.
+    size : (int, int)
+        Width and height of pictures [px].
+    """
+
+    def __init__(self, floor: float, camera: Camera, size: tuple[int, int]) -> None:
+        if min(size) < 1:
+            raise InputError(f"a picture needs at least 1 pixel; got {size[0]} by {size[1]}")
+        self.camera, self.size, self._floor = camera, size, floor
+        self._fine = (_SUBPIXELS * size[0], _SUBPIXELS * size[1])
+        self._floor_nearness = floor_nearness(camera, self._fine, floor).ravel()
+
+    def light_direction(self) -> FloatArray:
+        """Return the unit vector (3,) to the key light."""
+        return self.camera.key_light()
+
+    def render(self, things: Sequence[ColouredSurface]) -> FloatArray:
+        """Return a picture of things on the floor: (height, width, 3), linear RGB."""
+        return self.render_layers(things, ())[0]
+
+    def render_layers(
+        self, things: Sequence[ColouredSurface], bodies: Iterable[tuple[Surface, FloatArray]]
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """Return a picture of things on the floor, and what is seen of bodies among them.
+
+        Parameters
+        ----------
+        things : sequence of ColouredSurface
+            What is solid.
+        bodies : iterable of (Surface, (V, C) array)
+            What is translucent, with values in [0, 1] per vertex.
+
+        Returns
+        -------
+        (height, width, 3) array
+            The picture without the bodies, linear RGB.
+        list of (height, width, C) array
+            Of each body alone the values of its vertices, 0 where it is not seen.
+        """
+        solid = Surface.merged(thing.surface for thing in things)
+        seen = ZBuffer.of(in_picture(self.camera, solid.vertices, self._fine), solid.faces, self._fine)
+        hidden = np.maximum(seen.nearness.ravel(), self._floor_nearness)
+        faces = np.where(seen.nearness.ravel() > self._floor_nearness, seen.faces.ravel(), -1)
+        return self._picture(solid, things, faces), [self._layer(hidden, *body) for body in bodies]
+
+    def _picture(self, solid: Surface, things: Sequence[ColouredSurface], faces: IntArray) -> FloatArray:
+        """Return the picture of things, which make one solid of which subpixels (S,) see triangles, or -1."""
+        thing_of_face = np.repeat(np.arange(len(things)), [len(thing.surface.faces) for thing in things])
+        light = _Light(solid, self._floor, self.light_direction())
+        groups = np.append(1000 * thing_of_face + _facets(solid), -1)[faces]
+        pixels, first = self._distinct(groups)
+        colours = np.full((len(faces), 3), FLOOR_VALUE, dtype=np.float32)
+        own = pixels[faces[pixels] >= 0]
+        if len(own):
+            paint = linear(np.array([thing.colour for thing in things]))[thing_of_face[faces[own]]]
+            glossy = np.array([thing.glossy for thing in things])[thing_of_face[faces[own]]]
+            colours[own] = self._shaded(solid, faces[own], own, light, paint, glossy)
+        ground = pixels[(faces[pixels] < 0) & (self._floor_nearness[pixels] > 0)]
+        rays = viewing_rays(self.camera, self._fine, ground)
+        places = self.camera.eye + rays / self._floor_nearness[ground, None]
+        colours[ground] *= light.on_floor(places)[:, None]
+        return _averaged(colours[first].reshape(self._fine[1], self._fine[0], 3))
+
+    def _layer(self, hidden: FloatArray, surface: Surface, values: FloatArray) -> FloatArray:
+        """Return the values (V, C) of a body's vertices where it is nearer than what hides it: (height, width, C)."""
+        layer = np.zeros((self.size[1], self.size[0], values.shape[1]))
+        points = in_picture(self.camera, surface.vertices, self._fine)
+        left, top, right, bottom = self._window(points)
+        if left >= right or top >= bottom:
+            return layer
+        fine = ((right - left) * _SUBPIXELS, (bottom - top) * _SUBPIXELS)
+        corner = _SUBPIXELS * np.array([left, top])
+        seen = ZBuffer.of(points - (*corner, 0.0), surface.faces, fine)
+        row, column = np.nonzero(seen.nearness > 0.0)
+        pixels = (row + corner[1]) * self._fine[0] + column + corner[0]
+        nearer = seen.nearness[row, column] > hidden[pixels]
+        row, column, pixels = row[nearer], column[nearer], pixels[nearer]
+        image = np.zeros((fine[1], fine[0], values.shape[1]), dtype=np.float32)
+        image[row, column] = self._interpolated(values, surface, seen.faces[row, column], pixels)
+        layer[top:bottom, left:right] = np.clip(_averaged(image), 0.0, 1.0)
+        return layer
+
+    def _window(self, points: FloatArray) -> tuple[int, int, int, int]:
+        """Return the first column and row of the pixels that `points: (P, 3)` of subpixels span, and those after."""
+        shown = points[np.isfinite(points).all(axis=1), :2] / _SUBPIXELS
+        if not len(shown):
+            return 0, 0, 0, 0
+        low, high = np.floor(shown.min(axis=0)), np.ceil(shown.max(axis=0)) + 1.0
+        left, top = np.clip(low, 0, self.size).astype(int)
+        right, bottom = np.clip(high, 0, self.size).astype(int)
+        return int(left), int(top), int(right), int(bottom)
+
+    def _distinct(self, groups: IntArray) -> tuple[IntArray, IntArray]:
+        """Return subpixels that are alone in their group within their pixel, and for each subpixel its like there."""
+        fine = groups.reshape(self._fine[1], self._fine[0])
+        numbers = np.arange(groups.size).reshape(fine.shape)
+        first = numbers.copy()
+        corners = [
+            (slice(i, None, _SUBPIXELS), slice(j, None, _SUBPIXELS))
+            for i, j in np.ndindex(_SUBPIXELS, _SUBPIXELS)
+        ]
+        for k, one in enumerate(corners):
+            for other in reversed(corners[:k]):
+                first[one] = np.where(fine[one] == fine[other], numbers[other], first[one])
+        return np.flatnonzero(first == numbers), first.ravel()
+
+    def _interpolated(
+        self, values: FloatArray, surface: Surface, faces: IntArray, pixels: IntArray
+    ) -> FloatArray:
+        """Return values (V, C) of vertices where the rays of pixels (P,) meet triangles (P,): (P, C)."""
+        corners = surface.faces[faces]
+        a, b, c = (surface.vertices[corners[:, k]] for k in range(3))
+        rays, away = viewing_rays(self.camera, self._fine, pixels), self.camera.eye - a
+        one, other = b - a, c - a
+        cross = np.cross(rays, other)
+        determinant = np.einsum("ij,ij->i", one, cross)
+        determinant = np.where(determinant == 0.0, 1.0, determinant)
+        u = np.clip(np.einsum("ij,ij->i", away, cross) / determinant, 0.0, 1.0)
+        v = np.einsum("ij,ij->i", rays, np.cross(away, one)) / determinant
+        v = np.clip(v, 0.0, 1.0 - u)
+        shares = np.column_stack([1.0 - u - v, u, v])
+        return np.asarray(np.einsum("pk,pkc->pc", shares, values[corners]))
+
+    def _shaded(
+        self,
+        solid: Surface,
+        faces: IntArray,
+        pixels: IntArray,
+        light: _Light,
+        paint: FloatArray,
+        glossy: FloatArray,
+    ) -> FloatArray:
+        """Return the colours (P, 3) of obstacle_surfaces triangles where pixels see them."""
+        places = self._interpolated(solid.vertices, solid, faces, pixels)
+        normals = self._interpolated(solid.normals, solid, faces, pixels)
+        to_eye = self.camera.eye - places
+        to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
+        normals *= np.where(np.einsum("ij,ij->i", normals, to_eye) < 0.0, -1.0, 1.0)[:, None]
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+        brightness, key = light.on(places, normals)
+        half = to_eye + self.light_direction()
+        half /= np.linalg.norm(half, axis=1, keepdims=True)
+        facing = np.clip(np.einsum("ij,ij->i", normals, half), 0.0, 1.0)
+        shine = np.where(glossy, _GLOSS * facing**_SHININESS * key, 0.0)
+        return np.asarray(paint * brightness[:, None] + shine[:, None])
+
+
+class _Light:
+    """Sky and key light as many directions, each with a shadow map over the floor."""
+
+    def __init__(self, solid: Surface, floor: float, key: FloatArray) -> None:
+        self._floor = floor
+        self._directions = np.vstack([_sky(), _cone(key)])
+        self._shares = np.concatenate(
+            [
+                np.full(_SKY_LIGHTS, _SKY_SHARE / _SKY_LIGHTS),
+                np.full(_KEY_LIGHTS, (1.0 - _SKY_SHARE) / _KEY_LIGHTS),
+            ]
+        )
+        points = solid.vertices if len(solid.vertices) else np.zeros((1, 3))
+        low, high = points.min(axis=0), points.max(axis=0)
+        reach = 0.8 * (high[2] - floor) + 0.05
+        self._corner = low[:2] - reach
+        self._texel = float((high[:2] - low[:2] + 2 * reach).max()) / _MAP
+        coarse = solid.simplified(0.8 * self._texel)
+        self._slants = self._directions[:, :2] / self._directions[:, 2:] / self._texel
+        self._maps = np.stack([self._shadow_map(coarse, slant) for slant in self._slants])
+        shaded = _blurred(np.tensordot(self._shares, np.isfinite(self._maps), axes=1))
+        self._on_floor = 1.0 - shaded * _fading(_MAP)
+
+    def _on_map(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the texels (P, 2) under places (P, 3), and their heights (P,) above the floor."""
+        return (places[:, :2] - self._corner) / self._texel, places[:, 2] - self._floor
+
+    def _shadow_map(self, solid: Surface, slant: FloatArray) -> NDArray[np.float32]:
+        """Return the height above the floor of the highest thing between each texel and a light: (S, S)."""
+        texels, heights = self._on_map(solid.vertices)
+        points = np.column_stack([texels - heights[:, None] * slant, heights])
+        return ZBuffer.of(points, solid.faces, (_MAP, _MAP)).nearness
+
+    def on_floor(self, places: FloatArray) -> FloatArray:
+        """Return the light (P,) on the floor at places (P, 3), 1 where it is open."""
+        at = (places[:, :2] - self._corner) / self._texel
+        base = np.floor(at).astype(np.intp)
+        inside = ((base >= 0) & (base < _MAP - 1)).all(axis=1)
+        light = np.ones(len(places))
+        (x, y), (u, v) = base[inside].T, (at[inside] - base[inside]).T
+        m = self._on_floor
+        low = (1 - u) * m[y, x] + u * m[y, x + 1]
+        high = (1 - u) * m[y + 1, x] + u * m[y + 1, x + 1]
+        light[inside] = (1 - v) * low + v * high
+        return light
+
+    def on(self, places: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the light (P,) at places (P, 3) of surfaces with normals (P, 3), and the share of the key light."""
+        texels, heights = self._on_map(places + 1.5 * self._texel * normals)
+        lights = np.column_stack(
+            [
+                self._directions * (self._shares / self._directions[:, 2])[:, None],
+                np.repeat([0.0, 1.0 / _KEY_LIGHTS], [_SKY_LIGHTS, _KEY_LIGHTS]),
+            ]
+        )
+        raised = np.column_stack([texels, heights])
+        light, key = light_at(raised, normals, self._slants, lights, self._maps, self._texel)
+        return light + _BOUNCE * (0.5 - 0.5 * normals[:, 2]), key
+
+
+def _averaged(fine: NDArray[np.float32]) -> FloatArray:
+    """Return the means (height, width, C) of all pixels from their subpixels."""
+    parts = [fine[i::_SUBPIXELS, j::_SUBPIXELS] for i in range(_SUBPIXELS) for j in range(_SUBPIXELS)]
+    return np.asarray(sum(parts) / len(parts), dtype=float)
+
+
+def _facets(surface: Surface) -> IntArray:
+    """Return a number in [0, 125) for each triangle (F,) that tells its direction, so that edges are smoothed."""
+    corners = surface.vertices[surface.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return np.asarray((np.rint(2 * normals) + 2).astype(np.intp) @ np.array([25, 5, 1]))
+
+
+def _sky() -> FloatArray:
+    """Return directions (_SKY_LIGHTS, 3) of an even sky, denser where they light a floor more."""
+    rank = np.arange(_SKY_LIGHTS) + 0.5
+    radius, turn = np.sqrt(rank / _SKY_LIGHTS * (1.0 - _LOWEST**2)), rank * np.pi * (3.0 - np.sqrt(5.0))
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1.0 - radius**2)])
+
+
+def _cone(axis: FloatArray) -> FloatArray:
+    """Return directions (_KEY_LIGHTS, 3) evenly spread about an axis (3,)."""
+    rank = np.arange(_KEY_LIGHTS) + 0.5
+    tilt, turn = _KEY_RADIUS * np.sqrt(rank / _KEY_LIGHTS), rank * np.pi * (3.0 - np.sqrt(5.0))
+    across = np.cross(axis, (0.0, 0.0, 1.0))
+    across /= np.linalg.norm(across)
+    offset = np.outer(np.cos(turn), across) + np.outer(np.sin(turn), np.cross(axis, across))
+    return np.asarray(np.cos(tilt)[:, None] * axis + np.sin(tilt)[:, None] * offset)
+
+
+def _fading(size: int) -> FloatArray:
+    """Return weights (size, size) that go down to 0 at the edges, beyond which shadows are not known."""
+    across = np.clip(np.minimum(np.arange(size), np.arange(size)[::-1]) / (_FADING * size), 0.0, 1.0)
+    across = across * across * (3.0 - 2.0 * across)
+    return np.asarray(np.minimum.outer(across, across))
+
+
+def _blurred(image: FloatArray, radius: int = 3) -> FloatArray:
+    """Return the means over squares around each pixel."""
+    for axis in (0, 1):
+        padded = np.pad(image, [(radius + 1, radius) if k == axis else (0, 0) for k in (0, 1)], mode="edge")
+        sums, width = np.cumsum(padded, axis=axis), 2 * radius + 1
+        high = np.take(sums, np.arange(width, sums.shape[axis]), axis=axis)
+        low = np.take(sums, np.arange(sums.shape[axis] - width), axis=axis)
+        image = (high - low) / width
+    return image
+
+
+@dataclass(frozen=True)
+class ZBuffer:
+    """What the pixels of a grid see.
+
+    Attributes
+    ----------
+    nearness : (H, W) array of float32
+        Of the nearest triangle, -inf where there is none.
+    faces : (H, W) array of int
+        The nearest triangle, -1 where there is none.
+    """
+
+    nearness: NDArray[np.float32]
+    faces: IntArray
+
+    @classmethod
+    def of(cls, points: FloatArray, faces: IntArray, size: tuple[int, int]) -> ZBuffer:
+        """Fill a buffer.
+
+        Parameters
+        ----------
+        points : (V, 3) array
+            Columns and rows of the vertices in pixels, centres at integers, and their nearness, which must be affine
+            on a triangle in the picture: 1/depth of a perspective, or a height. NaN: not to be drawn.
+        faces : (F, 3) array
+            Vertices of the triangles.
+        size : (int, int)
+            Width and height [px].
+        """
+        return cls(*nearest_triangles(np.ascontiguousarray(points), np.ascontiguousarray(faces), *size))
+
+
+FLOOR_VALUE = 0.87  # linear; how bright the empty floor is in a picture
+
+
+def linear(srgb: FloatArray) -> FloatArray:
+    """Return the linear RGB of sRGB values in [0, 1]."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def tone_mapped(linear_rgb: FloatArray) -> FloatArray:
+    """Return the sRGB values in [0, 1] of linear RGB, highlights softened rather than clipped."""
+    knee = FLOOR_VALUE
+    over = np.clip(linear_rgb - knee, 0.0, None)
+    soft = np.minimum(linear_rgb, knee) + (1.0 - knee) * (1.0 - np.exp(-over / (1.0 - knee)))
+    soft = np.clip(soft, 0.0, 1.0)
+    return np.where(soft <= 0.0031308, 12.92 * soft, 1.055 * soft ** (1 / 2.4) - 0.055)

@@ -1,0 +1,280 @@
+"""Robot, paths, scene and floor as surfaces, and the camera that shows most of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from safe_ompl.arrays import BoolArray, FloatArray, finite_array
+from safe_ompl.errors import InputError
+from safe_ompl.paths.curve import Curve
+from safe_ompl.scene import surfaces
+from safe_ompl.scene.shapes.person import Person
+from safe_ompl.view.pictures.bodies import RobotBody, obstacle_surfaces
+from safe_ompl.view.pictures.camera import Camera, in_picture
+from safe_ompl.view.pictures.rasteriser import ZBuffer
+from safe_ompl.view.pictures.surface import ColouredSurface, Surface
+from safe_ompl.view.style import Colour
+
+if TYPE_CHECKING:
+    from safe_ompl.robot.robot import Robot
+    from safe_ompl.scene.scene import Scene
+
+_DETAIL = 5e-4  # sizes of the robot's motion; half a pixel of a picture of a thousand rows
+_PATH_SAMPLES = 121  # of a path
+_NEARBY = 1.1  # sizes of the robot's motion within which the scene must be in view
+_GROUND = 1.2  # sizes of the robot's motion from which the lowest slab is the ground, and not a thing on it
+_PEDESTAL: Colour = (0.62, 0.63, 0.65)
+_DANGER_POINT: Colour = (0.85, 0.12, 0.12)
+
+
+class DrawnScene:
+    """A robot, its paths and its scene, tessellated once for any number of pictures.
+
+    Parameters
+    ----------
+    robot : Robot
+        Who moves.
+    scene : Scene
+        What stands around it.
+    paths : sequence of (N, n) array
+        All paths that will be shown; they decide what must be in view.
+    danger_points : bool
+        Whether the scene's danger points are drawn.
+
+    Attributes
+    ----------
+    body : RobotBody
+    samples : list of (S, n) array
+        Each path at equal steps of its length.
+    ends : Surface
+        The robot at start and goal of all paths, coarsely.
+    hazards, things : list of ColouredSurface
+        What is dangerous to approach, and everything else but the robot.
+    pedestal : list of ColouredSurface
+        Of the things, what stands under a robot whose base stands on nothing.
+    floor : float
+        Height of the floor [m].
+    size : float
+        Diagonal of the box around the robot's motion [m].
+
+    Raises
+    ------
+    InputError
+        If there is no path, or one is empty, has the wrong number of joints or is not finite.
+    """
+
+    def __init__(
+        self, robot: Robot, scene: Scene, paths: Sequence[FloatArray], *, danger_points: bool = False
+    ) -> None:
+        if not len(paths):
+            raise InputError("no path to draw; give at least one")
+        self.robot = robot
+        self.samples = [resampled(robot, path) for path in paths]
+        coarse = RobotBody(robot, coarse=True)
+        self._actors = np.vstack(
+            [coarse.posed(q).vertices for s in self.samples for q in s[:: _PATH_SAMPLES // 6]]
+        )
+        self.ends = Surface.merged(coarse.posed(q) for s in self.samples for q in (s[0], s[-1]))
+        self.size = float(np.linalg.norm(np.ptp(self._actors, axis=0)))
+        self.body = RobotBody(robot, detail=_DETAIL * self.size)
+        self._set_scene(scene)
+        if danger_points:
+            dots = _dots(scene.danger_points()[0], 0.006 * self.size)
+            self.things.append(ColouredSurface(dots, _DANGER_POINT))
+
+    @property
+    def surroundings(self) -> list[ColouredSurface]:
+        """Everything but the robot."""
+        return self.hazards + self.things
+
+    def surroundings_without(self, names: Collection[str]) -> list[ColouredSurface]:
+        """Return everything but the robot and some obstacles."""
+        left = [group for name, group in self._groups.items() if name not in names]
+        return [thing for group in left for thing in group] + self.pedestal
+
+    def trace(self, samples: FloatArray) -> FloatArray:
+        """Return the way of the tip (S, 3) [m] through configurations `samples: (S, n)`."""
+        return np.asarray(self.robot.keypoints_batch(samples)[:, -1])
+
+    def skeletons(self) -> FloatArray:
+        """Return points (P, 3) along the links of the robot, on its way along all paths."""
+        points = np.concatenate([self.robot.keypoints_batch(samples[::10]) for samples in self.samples])
+        ends = points[:, self.robot.segments]
+        shares = np.array([0.25, 0.5, 0.75, 1.0])[:, None]
+        return np.asarray(ends[:, :, None, 0] * (1.0 - shares) + ends[:, :, None, 1] * shares).reshape(-1, 3)
+
+    def landmarks(self) -> FloatArray:
+        """Return the points (P, 3) that a picture must show: the robot's motion, and the scene near it."""
+        centre = (self._actors.min(axis=0) + self._actors.max(axis=0)) / 2
+        around = (
+            np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in self.surroundings]) - centre
+        )
+        far = np.linalg.norm(around, axis=1, keepdims=True) / (_NEARBY * self.size)
+        return np.vstack([self._actors, centre + around / np.maximum(far, 1.0)])
+
+    def is_level(self) -> bool:
+        """Return whether the robot moves in a level plane, which is best seen from above."""
+        return bool(np.ptp(self.skeletons()[:, 2]) < 0.01 * self.size)
+
+    def _set_scene(self, scene: Scene) -> None:
+        """Sort the scene into what is dangerous, what is not, and the ground, on which all else stands."""
+        marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in scene.obstacles)
+        groups = [obstacle_surfaces(obstacle, marked) for obstacle in scene.obstacles]
+        lowest = min(
+            [float(self._actors[:, 2].min())] + [_lowest(thing) for group in groups for thing in group]
+        )
+        self.floor = lowest
+        self.hazards: list[ColouredSurface] = []
+        self.things: list[ColouredSurface] = []
+        self._groups: dict[str, list[ColouredSurface]] = {}
+        for obstacle, group in zip(scene.obstacles, groups, strict=True):
+            if _lowest(group[0]) == lowest and self._is_slab(group[0]):
+                self.floor = float(group[0].surface.vertices[:, 2].max())
+                continue
+            self._groups[obstacle.name] = group
+            if marked and obstacle.weight > 0:
+                self.hazards += group
+            else:
+                self.things += group
+        self.pedestal = self._pedestal()
+        self.things += self.pedestal
+
+    def _is_slab(self, thing: ColouredSurface) -> bool:
+        """Whether a thing is level, thin, and wider than the robot's motion."""
+        extent = np.ptp(thing.surface.vertices, axis=0)
+        return bool((extent[:2] > _GROUND * self.size).all() and extent[2] < 0.1 * self.size)
+
+    def _pedestal(self) -> list[ColouredSurface]:
+        """Return a column under a robot whose base neither stands on the floor nor on an obstacle."""
+        centre, radius, bottom = self.body.footprint()
+        gap = bottom - self.floor
+        if gap < 0.03 * self.size or any(_carries(thing, centre, bottom, gap) for thing in self.surroundings):
+            return []
+        vertices, faces = surfaces.revolved_triangles(surfaces.cylinder_profile(radius, gap, np.inf), 64)
+        place = np.array([centre[0], centre[1], self.floor + gap / 2])
+        return [ColouredSurface(Surface.from_triangles(vertices + place, faces), _PEDESTAL)]
+
+
+def resampled(robot: Robot, path: FloatArray, count: int = _PATH_SAMPLES) -> FloatArray:
+    """Return `count` configurations (count, n) at equal steps along `path: (N, n)`.
+
+    Raises
+    ------
+    InputError
+        If the path is empty, has the wrong number of joints or is not finite.
+    """
+    path = finite_array(path, (None, robot.n), "path")
+    if not len(path):
+        raise InputError("path must have at least one configuration, got none")
+    curve = Curve(robot, path)
+    return curve.at(np.linspace(0.0, curve.length, count))
+
+
+def _lowest(thing: ColouredSurface) -> float:
+    return float(thing.surface.vertices[:, 2].min())
+
+
+def _carries(thing: ColouredSurface, centre: FloatArray, bottom: float, gap: float) -> bool:
+    """Whether a thing reaches up to (almost) the bottom of what stands at `centre: (2,)`."""
+    low, high = thing.surface.vertices.min(axis=0), thing.surface.vertices.max(axis=0)
+    beneath = bool((low[:2] < centre).all() and (centre < high[:2]).all())
+    return beneath and low[2] < bottom + 0.01 and high[2] > bottom - 0.3 * gap
+
+
+def _dots(points: FloatArray, radius: float) -> Surface:
+    ball = Surface.from_triangles(
+        *surfaces.revolved_triangles(surfaces.sphere_profile(radius, radius / 2), 12)
+    )
+    return Surface.merged(ball.moved(np.eye(3), point) for point in points)
+
+
+_AZIMUTHS = np.arange(20) * (2 * np.pi / 20)
+_ELEVATIONS = np.radians([20.0, 35.0])
+_HAZARD_POINTS, _END_POINTS = 200, 500
+_NEAREST = 0.2  # share of the hazard's points that counts as its nearest part
+_COARSE = (160, 120)  # [px] of the picture in which views are compared
+_CELL = 0.02  # sizes of the robot's motion; what is smaller does not decide between views
+_TOLERANCE, _FINE = 0.03, 0.012  # relative, of depths; finer than a person is deep
+
+
+def best_view(
+    drawn: DrawnScene, size: tuple[int, int], azimuth: float | None = None, elevation: float | None = None
+) -> Camera:
+    """Return the camera that shows most of the robot's motion and of what it has to keep away from.
+
+    Parameters
+    ----------
+    drawn : DrawnScene
+        What is seen.
+    size : (int, int)
+        Width and height of the picture [px].
+    azimuth, elevation : float, optional
+        Direction from the scene to the camera [rad], where it is not to be chosen.
+    """
+    landmarks = drawn.landmarks()
+    if elevation is None and drawn.is_level():
+        elevation = np.pi / 2
+    if elevation is not None and elevation > 0.99 * np.pi / 2 and azimuth is None:
+        azimuth = -np.pi / 2
+    views = [
+        Camera.framing(landmarks, turn, height, size)
+        for height in (_ELEVATIONS if elevation is None else [elevation])
+        for turn in (_AZIMUTHS if azimuth is None else [azimuth])
+    ]
+    return views[0] if len(views) == 1 else max(views, key=_Merit(drawn))
+
+
+class _Merit:
+    """The merit of a view: what share is seen of motion, its ends and hazards, how far apart they look, how large.
+
+    Of a hazard, such as a person, the part that is nearest to the robot counts most: a hand must not be hidden by the
+    back of who holds it out.
+    """
+
+    def __init__(self, drawn: DrawnScene) -> None:
+        self._links = drawn.skeletons()
+        self._ends = drawn.ends.vertices[:: 1 + len(drawn.ends.vertices) // _END_POINTS]
+        hazards = np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in drawn.hazards])
+        self._points = hazards[:: 1 + len(hazards) // _HAZARD_POINTS]
+        gaps = np.linalg.norm(self._points[:, None] - self._links[None], axis=2).min(axis=1, initial=np.inf)
+        self._near = self._points[gaps <= np.quantile(gaps, _NEAREST)] if len(gaps) else self._points
+        cell = _CELL * drawn.size
+        self._all, self._things, self._hazards = (
+            Surface.merged(thing.surface for thing in things).simplified(cell)
+            for things in (drawn.surroundings, drawn.things, drawn.hazards)
+        )
+        self._everything = Surface.merged([self._all, drawn.ends.simplified(cell)])
+
+    def __call__(self, view: Camera) -> float:
+        links = _seen(view, self._all, self._links).mean()
+        hazards = _seen(view, self._things, self._points).mean() if len(self._points) else 1.0
+        near = _seen(view, self._everything, self._near, _FINE).mean() if len(self._near) else 1.0
+        ends = _seen(view, self._all, self._ends).mean()
+        apart = 1.0 - _before(view, self._hazards, self._links).mean()
+        extent = np.linalg.det(np.cov(view.project(self._links), rowvar=False))
+        shown = (0.5 + 0.5 * hazards) * near**2
+        return float(links**2 * ends**2 * apart * shown * max(extent, 0.0) ** 0.25)
+
+
+def _seen(view: Camera, solid: Surface, points: FloatArray, tolerance: float = _TOLERANCE) -> BoolArray:
+    """Return whether a solid leaves points (P, 3) in view: (P,)."""
+    nearest, own = _nearness(view, solid, points)
+    return np.asarray(own >= (1.0 - tolerance) * nearest)
+
+
+def _before(view: Camera, solid: Surface, points: FloatArray) -> BoolArray:
+    """Return whether a solid is behind points (P, 3) in the view: (P,)."""
+    nearest, own = _nearness(view, solid, points)
+    return np.isfinite(nearest) & (own > nearest)
+
+
+def _nearness(view: Camera, solid: Surface, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return 1/depth of a solid where points (P, 3) are in a coarse picture, -inf beside it, and of the points."""
+    buffer = ZBuffer.of(in_picture(view, solid.vertices, _COARSE), solid.faces, _COARSE)
+    column, row, own = in_picture(view, points, _COARSE).T
+    inside = (column > -0.5) & (column < _COARSE[0] - 0.5) & (row > -0.5) & (row < _COARSE[1] - 0.5)
+    column, row = (np.where(inside, np.rint(at), 0.0).astype(np.intp) for at in (column, row))
+    return np.where(inside, buffer.nearness[row, column], -np.inf), np.where(inside, own, 0.0)

@@ -1,0 +1,136 @@
+"""Figures in one style, saved when complete, and checks of the numbers drawn; pyplot is not used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.arrays import FloatArray, finite_array
+from safe_ompl.errors import InputError, SafeOmplError
+
+ALONG = "along the path, from start to goal"
+DANGER = "danger"
+GREY = "0.45"
+ALARM = "#c8452b"
+DPI = 150
+_STYLE: dict[str, Any] = {
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": GREY,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "0.90",
+    "xtick.color": "0.25",
+    "ytick.color": "0.25",
+    "legend.frameon": False,
+    "svg.hashsalt": "safe_ompl",
+}
+
+
+class Page:
+    """A figure that is saved when it is complete.
+
+    Parameters
+    ----------
+    file : path-like or None
+        Where it goes; the ending decides the format, missing folders are made. None: it is drawn on its canvas only.
+    width, height : float
+        [inch]
+    dpi : int
+        Pixels per inch.
+    arranged : bool
+        Whether Matplotlib arranges the axes; else they stand where they are put.
+
+    Raises
+    ------
+    SafeOmplError
+        If Matplotlib is not installed.
+    """
+
+    def __init__(
+        self, file: str | Path | None, width: float, height: float, dpi: int = DPI, *, arranged: bool = True
+    ) -> None:
+        try:
+            import matplotlib
+            from matplotlib.backends.backend_agg import FigureCanvasAgg
+            from matplotlib.figure import Figure
+            from matplotlib.layout_engine import ConstrainedLayoutEngine
+        except ImportError as missing:
+            raise SafeOmplError("plots need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+        self._file = None if file is None else Path(file)
+        self._style = matplotlib.rc_context(_STYLE)
+        with matplotlib.rc_context(_STYLE):
+            # The margin keeps what ends at the edge of the axes, such as a tick's label, from being cut.
+            layout = ConstrainedLayoutEngine(rect=(0.008, 0.0, 0.98, 0.992)) if arranged else None
+            self.figure = Figure(figsize=(width, height), dpi=dpi, layout=layout)
+            FigureCanvasAgg(self.figure)
+
+    def __enter__(self) -> Page:
+        self._style.__enter__()
+        return self
+
+    def set_title(self, title: str) -> None:
+        """Write a title above all axes."""
+        self.figure.suptitle(title, x=0.01, ha="left", fontsize=12, weight="bold")
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        try:
+            if error is None and self._file is None:
+                self.figure.canvas.draw()
+            elif error is None and self._file is not None:
+                self._file.parent.mkdir(parents=True, exist_ok=True)
+                self.figure.savefig(self._file)
+        finally:
+            self._style.__exit__(kind, error, trace)
+
+
+def natural(count: int) -> FloatArray:
+    """Return the natural parameter in [0, 1] at `count` equal steps of a path."""
+    return np.linspace(0.0, 1.0, count)
+
+
+def tables(profiles: Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
+    """Return the profiles as arrays (R, S); those without runs as (0, 0)."""
+    return {
+        name: finite_array(runs, (None, None), f"profiles of {name}") if np.size(runs) else np.empty((0, 0))
+        for name, runs in _some(profiles, "profiles").items()
+    }
+
+
+def rows(values: Mapping[str, ArrayLike], kind: str) -> dict[str, FloatArray]:
+    """Return the values of each planner as an array (R,)."""
+    return {
+        name: finite_array(row, (None,), f"{kind} of {name}") for name, row in _some(values, kind).items()
+    }
+
+
+def _some(values: Mapping[str, ArrayLike], kind: str) -> Mapping[str, ArrayLike]:
+    if not values:
+        raise InputError(f"no {kind} to draw; give at least one planner")
+    return values
+
+
+def curve(values: ArrayLike, kind: str) -> FloatArray:
+    """Return the values along one path as an array (S,) that is not empty."""
+    curve = finite_array(values, (None,), kind)
+    if not len(curve):
+        raise InputError(f"{kind} has no values; give at least one")
+    return curve
+
+
+def check_partners(clearances: Mapping[str, FloatArray], dangers: Mapping[str, FloatArray]) -> None:
+    """Raise InputError unless both hold the same planners with as many runs."""
+    for name in {**clearances, **dangers}:
+        counts = [len(table[name]) if name in table else None for table in (clearances, dangers)]
+        if counts[0] != counts[1]:
+            raise InputError(
+                f"{name} has {counts[0]} clearances but {counts[1]} dangers; give one pair per run"
+            )

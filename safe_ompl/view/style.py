@@ -1,0 +1,150 @@
+"""Colours and lines of planners, caps and levels of danger: each looks the same in every picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from safe_ompl.arrays import FloatArray
+from safe_ompl.exchange.timed_motion import ACCELERATION
+
+Colour = tuple[float, float, float]
+"""Red, green and blue of sRGB, each in [0, 1]."""
+
+
+class PlannerStyle(NamedTuple):
+    """Looks of a planner.
+
+    Attributes
+    ----------
+    colour : Colour
+        Of its curves, boxes and robots.
+    dashes : tuple of float
+        On and off lengths of its lines, in line widths; empty for a solid line.
+    strong : bool
+        Whether it is a safe planner, which stands out.
+    """
+
+    colour: Colour
+    dashes: tuple[float, ...]
+    strong: bool
+
+
+# Safe planners, and below their classical counterparts in a pale tone of it (distinct to the colour-blind).
+_FAMILIES: dict[str, tuple[str, str]] = {
+    "RRTConnect": ("#0b62b4", "#7d9fc4"),
+    "PRM": ("#00876a", "#84b8a6"),
+    "JTRRT": ("#b87a00", "#d3b577"),
+    "Bubble": ("#7d2f91", "#b795c2"),
+}
+_OTHERS = ("#596675", "#8b96a1", "#3a444f", "#aab2ba")
+_OTHER_DASHES = ((4.0, 1.5), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
+
+
+def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
+    """Return the looks of planners by name.
+
+    Safe planners get a strong colour and a solid line, "Classic…" ones a pale tone of the same hue and
+    dashes, those as printed ("Paper…") the same colours with dots, and all others slate greys in their order.
+    """
+    styles: dict[str, PlannerStyle] = {}
+    others = 0
+    for name in names:
+        family = next((key for key in _FAMILIES if name.endswith((key, f"{key}Planner"))), None)
+        if family and name.startswith(("Safe", family + "Planner")):
+            styles[name] = PlannerStyle(_from_hex(_FAMILIES[family][0]), (), strong=True)
+        elif family and name.startswith("Classic"):
+            styles[name] = PlannerStyle(_from_hex(_FAMILIES[family][1]), (3.0, 1.2), strong=False)
+        elif family and name.startswith("Paper"):
+            strong = name.startswith("PaperSafe")
+            tone = _from_hex(_FAMILIES[family][0 if strong else 1])
+            styles[name] = PlannerStyle(tone, (1.0, 1.2) if strong else (3.0, 1.2, 1.0, 1.2), strong)
+        else:
+            colour, dashes = (table[others % len(_OTHERS)] for table in (_OTHERS, _OTHER_DASHES))
+            styles[name] = PlannerStyle(_from_hex(str(colour)), tuple(map(float, dashes)), strong=False)
+            others += 1
+    return styles
+
+
+_CAPS = {
+    ACCELERATION: "#8b96a1",
+    "joint velocity": "#0b62b4",
+    "bends beside people": "#3aa0c9",
+    "separation": "#c8452b",
+    "separation or contact": "#c8452b",
+    "danger": "#7d2f91",
+    "tool speed": "#00876a",
+    "link speed": "#b87a00",
+    "moving": "#0b62b4",  # and the states of a robot that is driven beside people
+    "slowed": "#b87a00",
+    "braking": "#c8452b",
+    "standing": "#3a444f",
+    "done": "#8b96a1",
+}
+_OTHER_CAPS = ("#596675", "#3a444f", "#aab2ba")
+
+
+def cap_colours(names: Iterable[str]) -> dict[str, Colour]:
+    """Return the colours of what bounds the speed of a motion, by name; that of accelerations among them."""
+    others = 0
+    colours = {ACCELERATION: _from_hex(_CAPS[ACCELERATION])}
+    for name in dict.fromkeys(names):
+        code = _CAPS.get(name)
+        if code is None:
+            code = _OTHER_CAPS[others % len(_OTHER_CAPS)]
+            others += 1
+        colours[name] = _from_hex(code)
+    return colours
+
+
+def _from_hex(code: str) -> Colour:
+    red, green, blue = (int(code[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue
+
+
+def grid_columns(count: int) -> int:
+    """Return in how many columns to set so many pictures: three or four from five on, whichever fills the lines."""
+    return count if count <= 3 else 2 if count == 4 else min((4, 3), key=lambda columns: -count % columns)
+
+
+Bytes = NDArray[np.uint8]
+
+NEUTRAL: Colour = (0.82, 0.83, 0.85)
+START_COLOUR: Colour = (0.55, 0.56, 0.58)
+_LEVELS = np.array(
+    [(1.0, 0.96, 0.80), (0.99, 0.80, 0.42), (0.94, 0.45, 0.24), (0.72, 0.12, 0.16), (0.36, 0.02, 0.13)]
+)
+_TIGHT, _ROOMY = 0.004, 0.25  # [m]
+
+
+def level_colours(levels: FloatArray, most: float) -> Bytes:
+    """Return colours (M, 3) of levels of danger (M,): pale at 0, darkest at `most` and above."""
+    shares = np.clip(levels / most, 0.0, 1.0) if most > 0 else np.zeros(len(levels))
+    stops = np.linspace(0.0, 1.0, len(_LEVELS))
+    return as_bytes(np.column_stack([np.interp(shares, stops, channel) for channel in _LEVELS.T]))
+
+
+def gap_colours(gaps: FloatArray) -> Bytes:
+    """Return colours (M, 3) of distances (M,) [m]: pale where there is room, darkest where two bodies almost touch."""
+    room = np.log(np.maximum(gaps, _TIGHT) / _TIGHT) / np.log(_ROOMY / _TIGHT)
+    return level_colours(1.0 - room, 1.0)
+
+
+def as_bytes(colours: FloatArray | Colour) -> Bytes:
+    """Return colours with values from 0 to 1 as whole numbers from 0 to 255."""
+    return np.asarray(np.rint(255.0 * np.clip(colours, 0.0, 1.0)), dtype=np.uint8)
+
+
+def mixed(colour: Colour, other: Colour, share: float) -> Colour:
+    """Return a colour with a share of another one in it."""
+    red, green, blue = ((1.0 - share) * a + share * b for a, b in zip(colour, other, strict=True))
+    return red, green, blue
+
+
+def rgb(colour: Colour) -> tuple[int, int, int]:
+    """Return a colour as three whole numbers from 0 to 255."""
+    red, green, blue = (int(value) for value in as_bytes(colour))
+    return red, green, blue

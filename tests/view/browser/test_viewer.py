@@ -1,0 +1,159 @@
+"""What a view shows, seen without a browser."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import safe_ompl
+from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene, certificate
+from safe_ompl.view.annotations import Nearest, Proof
+from safe_ompl.view.content import ViewerContent
+from safe_ompl.view.style import level_colours
+
+START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
+
+
+@pytest.fixture(scope="module")
+def scene():
+    table = Obstacle("table", Box((1.0, 1.0, 0.04)), Pose((0.0, 0.0, -0.05)))
+    return Scene((table, Obstacle("worker", Person(height=1.7), Pose((1.2, 0.0, -0.8)))))
+
+
+@pytest.fixture(scope="module")
+def result(ur5, scene):
+    setup = SafeSetup(ur5, scene)
+    setup.setConfigurations(START, GOAL)
+    found = setup.plan("SafeRRTConnect", time=10.0, seed=0)
+    assert found
+    return found
+
+
+def test_the_nearest_points_are_as_far_apart_as_the_checker_says(ur5, scene, rng):
+    setup = SafeSetup(ur5, scene)
+    nearest = Nearest(ur5, scene)
+    for q in rng.uniform(-1.0, 1.0, (10, 6)):
+        found, clearance = nearest.at(q), setup.checker.clearance(q)
+        assert found.distance == pytest.approx(clearance.distance, abs=1e-5)
+        assert (found.link, found.obstacle) == (clearance.link, clearance.obstacle)
+        if found.distance > 0:
+            apart = np.linalg.norm(found.on_robot - found.on_obstacle)
+            assert apart == pytest.approx(found.distance, abs=1e-4)
+    assert Nearest(ur5, ()).at(np.zeros(6)) is None
+
+
+def test_the_intervals_of_a_proof_cover_the_path(ur5, scene, result):
+    content = certificate(result.path, ur5, scene)
+    proof = Proof.of_certificate(content, ur5, scene)
+    assert len(proof.intervals) == sum(len(edge) for edge in content["edges"])
+    assert proof.stops[0] == 0.0
+    assert proof.stops[-1] == 1.0
+    assert (np.diff(proof.stops) > 0).all()
+    for interval in proof.intervals:
+        assert interval.distance >= interval.margin > 0  # else it would prove nothing
+    first, last = proof.at(0.0), proof.at(1.0)
+    assert (first.edge, first.start) == (0, 0.0)
+    assert (last.edge, last.end) == (len(result.path) - 2, 1.0)
+    assert "mm apart" in str(first)
+
+
+def test_a_view_knows_where_a_path_goes(result):
+    content = ViewerContent.of_results([result])
+    along = content.along(result.planner, np.array([0.0, 1.0]))
+    np.testing.assert_allclose(along, [START, GOAL], atol=1e-9)
+    assert len(content.danger_field.points) > 100
+
+
+def test_results_of_one_planner_are_told_apart(result):
+    content = ViewerContent.of_results([result, dataclasses.replace(result, seed=7)])
+    assert list(content.paths) == ["SafeRRTConnect", "SafeRRTConnect, seed 7"]
+
+
+def test_results_that_cannot_be_shown_are_refused(result):
+    bare = PlanResult("Timeout", None, None, "PRM", 0, result.joint_names, 0.1)
+    with pytest.raises(InputError, match="PRM does not know its robot"):
+        ViewerContent.of_results([bare])
+    with pytest.raises(InputError, match="same robot and scene"):
+        ViewerContent.of_results([result, dataclasses.replace(result, scene=Scene())])
+    with pytest.raises(InputError, match="no result"):
+        ViewerContent.of_results([])
+
+
+def test_results_are_shown_from_the_package_and_still_by_themselves(result, monkeypatch):
+    shown = []
+
+    class Browser:
+        def __init__(self, content, port):
+            shown.append((list(content.paths), port))
+
+        def run(self, browser):
+            shown.append(browser)
+
+    monkeypatch.setattr("safe_ompl.view.browser.view.BrowserView", Browser)
+    safe_ompl.view([result, dataclasses.replace(result, planner="PRM")], port=8081)
+    with pytest.warns(DeprecationWarning, match=r"call safe_ompl\.view\(result\)"):
+        result.view(browser=False)
+    assert shown == [(["SafeRRTConnect", "PRM"], 8081), True, (["SafeRRTConnect"], 8080), False]
+
+
+def test_without_danger_there_is_no_field(ur5, scene):
+    assert ViewerContent(ur5, scene, danger=None).danger_field is None
+    assert ViewerContent(ur5, Scene()).danger_field is None
+
+
+def test_colours_darken_with_danger():
+    brightness = level_colours(np.linspace(0.0, 2.0, 5), 1.0).sum(axis=1)
+    assert (np.diff(brightness.astype(int)) <= 0).all()
+    assert brightness[2] == brightness[4] < brightness[1]
+
+
+@pytest.fixture
+def view(result):
+    pytest.importorskip("viser")
+    from safe_ompl.view.browser.view import BrowserView
+
+    view = BrowserView(
+        ViewerContent.of_results([result, dataclasses.replace(result, planner="RRTConnect")]), port=8765
+    )
+    yield view
+    view.stop()
+
+
+def test_sliders_and_play_bar_move_the_robots(view):
+    from safe_ompl.view.browser.controls import Controls
+
+    controls = Controls(view)
+    controls.go_to(0.5)  # as when it plays
+    middle = view.content.along("SafeRRTConnect", np.array([0.5]))[0]
+    np.testing.assert_allclose(view.q, middle)
+    np.testing.assert_allclose([slider.value for slider in controls.joints], middle)
+    controls.bar.value = 1.0
+    np.testing.assert_allclose(view.q, GOAL, atol=1e-9)
+    controls.joints[0].value = 0.25
+    assert view.q[0] == pytest.approx(0.25)
+    assert len(view.describe()) == 2
+    assert "worker" in view.describe()[0]
+
+
+def test_playing_goes_on_by_itself(view):
+    from safe_ompl.view.browser.controls import Controls
+
+    now = 100.0
+    controls = Controls(view, clock=lambda: now)
+    before = view.share
+    controls.advance()
+    assert view.share == before
+    controls.play(True)
+    now += 1.0
+    controls.advance()
+    assert view.share == pytest.approx(before + 1.0 / view.content.playing_time)
+
+
+def test_paths_stand_apart_or_in_one_place(view):
+    places = np.array([path_view.root.position for path_view in view.path_views])
+    assert np.linalg.norm(places[0] - places[1]) > 1.0
+    view.set_side_by_side(False)
+    assert not np.any([path_view.root.position for path_view in view.path_views])
+    assert [path_view.scenery.visible for path_view in view.path_views] == [True, False]

@@ -1,0 +1,425 @@
+"""Pictures of robots: what they show, where they are taken from, and what they refuse."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+import coal
+from matplotlib.image import imread
+
+from safe_ompl.errors import InputError
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene import surfaces
+from safe_ompl.scene.obstacle import Obstacle
+from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scene import Scene
+from safe_ompl.scene.shapes.basic import Box, Sphere
+from safe_ompl.scene.shapes.person import Person
+from safe_ompl.view.pictures.bodies import RobotBody, obstacle_surfaces
+from safe_ompl.view.pictures.camera import Camera, in_picture
+from safe_ompl.view.pictures.path import DrawnPath, choose_camera, moments, render_path
+from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Renderer, ZBuffer, tone_mapped
+from safe_ompl.view.pictures.results import render_comparison, save_png
+from safe_ompl.view.pictures.scene import DrawnScene
+from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tessellate, tube
+
+SMALL = (96, 72)
+ARM = """
+<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><collision><origin xyz="0.2 0 0" rpy="0 1.5708 0"/>
+    <geometry><cylinder radius="0.04" length="0.4"/></geometry></collision></link>
+  <link name="lower"><collision><origin xyz="0.15 0 0"/>
+    <geometry><box size="0.3 0.05 0.05"/></geometry></collision></link>
+  <link name="tip"/>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="{axis}"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.4 0 0"/>
+    <axis xyz="{axis}"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="wrist" type="fixed"><parent link="lower"/><child link="tip"/><origin xyz="0.3 0 0"/></joint>
+</robot>
+"""
+GREY = (0.5, 0.5, 0.5)
+PATH = np.array([[-1.2, 0.3], [-0.4, 1.0], [0.9, 0.5]])
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return _arm(tmp_path_factory, "0 0 1")
+
+
+@pytest.fixture(scope="module")
+def upright(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return _arm(tmp_path_factory, "0 1 0")
+
+
+def _arm(folders: pytest.TempPathFactory, axis: str) -> Robot:
+    file = folders.mktemp("arm") / "arm.urdf"
+    file.write_text(ARM.format(axis=axis))
+    return Robot.from_urdf(file, tip="tip")
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene(
+        (
+            Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.6, 0.6, 0.0))),
+            Obstacle("ball", Sphere(0.08), Pose((-0.4, 0.4, 0.0)), weight=1.0),
+        )
+    )
+
+
+# ---------------------------------------------------------------------------------------------- triangles
+
+
+def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+@pytest.mark.parametrize(
+    ("shape", "volume"),
+    [
+        (coal.Box(1.0, 2.0, 3.0), 6.0),
+        (coal.Sphere(0.5), np.pi / 6),
+        (coal.Cylinder(0.5, 2.0), np.pi / 2),
+        (coal.Capsule(0.5, 2.0), np.pi / 2 + np.pi / 6),
+        (coal.Cone(0.5, 3.0), np.pi / 4),
+    ],
+)
+def test_tessellated_shapes_are_closed_and_face_outwards(shape: Any, volume: float) -> None:
+    assert _volume(*tessellate(shape)) == pytest.approx(volume, rel=0.03)
+
+
+def test_a_mesh_keeps_its_triangles() -> None:
+    vertices, faces = surfaces.box_triangles(np.array([1.0, 2.0, 3.0]))
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(len(faces), len(vertices))
+    mesh.addVertices(vertices)
+    mesh.addTriangles(faces.astype(np.int64))
+    mesh.endModel()
+    assert _volume(*tessellate(mesh)) == pytest.approx(6.0)
+    mesh.buildConvexHull(True, "Qt")
+    assert _volume(*tessellate(mesh.convex)) == pytest.approx(6.0)
+
+
+def test_unknown_geometry_is_named() -> None:
+    with pytest.raises(InputError, match=r"Halfspace.*known: mesh"):
+        tessellate(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))
+
+
+def test_normals_are_smooth_on_a_ball_and_flat_on_a_box() -> None:
+    ball = Surface.from_triangles(*tessellate(coal.Sphere(1.0)))
+    assert np.einsum("ij,ij->i", ball.vertices, ball.normals).min() > 0.99
+    box = Surface.from_triangles(*tessellate(coal.Box(1.0, 1.0, 1.0)))
+    assert np.abs(box.normals).max(axis=1) == pytest.approx(1.0)
+
+
+def test_simplified_surfaces_stay_within_a_cell() -> None:
+    ball = Surface.from_triangles(*tessellate(coal.Sphere(1.0)))
+    coarse = ball.simplified(0.2)
+    assert 0 < len(coarse.faces) < len(ball.faces)
+    assert _volume(coarse.vertices, coarse.faces) == pytest.approx(4.19, rel=0.1)
+
+
+def test_a_tube_keeps_its_radius_round_a_corner() -> None:
+    bend = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]])
+    vertices, _ = tube(bend, 0.1)
+    gaps = np.linalg.norm(vertices[:, None] - bend[None], axis=2).min(axis=1)
+    assert gaps == pytest.approx(0.1)
+    assert len(tube(bend[:1], 0.1)[0])  # a tip that stands still is a ball
+
+
+# ------------------------------------------------------------------------------------------------- camera
+
+
+def test_the_camera_holds_all_points_tightly() -> None:
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    camera = Camera.framing(points, 0.7, 0.4, (150, 100), margin=0.05)
+    places = camera.project(points) / (1.5, 1.0)
+    assert np.abs(places).max() == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("points", [np.empty((0, 3)), np.array([[0.0, np.nan, 0.0]])])
+def test_a_camera_without_points_says_so(points: np.ndarray) -> None:
+    with pytest.raises(InputError, match="finite points"):
+        Camera.framing(points, 0.0, 0.5, SMALL)
+
+
+def test_a_level_arm_is_seen_from_above(planar: Robot, scene: Scene) -> None:
+    camera = choose_camera(planar, scene, {"a": PATH})
+    assert camera.eye[2] - camera.target[2] == pytest.approx(np.linalg.norm(camera.eye - camera.target))
+
+
+def test_the_camera_goes_where_a_wall_does_not_hide_the_arm(upright: Robot) -> None:
+    wall = Obstacle("wall", Box((2.0, 0.05, 2.0)), Pose((0.3, -0.5, 0.3)))
+    camera = choose_camera(upright, Scene((wall,)), {"a": PATH})
+    assert camera.eye[1] > 0.0
+
+
+def test_azimuth_and_elevation_can_be_given(upright: Robot, scene: Scene) -> None:
+    camera = choose_camera(upright, scene, {"a": PATH}, azimuth=0.5, elevation=0.3)
+    back = camera.eye - camera.target
+    assert np.arctan2(back[1], back[0]) == pytest.approx(0.5)
+    assert np.arcsin(back[2] / np.linalg.norm(back)) == pytest.approx(0.3)
+
+
+# ------------------------------------------------------------------------------------------------ renderer
+
+
+def _ball(radius: float, at: tuple[float, float, float]) -> Surface:
+    return Surface.from_triangles(*tessellate(coal.Sphere(radius))).moved(np.eye(3), np.array(at))
+
+
+def test_development_keeps_order_and_range() -> None:
+    values = tone_mapped(np.linspace(0.0, 5.0, 200))
+    assert (np.diff(values) >= 0).all()
+    assert values[0] == 0.0
+    assert values[-1] <= 1.0
+
+
+def test_a_z_buffer_keeps_what_is_nearest() -> None:
+    points = np.array([[0.0, 0, 1], [9, 0, 1], [0, 9, 1], [2.0, 2, 3], [6, 2, 3], [2, 6, 1]])
+    faces = np.array([(0, 1, 2), (3, 4, 5)])
+    buffer = ZBuffer.of(points, faces, (10, 8))
+    assert buffer.faces[1, 1] == 0
+    assert buffer.faces[3, 3] == 1
+    assert buffer.faces[7, 9] == -1
+    assert buffer.nearness[3, 3] == pytest.approx(2.5)  # halfway down from 3 to 1, a quarter of the way
+    assert buffer.nearness[7, 9] == -np.inf
+    assert (buffer.faces >= 0).sum() == sum(x + y <= 9 for y in range(8) for x in range(10))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_z_buffer_does_not_care_which_way_triangles_turn(turned: bool) -> None:
+    points = np.random.default_rng(0).uniform(-5, 45, (60, 3))
+    faces = np.arange(60).reshape(20, 3)
+    buffer = ZBuffer.of(points, faces[:, ::-1] if turned else faces, (40, 30))
+    y, x = np.mgrid[:30, :40]
+    best = np.full((30, 40), -np.inf)
+    for a, b, c in points[faces]:
+        shares = np.linalg.solve(
+            [*np.column_stack([a, b, c])[:2], np.ones(3)], [x.ravel(), y.ravel(), np.ones(1200)]
+        )
+        z = (shares * np.array([a[2], b[2], c[2]])[:, None]).sum(axis=0)
+        z[(shares < 0).any(axis=0)] = -np.inf
+        best = np.maximum(best, z.reshape(30, 40))
+    np.testing.assert_allclose(buffer.nearness, best, rtol=1e-4)
+
+
+def test_what_is_behind_the_camera_is_not_drawn() -> None:
+    camera = Camera.framing(np.eye(3), 0.3, 0.5, SMALL)
+    behind = _ball(0.3, tuple(camera.eye + (camera.eye - camera.target)))
+    buffer = ZBuffer.of(in_picture(camera, behind.vertices, SMALL), behind.faces, SMALL)
+    assert (buffer.faces == -1).all()
+
+
+def test_the_empty_floor_has_its_value_everywhere() -> None:
+    image = Renderer(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL).render([])
+    assert image == pytest.approx(FLOOR_VALUE, abs=1e-6)
+
+
+def test_layers_show_the_body_where_nothing_hides_it() -> None:
+    camera = Camera.framing(_ball(1.0, (0, 0, 0)).vertices, 0.0, 0.0, SMALL)
+    renderer = Renderer(-1.0, camera, SMALL)
+    body = _ball(0.5, (0, 0, 0))
+    values = np.tile((1.0, 0.5, 0.0), (len(body.vertices), 1))
+    walls = [[ColouredSurface(_ball(0.3, at), GREY)] for at in ((-1, 0, 0), (2, 0, 0))]
+    free, hidden = (renderer.render_layers(wall, [(body, values)])[1][0] for wall in walls)
+    assert free[36, 48] == pytest.approx((1.0, 0.5, 0.0), abs=1e-3)
+    assert free[2, 2] == pytest.approx(0.0)
+    assert hidden[36, 48] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_shadow_falls_on_the_floor_away_from_the_light() -> None:
+    ball = ColouredSurface(_ball(0.3, (0, 0, 1.0)), (0.5, 0.5, 0.5))
+    camera = Camera.framing(np.array([(-1.5, -1.5, 0), (1.5, 1.5, 1.5)]), 0.0, 1.2, SMALL)
+    renderer = Renderer(0.0, camera, SMALL)
+    light = renderer.light_direction()
+    shadow = -light / light[2] + (0.0, 0.0, 1.0)  # of the middle of the ball, on the floor
+    image = renderer.render([ball])
+    for place, dark in ((shadow, True), (-shadow, False)):
+        column, row, _ = np.rint(in_picture(camera, place[None], SMALL)[0]).astype(int)
+        assert bool(image[row, column].mean() < 0.8 * FLOOR_VALUE) is dark
+
+
+def test_the_camera_does_not_stand_behind_the_back_of_a_person(upright: Robot) -> None:
+    person = Obstacle("person", Person(), Pose((1.1, 0.0, -0.9)), weight=1.0)
+    camera = choose_camera(upright, Scene((person,)), {"a": PATH})
+    assert camera.eye[0] - camera.target[0] < 0.3 * np.linalg.norm(camera.eye - camera.target)
+
+
+# -------------------------------------------------------------------------------------------- robot and scene
+
+
+def test_a_person_wears_the_colour_of_the_obstacle() -> None:
+    colours = {thing.colour for thing in obstacle_surfaces(Obstacle("p", Person(), color=(0.1, 0.2, 0.3)))}
+    assert (0.1, 0.2, 0.3) in colours
+    assert len(colours) >= 4  # skin, hair, trousers and shoes besides
+
+
+def test_the_lowest_wide_slab_is_the_floor(planar: Robot) -> None:
+    slab = Obstacle("ground", Box((9.0, 9.0, 0.02)), Pose((0.0, 0.0, -0.5)))
+    drawn = DrawnScene(planar, Scene((slab,)), [PATH])
+    assert drawn.floor == pytest.approx(-0.49)
+    assert [thing.colour for thing in drawn.surroundings] == [(0.62, 0.63, 0.65)]  # a pedestal alone
+
+
+def test_postures_leave_out_what_has_not_moved(planar: Robot) -> None:
+    body = RobotBody(planar)
+    whole, moved = body.posed(PATH[0]), body.posed(PATH[0] + (0.0, 0.4), moved_from=PATH[0])
+    assert 0 < len(moved.faces) < len(whole.faces)
+    assert not len(body.posed(PATH[0], moved_from=PATH[0]).faces)
+
+
+def test_a_robot_without_geometry_is_drawn_by_its_skeleton(tmp_path: Any) -> None:
+    import re
+
+    file = tmp_path / "bare.urdf"
+    file.write_text(re.sub(r"<collision>.*?</collision>", "", ARM.format(axis="0 0 1"), flags=re.DOTALL))
+    body = RobotBody(Robot.from_urdf(file, tip="tip", collision="optional"))
+    extent = np.ptp(body.posed(np.zeros(2)).vertices, axis=0)
+    assert extent[0] > 0.7
+    assert extent[1] < 0.2
+
+
+@pytest.mark.parametrize(
+    ("count", "closest", "expected"),
+    [(3, None, [0.25, 0.5, 0.75]), (3, 0.6, [0.25, 0.6, 0.75]), (0, 0.6, []), (1, 0.0, [0.0])],
+)
+def test_the_closest_moment_is_among_those_shown(
+    count: int, closest: float | None, expected: list[float]
+) -> None:
+    assert moments(count, closest).tolist() == pytest.approx(expected)
+
+
+# --------------------------------------------------------------------------------------------------- pictures
+
+
+def test_the_robot_shows_in_the_picture(planar: Robot, scene: Scene) -> None:
+    camera = choose_camera(planar, scene, {"a": PATH})
+    drawn = render_path(planar, scene, PATH, size=SMALL, camera=camera, ghosts=1)
+    drawn_scene = DrawnScene(planar, scene, [PATH])
+    empty = tone_mapped(Renderer(drawn_scene.floor, camera, SMALL).render(drawn_scene.surroundings))
+    assert drawn.shape == (72, 96, 3)
+    assert drawn.dtype == np.uint8
+    changed = np.abs(drawn - 255.0 * empty).max(axis=2) > 40
+    assert 0.03 < changed.mean() < 0.5
+    blue = (drawn[..., 2].astype(int) - drawn[..., 0]) > 80
+    assert blue.any()  # goal and trace have the accent colour
+
+
+def test_the_planned_path_is_a_thinner_line_than_the_simplified_one(planar: Robot) -> None:
+    around = np.array([PATH[0], [2.0, -1.0], PATH[-1]])
+    camera = choose_camera(planar, Scene(), {"a": PATH, "b": around})
+    views = [
+        render_path(planar, Scene(), path, size=(240, 180), camera=camera, ghosts=0).astype(int)
+        for path in (DrawnPath(PATH), DrawnPath(PATH, around), DrawnPath(around))
+    ]
+    thin, bold = ((np.abs(view - views[0]).max(axis=2) > 30).sum() for view in views[1:])
+    assert 20 < thin < 0.7 * bold
+
+
+def test_a_ghost_tints_the_picture(planar: Robot) -> None:
+    scene = Scene()
+    plain, ghostly = (
+        render_path(planar, scene, PATH, size=SMALL, ghosts=count, danger_points=True) for count in (0, 2)
+    )
+    assert 0.01 < (np.abs(plain.astype(int) - ghostly).max(axis=2) > 10).mean() < 0.4
+
+
+def test_danger_points_are_red(planar: Robot, scene: Scene) -> None:
+    drawn, plain = (
+        render_path(planar, scene, PATH, size=(240, 180), ghosts=0, danger_points=shown)
+        for shown in (True, False)
+    )
+    redder = drawn[..., 0].astype(int) - drawn[..., 1] > plain[..., 0].astype(int) - plain[..., 1] + 30
+    assert redder.any()
+
+
+def test_the_same_picture_comes_out_twice(planar: Robot, scene: Scene) -> None:
+    first, second = (render_path(planar, scene, PATH, size=SMALL, ghosts=1) for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+def test_a_comparison_is_saved_with_a_panel_per_planner(planar: Robot, scene: Scene, tmp_path: Any) -> None:
+    file = tmp_path / "new" / "paths.png"
+    render_comparison(
+        planar,
+        scene,
+        {
+            "RRTConnect": DrawnPath(PATH, accent=(1.0, 0.0, 0.0), subtitle="mean danger 3.9"),
+            "SafeRRTConnect": DrawnPath(PATH[::2], PATH, closest=0.3),
+        },
+        file,
+        panel=SMALL,
+        ghosts=1,
+    )
+    image = imread(file)
+    assert image.shape[:2] == (72 + 52 + 30, 2 * 96 + 3 * 14)
+    left, right = image[52:124, 14:110], image[52:124, 124:220]
+    assert ((left[..., 0] - left[..., 2]) > 0.3).any()
+    assert ((right[..., 2] - right[..., 0]) > 0.3).any()
+
+
+def test_pictures_are_saved_as_they_are(tmp_path: Any) -> None:
+    image = np.random.default_rng(0).integers(0, 255, (5, 7, 3), dtype=np.uint8)
+    save_png(image, tmp_path / "sub" / "a.png")
+    assert np.array_equal(np.round(255 * imread(tmp_path / "sub" / "a.png"))[..., :3], image)
+
+
+# ------------------------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        (np.empty((0, 2)), "at least one configuration"),
+        (np.zeros((3, 5)), r"shape \(any, 2\), got \(3, 5\)"),
+        (np.array([[0.0, np.nan]]), "finite"),
+    ],
+)
+def test_a_path_that_cannot_be_drawn_says_why(planar: Robot, path: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        render_path(planar, Scene(), path, size=SMALL)
+
+
+def test_a_picture_needs_pixels(planar: Robot) -> None:
+    with pytest.raises(InputError, match="at least 1 pixel"):
+        render_path(planar, Scene(), PATH, size=(0, 72))
+
+
+def test_a_comparison_needs_paths(planar: Robot, tmp_path: Any) -> None:
+    with pytest.raises(InputError, match="no path to draw"):
+        render_comparison(planar, Scene(), {}, tmp_path / "a.png")
+
+
+def test_one_picture_of_a_real_robot() -> None:
+    robot = Robot.from_example("ur5")
+    person = Obstacle("person", Person(), Pose((0.9, 0.0, -0.8)))
+    path = np.array([[0.0, -1.2, 1.5, -1.8, -1.57, 0.0], [1.0, -1.2, 1.5, -1.8, -1.57, 0.0]])
+    drawn = render_path(robot, Scene((person,)), path, size=SMALL, ghosts=1)
+    assert drawn.std() > 10
+    assert ColouredSurface(_ball(1.0, (0, 0, 0)), (1.0, 0.0, 0.0)).glossy is False
+
+
+def test_links_without_visual_shapes_are_drawn_as_they_collide(tmp_path) -> None:
+    box = "<geometry><box size='0.2 0.1 0.1'/></geometry>"
+    joint = "<axis xyz='0 0 1'/><limit lower='-1' upper='1' velocity='1' effort='1'/>"
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        "<robot name='r'><link name='a'/>"
+        f"<link name='b'><visual>{box}</visual><collision>{box}</collision></link>"
+        f"<link name='c'><collision>{box}</collision></link>"
+        f"<joint name='j' type='revolute'><parent link='a'/><child link='b'/>{joint}</joint>"
+        f"<joint name='k' type='revolute'><parent link='b'/><child link='c'/><origin xyz='1 0 0'/>{joint}"
+        "</joint></robot>"
+    )
+    body = RobotBody(Robot.from_urdf(file))
+    assert len(body.links) == 2
+    assert body.posed(np.zeros(2)).vertices[:, 0].max() == pytest.approx(1.1)
