@@ -15,16 +15,16 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.robot.bodies.reach import bounding_hull
-from safe_ompl.robot.inverse_kinematics import Place, solve_from_seed
+from safe_ompl.common.arrays import FloatArray
+from safe_ompl.geometry.basic import Box, Capsule, Shape
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.robot.ik import Place, solve_from_seed
+from safe_ompl.robot.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Capsule, Shape
 
 ROBOTS = ("panda", "ur5", "xarm7", "z1")
 _STEP = 0.01  # [m] of the hand between two configurations of the way out

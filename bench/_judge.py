@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.common.arrays import FloatArray
 from safe_ompl.danger.field import DangerField
-from safe_ompl.robot.construction.attachment import Attachment
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.robot.loading.attachment import Attachment
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
 
 SAMPLES = 12  # of an edge

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from ompl import util as ou
 
 from safe_ompl import Robot, SafeSetup
-from safe_ompl.scenario.mbm import MbmFile, MbmProblem
-from safe_ompl.setup.from_scenario import setup_problem
+from safe_ompl.planning.from_scenario import setup_problem
+from safe_ompl.scene.mbm import MbmFile, MbmProblem
 
 
 def positions(text: str) -> slice:

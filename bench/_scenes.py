@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Shape, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Shape, Sphere
 
 
 def scattered(number: int, seed: int = 0, room: float = 0.3) -> Scene:

@@ -10,16 +10,16 @@ import numpy as np
 from _scenes import scattered
 
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.person import Person
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.constraints import MotionLimits
-from safe_ompl.scenario.people import People
-from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.constraints import MotionLimits
+from safe_ompl.scene.people import People
+from safe_ompl.scene.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.person import Person
-from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.setup.safe_setup import SafeSetup
 
 PEOPLE = People(speed=1.6, reaction_time=0.1)
 ACCELERATIONS = {"panda": (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0), "ur5": 8.0}

@@ -17,10 +17,10 @@ import numpy as np
 from _timing import print_table
 from ompl import util as ou
 
-from safe_ompl.scenario.scenario import Scenario, find_scenario, list_scenarios
-from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.setup.result import PlanResult
-from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.scene.scenario import Scenario, find_scenario, list_scenarios
 
 PLANNER, BASELINE = "SafeRRTConnect", "PaperRRTConnect"
 SELECTION: dict[str, Any] = {"nearest_fraction": 0.3}

@@ -16,11 +16,11 @@ import numpy as np
 from _scenes import scattered
 from _timing import print_table
 
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.obstacle import Obstacle
 from safe_ompl.scene.scene import Scene
-from safe_ompl.setup.result import PlanResult
-from safe_ompl.setup.safe_setup import SafeSetup
 
 PAPER, OURS = "PaperSafeBubble", "BubblePlanner"
 FORMS: dict[str, tuple[str, dict[str, Any]]] = {

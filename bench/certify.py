@@ -28,19 +28,18 @@ from _scenes import bookshelf, scattered
 from _timing import print_table
 from motion import COARSE, random_edges, sampled_is_free
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.certificates.issue import certificate
+from safe_ompl.certificates.verifier.verify import verify
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
+from safe_ompl.common.arrays import FloatArray
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.certificate.issue import certificate
-from safe_ompl.paths.certificate.verifier.verify import verify
-from safe_ompl.paths.curve import Curve
-from safe_ompl.paths.measures import PROFILE_POINTS
+from safe_ompl.paths.measures import PROFILE_POINTS, Curve
+from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.scenario import Scenario, list_scenarios
+from safe_ompl.scene.scenario import Scenario, list_scenarios
 from safe_ompl.scene.scene import Scene
-from safe_ompl.setup.from_scenario import setup_scenario
 
 FINE, FINEST = 0.001, 0.0002  # [rad] between samples
 NEAR = 0.005  # [m] how near hard edges pass to a contact

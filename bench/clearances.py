@@ -24,10 +24,10 @@ from ompl import base as ob
 from ompl import util as ou
 
 from safe_ompl import Robot, SafeSetup
-from safe_ompl.cli.arguments import names
-from safe_ompl.scenario.mbm import MbmFile
-from safe_ompl.scenario.scenario import Scenario, find_scenario, list_scenarios
-from safe_ompl.setup.from_scenario import setup_problem, setup_scenario
+from safe_ompl.apps.cli.arguments import names
+from safe_ompl.planning.from_scenario import setup_problem, setup_scenario
+from safe_ompl.scene.mbm import MbmFile
+from safe_ompl.scene.scenario import Scenario, find_scenario, list_scenarios
 
 PAIRS = {
     "SafeRRTConnect": "ClassicRRTConnect",

@@ -17,10 +17,10 @@ import numpy as np
 from _timing import print_table
 
 from safe_ompl import PathReport, Robot, SafeSetup, Scene, certificate, verify
-from safe_ompl.arrays import FloatArray
-from safe_ompl.benchmark.runs import resident_megabytes
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.shapes.cloud import PointCloud
+from safe_ompl.apps.benchmark.runs import resident_megabytes
+from safe_ompl.common.arrays import FloatArray
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.obstacle import Obstacle
 
 NOISE, MISSING = 0.002, 0.05  # [m] of a depth camera, and the share of its pixels that see nothing
 PATH = [[0.0, -0.5, 0.0, -2.2, 0.0, 1.8, 0.8], [0.4, -0.4, 0.1, -2.0, 0.1, 1.9, 0.6]]

@@ -79,7 +79,7 @@ def plan_and_simplify() -> None:
         SafeSetup,
         Scene,
     )
-    from safe_ompl.maths.neighbours import NearestNode
+    from safe_ompl.planning.planners.graphs.neighbours import NearestNode
 
     robot = Robot.from_example("panda")
     person = Obstacle("person", Person(), Pose((0.95, 0.3, -0.85)))
@@ -105,7 +105,8 @@ def plan_and_simplify() -> None:
 def drive() -> None:
     """Ask for what live driving needs."""
     from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Robot, Scene, Tracker, time_path
-    from safe_ompl.people import TrackedBody, find_skeleton
+    from safe_ompl.people.body import TrackedBody
+    from safe_ompl.people.skeletons import find_skeleton
 
     robot, skeleton = Robot.from_example("panda"), find_skeleton("recording12")
     scene = Scene((Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.1))),))
@@ -122,7 +123,9 @@ def drive() -> None:
 
 def call_the_rest() -> None:
     """Call kernels whose rooms would have to be furnished first."""
-    from safe_ompl.maths.kernels import field, stopping, triangles
+    from safe_ompl.common.kernels import triangles
+    from safe_ompl.danger.kernels import field
+    from safe_ompl.trajectories import kernels as stopping
 
     ones = np.ones((2, 2))
     stopping.stopping_speeds(np.ones(2), np.ones(2), ones, ones, np.ones(2), np.array([1, 1]))
@@ -134,7 +137,7 @@ def call_the_rest() -> None:
 
 def kernels() -> dict[str, Any]:
     """Return all kernels and parts by their names."""
-    import safe_ompl.maths.kernels as room
+    import safe_ompl.common.kernels as room
 
     found = {}
     for module in iter_modules(room.__path__):

@@ -28,9 +28,11 @@ import pinocchio as pin
 from ompl import util as ou
 
 from safe_ompl import Box, CollisionChecker, Obstacle, Pose, RateLimits, Robot, SafeSetup, Scene, time_path
-from safe_ompl.arrays import FloatArray
-from safe_ompl.people.replanning import Replanner, ReplanningOptions
-from safe_ompl.people.simulation import ContactMonitor, Drifting, Faults, Simulation, Solid
+from safe_ompl.common.arrays import FloatArray
+from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
+from safe_ompl.people.simulation.contact_monitor import ContactMonitor, Solid
+from safe_ompl.people.simulation.movers import Drifting
+from safe_ompl.people.simulation.simulation import Faults, Simulation
 
 COUNTS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 30, 40, 50)
 CENTRE, RADIUS, BASE = np.array([0.0, 0.0, 0.267]), 1.5, 0.25

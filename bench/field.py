@@ -18,11 +18,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from safe_ompl import DangerField, Robot
-from safe_ompl.arrays import FloatArray
+from safe_ompl.common.arrays import FloatArray
 from safe_ompl.danger.kinetostatic import KinetostaticField
-from safe_ompl.maths.field import field, keypoint_gradient
-from safe_ompl.maths.segments import Segments
-from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.danger.link_field import Segments, field, keypoint_gradient
+from safe_ompl.scene.scenario import Scenario, find_scenario
 
 PATH = (60, 16)
 MOVING = 200  # configurations

@@ -25,10 +25,13 @@ import numpy as np
 
 from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
 from safe_ompl import People, Pose, RateLimits, Scenario, time_path
-from safe_ompl.people import Recording, TrackedBody, Tracker, list_clips
-from safe_ompl.people.replanning import Replanner, ReplanningOptions
-from safe_ompl.people.simulation import Playback, Simulation
-from safe_ompl.scenario.scenario import find_scenario
+from safe_ompl.people.body import TrackedBody
+from safe_ompl.people.recordings import Recording, list_clips
+from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
+from safe_ompl.people.simulation.movers import Playback
+from safe_ompl.people.simulation.simulation import Simulation
+from safe_ompl.people.tracking import Tracker
+from safe_ompl.scene.scenario import find_scenario
 
 PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]  # [rad/s²]
 HANDS = {f"{side}_{limb}": 2.0 for side in ("left", "right") for limb in ("forearm", "hand")}  # [m/s]

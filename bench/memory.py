@@ -16,10 +16,10 @@ import numpy as np
 from ompl import util as ou
 
 from safe_ompl import CollisionFreeValidity, SafeSetup
-from safe_ompl.benchmark.runs import resident_megabytes
-from safe_ompl.planners.registry import planner_names
-from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.apps.benchmark.runs import resident_megabytes
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.planners.registry import planner_names
+from safe_ompl.scene.scenario import Scenario, find_scenario
 
 BAR = 5.0  # [MB]
 WARM_UP, STEP, SETUP_LIFE = 500, 500, 100

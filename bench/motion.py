@@ -23,10 +23,10 @@ import numpy as np
 from _scenes import bookshelf, scattered
 from _timing import in_turn, print_table
 
-from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
-from safe_ompl.counts import Counts
+from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common.counts import Counts
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

@@ -37,29 +37,29 @@ from unittest import mock
 import numpy as np
 from _judge import Judge, carried
 from _timing import print_table
-from safe_ompl.scenario.motion_limits import MotionLimits
+from safe_ompl.scene.motion_limits import MotionLimits
 
+from safe_ompl.certificates.claims import Terms
+from safe_ompl.certificates.issue import certificate, terms_of
+from safe_ompl.certificates.verifier.verify import Verified, verify
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.common.errors import SafeOmplError
 from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import SafeOmplError
-from safe_ompl.paths.certificate.claims import Terms
-from safe_ompl.paths.certificate.issue import certificate, terms_of
-from safe_ompl.paths.certificate.robot_document import built_robot, links_without_collision
-from safe_ompl.paths.certificate.schema import digest
-from safe_ompl.paths.certificate.verifier.verify import Verified, verify
-from safe_ompl.robot.construction.attachment import Attachment
+from safe_ompl.geometry.basic import Box, Cylinder, Sphere
+from safe_ompl.geometry.mesh import Mesh
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.io.robot_document import built_robot, links_without_collision
+from safe_ompl.io.schema import digest
 from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot.loading.attachment import Attachment
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scenario.goal import Goal
-from safe_ompl.scenario.people import BodyRegion, People
-from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.goal import Goal
+from safe_ompl.scene.people import BodyRegion, People
+from safe_ompl.scene.scenario import Scenario
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Cylinder, Sphere
-from safe_ompl.scene.shapes.mesh import Mesh
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import PathTimer
 
@@ -369,7 +369,7 @@ def mutation(case: Case, seed: int, k: int) -> Any:
 
 def issued_anew(case: Case, document: dict[str, Any], robot: Robot, scene: Scene) -> dict[str, Any]:
     """Return the certificate of the same path for another robot, which travels as a document, in another scene."""
-    with mock.patch("safe_ompl.paths.certificate.issue.carried_robot", return_value=document):
+    with mock.patch("safe_ompl.certificates.issue.carried_robot", return_value=document):
         return case.reissue(robot, scene)
 
 

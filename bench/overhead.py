@@ -19,7 +19,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from safe_ompl import CertifiedMotionValidator, CollisionFreeValidity, Robot, SafeSetup, Scene
-from safe_ompl.plugins.states import StateBridge
+from safe_ompl.planning.ompl.states import StateBridge
 
 PROBLEMS = 30  # of each robot
 Call = tuple[Callable[..., bool], tuple[Any, ...]]

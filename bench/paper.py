@@ -33,11 +33,11 @@ from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs
 from _paper.sweep import sweep
 from ompl import util as ou
 
-from safe_ompl.benchmark.log import save_database, write_log
-from safe_ompl.cli.console import error_console, progress_bar
-from safe_ompl.cli.values import count, names
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.setup.result import PlanResult
+from safe_ompl.apps.benchmark.log import save_database, write_log
+from safe_ompl.apps.cli.console import error_console, progress_bar
+from safe_ompl.apps.cli.values import count, names
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.planning.result import PlanResult
 
 RUNS, SIMPLIFIED_RUNS, SWEEP_RUNS, HARDNESS_RUNS = 1000, 200, 20, 20
 RANDOM_RUNS = 5  # of each planner on each random scene, at most

@@ -35,9 +35,9 @@ from _timing import print_table
 from _worth_problems import NAMED, WorthProblem, WorthSetups, problems
 from ompl import util as ou
 
-from safe_ompl.cli.values import names
-from safe_ompl.maths.kernels import compiled
-from safe_ompl.trajectories.faster import duration_of
+from safe_ompl.apps.cli.values import names
+from safe_ompl.common import compilation as compiled
+from safe_ompl.trajectories.local_changes import duration_of
 from safe_ompl.trajectories.timing import CELLS
 
 LOOKS = {

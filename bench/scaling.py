@@ -18,12 +18,12 @@ import numpy as np
 from _scenes import scattered
 
 from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Robot
-from safe_ompl.arrays import FloatArray
-from safe_ompl.danger.field import AGGREGATES
-from safe_ompl.planners.parts.tree import Tree
-from safe_ompl.plugins.objective import DangerObjective, StateCost
-from safe_ompl.plugins.states import StateBridge
-from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.common.arrays import FloatArray
+from safe_ompl.danger.evaluation import AGGREGATES
+from safe_ompl.planning.ompl.objective import DangerObjective, StateCost
+from safe_ompl.planning.ompl.states import StateBridge
+from safe_ompl.planning.planners.parts.tree import Tree
+from safe_ompl.planning.safe_setup import SafeSetup
 
 ROUNDS, ITEMS = 5, 80  # configurations in all
 SIZES = {

@@ -21,17 +21,16 @@ from _scenes import scattered
 from _timing import print_table
 from ompl import util as ou
 
-from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.common.arrays import FloatArray
 from safe_ompl.danger.field import DangerField
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.person import STANDING, Person
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.anatomy import STANDING
-from safe_ompl.scene.shapes.person import Person
-from safe_ompl.setup.safe_setup import SafeSetup
 
 OBSTACLES = 12
 MOVABLE = ("obstacle 3", "obstacle 4", "person")

@@ -18,14 +18,14 @@ import numpy as np
 import pinocchio as pin
 from _timing import print_table
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.certificates.verifier.distances import corners
+from safe_ompl.collision.broad_phase import fresh_data
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.collision.queries import fresh_data
-from safe_ompl.paths.certificate.verifier.distances import corners
+from safe_ompl.common.arrays import FloatArray
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.people import People
-from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.scene.people import People
+from safe_ompl.scene.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
 from safe_ompl.trajectories.caps import contact_speed, robot_mass
 from safe_ompl.trajectories.limits import RateLimits

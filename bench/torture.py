@@ -35,8 +35,8 @@ from safe_ompl import (
     Scenario,
     plan,
 )
-from safe_ompl.planners.registry import make_planner, needs_place, planner_names
-from safe_ompl.scenario.scenario import find_scenario
+from safe_ompl.planning.planners.registry import make_planner, needs_place, planner_names
+from safe_ompl.scene.scenario import find_scenario
 
 STEPS = 25
 BAD = (None, "x", -1, float("nan"), float("inf"), [], {}, True, 3.5, object())

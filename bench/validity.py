@@ -16,8 +16,8 @@ from _timing import in_turn, print_table
 from ompl import base as ob
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.plugins.states import StateBridge, joint_space
-from safe_ompl.plugins.validity import CollisionFreeValidity
+from safe_ompl.planning.ompl.states import StateBridge, joint_space
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity
 from safe_ompl.robot.robot import Robot
 
 

@@ -4,7 +4,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 import safe_ompl as so
-from safe_ompl.plugins.states import StateBridge, joint_space
+from safe_ompl.planning.ompl.states import StateBridge, joint_space
 
 ou.setLogLevel(ou.LogLevel.LOG_WARN)
 ou.RNG.setSeed(1)

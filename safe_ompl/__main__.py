@@ -2,6 +2,6 @@
 
 import sys
 
-from safe_ompl.cli.main import main
+from safe_ompl.apps import main
 
 sys.exit(main())

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import settings
 from ompl import util as ou
 
-from safe_ompl.notices import warn_once
-from safe_ompl.robot.bodies.reach import bounding_hull
+from safe_ompl.common.errors import warn_once
+from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.robot.reach import bounding_hull
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
 
 os.environ["SAFE_OMPL_CACHE"] = "off"  # tests neither read nor leave anything in the user's cache
 
@@ -123,7 +123,7 @@ def ticks(monkeypatch):
     """Give setups a clock that counts, so that limits of time do not depend on the machine."""
     clock = Ticks()
     for module in ("run", "safe_setup", "optimise"):
-        monkeypatch.setattr(f"safe_ompl.setup.{module}.clock", clock)
+        monkeypatch.setattr(f"safe_ompl.planning.{module}.clock", clock)
     return clock
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.paths.report import PathReport
-from safe_ompl.robot.description.examples import find_example, robots_folder
+from safe_ompl.robot.loading.packages import find_example, robots_folder
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

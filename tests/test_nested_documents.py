@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from safe_ompl.errors import InputError
-from safe_ompl.exchange.form import read_json
-from safe_ompl.exchange.ticks import read_ticks
-from safe_ompl.scenario.mbm import MbmFile
-from safe_ompl.yaml_documents import reading
+from safe_ompl.common.documents import reading
+from safe_ompl.common.errors import InputError
+from safe_ompl.io.form import read_json
+from safe_ompl.io.ticks import read_ticks
+from safe_ompl.scene.mbm import MbmFile
 
 DEEP = 30_000
 

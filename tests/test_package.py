@@ -1,11 +1,13 @@
 """What `import safe_ompl` offers, and what it leaves for later."""
 
+import importlib
 import subprocess
 import sys
 
 import pytest
 
 import safe_ompl
+from safe_ompl.former import FORMER
 
 
 def test_every_public_name_is_there():
@@ -22,9 +24,28 @@ def test_unknown_names_are_no_attributes():
 def test_rooms_that_planning_does_without_come_later():
     code = (
         "import sys, safe_ompl\n"
-        "later = ('safe_ompl.benchmark', 'safe_ompl.people.replanning', 'safe_ompl.exchange', 'safe_ompl.view')\n"
+        "later = ('safe_ompl.apps.benchmark', 'safe_ompl.people.replanning', 'safe_ompl.io', 'safe_ompl.view')\n"
         "assert not set(later) & set(sys.modules), set(later) & set(sys.modules)\n"
         "from safe_ompl import Benchmark, Replanner\n"
         "assert 'safe_ompl.people.replanning' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("former", "name"),
+    [
+        ("safe_ompl.plugins.states", "StateBridge"),
+        ("safe_ompl.exchange.timed_motion", "TimedMotion"),
+        ("safe_ompl.live.replanner", "Replanner"),
+        ("safe_ompl.pictures.plots", "plot_speeds"),
+        ("safe_ompl.pictures.render", "render_path"),
+        ("safe_ompl.viewer", "save_page"),
+    ],
+)
+def test_documented_modules_are_found_under_their_former_names(former, name):
+    for module in [module for module in sys.modules if module in FORMER]:
+        del sys.modules[module]
+    with pytest.warns(DeprecationWarning, match="is now safe_ompl"):
+        found = importlib.import_module(former)
+    assert getattr(found, name) is getattr(importlib.import_module(FORMER[former]), name)

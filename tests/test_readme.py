@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from ompl import geometric as og
 
-from safe_ompl.errors import UnknownNameError
-from safe_ompl.plugins.states import joint_space
+from safe_ompl.common.errors import UnknownNameError
+from safe_ompl.planning.ompl.states import joint_space
 
 README = Path(__file__).parent.parent / "README.md"
 

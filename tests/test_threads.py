@@ -9,19 +9,20 @@ import pinocchio as pin
 import pytest
 from ompl import geometric as og
 
-from safe_ompl.collision import distance_bounds
-from safe_ompl.collision.checker import DISTANCE_ERROR, CollisionChecker
+from safe_ompl.collision import bounds as distance_bounds
+from safe_ompl.collision.broad_phase import DISTANCE_ERROR
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.distances import Proximity
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.collision.witnesses import Proximity
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
-from safe_ompl.plugins.motion import CertifiedMotionValidator
-from safe_ompl.plugins.states import StateBridge, joint_space
-from safe_ompl.plugins.validity import CollisionFreeValidity
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.geometry.basic import Box
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning.ompl.motion import CertifiedMotionValidator
+from safe_ompl.planning.ompl.states import StateBridge, joint_space
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box
 
 THREADS, NUMBER = 3, 60
 

@@ -8,14 +8,14 @@ import numpy as np
 from _timing import in_turn
 from ompl import geometric as og
 
-from safe_ompl.arrays import FloatArray
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.planners.base import SafePlanner
-from safe_ompl.planners.registry import make_planner
-from safe_ompl.plugins.states import StateBridge, joint_space
-from safe_ompl.plugins.validity import CollisionFreeValidity
-from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.setup.from_scenario import setup_scenario
+from safe_ompl.common.arrays import FloatArray
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.ompl.states import StateBridge, joint_space
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl.planning.planners.base import SafePlanner
+from safe_ompl.planning.planners.registry import make_planner
+from safe_ompl.scene.scenario import Scenario
 
 MEASURE = "PaperRRTConnect"  # the planner that a scene's hardness is measured by
 STEP = 0.05  # [rad] between two samples of an edge; the paper does not say

@@ -9,9 +9,9 @@ from math import nan
 import numpy as np
 
 from _paper.studies import Effort, Pair, Study
-from safe_ompl.arrays import FloatArray
-from safe_ompl.benchmark.campaign import BAND, Summary, summarize
-from safe_ompl.setup.result import PlanResult
+from safe_ompl.apps.benchmark.campaign import BAND, Summary, summarize
+from safe_ompl.common.arrays import FloatArray
+from safe_ompl.planning.result import PlanResult
 
 COLUMNS: Mapping[str, Callable[[PlanResult], float]] = {
     "time": lambda result: result.planning_time,

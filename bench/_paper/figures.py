@@ -8,12 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from _paper.evidence import Evidence
-from safe_ompl.cli.pictures import draw_comparison
-from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.setup.safe_setup import SafeSetup
-from safe_ompl.view import render_path, save_png
-from safe_ompl.view.plots import plot_bubbles, plot_cspace_path, plot_field
+from safe_ompl.apps.cli.pictures import draw_comparison
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.view.pictures.path import render_path
+from safe_ompl.view.pictures.results import save_png
+from safe_ompl.view.plots.cspace import plot_cspace_path
+from safe_ompl.view.plots.planar import plot_bubbles, plot_field
 from safe_ompl.view.style import planner_styles
 
 _IN_CSPACE = ("ClassicRRTConnect", "SafeRRTConnect")

@@ -13,17 +13,17 @@ from _paper.evidence import COLUMNS
 from _paper.store import Store
 from _paper.studies import Pair, with_crossed
 from _paper.tables import markdown_table
-from safe_ompl.arrays import FloatArray
-from safe_ompl.benchmark.campaign import Campaign
+from safe_ompl.apps.benchmark.campaign import Campaign
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.common.arrays import FloatArray
+from safe_ompl.geometry.basic import Box, Shape, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning.result import PlanResult
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.goal import Goal
-from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.goal import Goal
+from safe_ompl.scene.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Shape, Sphere
-from safe_ompl.setup.result import PlanResult
 
 SCENES, SEED = 30, 2013
 TIME = 5.0  # [s] for each run

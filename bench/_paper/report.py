@@ -13,7 +13,7 @@ from _paper.random_scenes import RandomStudy, random_section
 from _paper.smoothed import Smoothed
 from _paper.smoothed_page import smoothing_section
 from _paper.tables import effort_table, markdown_table, printed_table, ratio_table
-from safe_ompl.scenario.scenario import Scenario
+from safe_ompl.scene.scenario import Scenario
 
 _PREAMBLE = """# Safety-oriented path planning for articulated robots: the studies run again
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from _paper.smoothing import ShorteningCampaign, Smoothing
 from _paper.store import Store
 from _paper.studies import Pair, Study
-from safe_ompl.benchmark.campaign import Campaign
-from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.apps.benchmark.campaign import Campaign
+from safe_ompl.scene.scenario import Scenario, find_scenario
 
 TIME = 10.0  # [s] for each run
 

@@ -13,12 +13,12 @@ import numpy as np
 from _paper.evidence import Evidence, quotient
 from _paper.smoothing import Smoothing
 from _paper.studies import Pair, Study
-from safe_ompl.arrays import FloatArray
-from safe_ompl.benchmark.campaign import Summary
-from safe_ompl.benchmark.runs import Run
+from safe_ompl.apps.benchmark.campaign import Summary
+from safe_ompl.apps.benchmark.runs import Run
+from safe_ompl.common.arrays import FloatArray
 from safe_ompl.paths.measures import DangerReport
 from safe_ompl.paths.report import PathReport
-from safe_ompl.setup.result import PlanResult
+from safe_ompl.planning.result import PlanResult
 
 _NORMAL = 1.96  # standard errors on each side of a mean that make its 95 % interval
 _LEFT = (  # share of the gap between safe and classical that smoothing leaves, at most: what becomes of the gap

@@ -13,7 +13,7 @@ from _paper.smoothed import MEAN, QUANTITIES, Smoothed, answer
 from _paper.smoothing import Smoothing
 from _paper.studies import Pair
 from _paper.tables import markdown_table
-from safe_ompl.benchmark.campaign import BAND
+from safe_ompl.apps.benchmark.campaign import BAND
 from safe_ompl.view.plots.page import GREY, Page
 from safe_ompl.view.style import PlannerStyle, planner_styles
 

@@ -9,10 +9,10 @@ from time import perf_counter
 from ompl import geometric as og
 
 from _paper.studies import Pair
-from safe_ompl.benchmark.campaign import Campaign, failure
-from safe_ompl.benchmark.runs import Run
-from safe_ompl.setup.result import PlanResult
-from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.apps.benchmark.campaign import Campaign, failure
+from safe_ompl.apps.benchmark.runs import Run
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.planning.safe_setup import SafeSetup
 
 
 class Smoothing(Enum):

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.benchmark.runs import Run
-from safe_ompl.counts import Counts
-from safe_ompl.errors import InputError
+from safe_ompl.apps.benchmark.runs import Run
+from safe_ompl.common.counts import Counts
+from safe_ompl.common.errors import InputError
 from safe_ompl.paths.measures import ClearanceReport, DangerReport
 from safe_ompl.paths.report import PathReport
-from safe_ompl.scenario.scenario import Scenario
-from safe_ompl.setup.result import PlanResult
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.scene.scenario import Scenario
 
 
 class Store:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from safe_ompl.planners.registry import planner_names
+from safe_ompl.planning.planners.registry import planner_names
 
 
 class Effort(NamedTuple):

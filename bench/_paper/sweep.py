@@ -13,18 +13,17 @@ import numpy as np
 from _paper.dependence import Point, plot_dependence, write_page
 from _paper.store import Store
 from _paper.studies import Pair
-from safe_ompl.arrays import FloatArray
-from safe_ompl.benchmark.campaign import Campaign
-from safe_ompl.benchmark.workers import do_tasks
-from safe_ompl.cli.console import error_console, progress_bar
-from safe_ompl.errors import SafeOmplError
-from safe_ompl.paths.curve import Curve
-from safe_ompl.paths.measures import PROFILE_POINTS
-from safe_ompl.planners.registry import make_planner
-from safe_ompl.scenario.scenario import Scenario, list_scenarios
-from safe_ompl.setup.from_scenario import setup_scenario
-from safe_ompl.setup.result import PlanResult
-from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.apps.benchmark.campaign import Campaign
+from safe_ompl.apps.benchmark.workers import do_tasks
+from safe_ompl.apps.cli.console import error_console, progress_bar
+from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common.errors import SafeOmplError
+from safe_ompl.paths.measures import PROFILE_POINTS, Curve
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.planners.registry import make_planner
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.scene.scenario import Scenario, list_scenarios
 
 TIME = 5.0  # [s] for each run
 RANGE = "range"

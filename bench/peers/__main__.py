@@ -30,7 +30,7 @@ from processes import Comparison
 from systems import SYSTEMS
 from table import Run, figure, markdown
 
-from safe_ompl.scenario.mbm import MbmFile
+from safe_ompl.scene.mbm import MbmFile
 
 
 def main() -> None:

@@ -12,9 +12,9 @@ import coal
 import numpy as np
 
 from safe_ompl import Robot
-from safe_ompl.robot.description.examples import EXAMPLES, robots_folder
-from safe_ompl.robot.joints.skeleton import Skeleton
-from safe_ompl.scenario.mbm import MbmFile, MbmProblem
+from safe_ompl.robot.loading.packages import EXAMPLES, robots_folder
+from safe_ompl.robot.skeleton import Skeleton
+from safe_ompl.scene.mbm import MbmFile, MbmProblem
 
 
 def export(file: MbmFile, positions: slice, folder: Path) -> tuple[Path, list[dict[str, Any]]]:

@@ -1,1 +1,50 @@
-"""Collision, distance and margin queries on coal, and proofs of whole motions."""
+"""Collision, distance and margin queries on coal, proofs of whole motions, bubbles."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.collision import bubbles
+    from safe_ompl.collision.arguments import configuration, configurations, edge
+    from safe_ompl.collision.broad_phase import DISTANCE_ERROR, fresh_data
+    from safe_ompl.collision.bubbles import BUBBLE_SHAPES, INSIDE, Bubble
+    from safe_ompl.collision.checker import Clearance, CollisionChecker
+    from safe_ompl.collision.distances import PairDistances, Proximity, Witnesses
+    from safe_ompl.collision.motion import FLOOR, CertifiedMotion, MotionLimit, MotionVerdict, Verdict
+    from safe_ompl.collision.pairs import PairSet
+    from safe_ompl.collision.separation import TOUCHING_ONLY, MinClearance, Separation
+    from safe_ompl.collision.tool_limits import TipBounds, ToolLimit, ToolOrientation
+
+__all__ = [
+    "BUBBLE_SHAPES",
+    "DISTANCE_ERROR",
+    "FLOOR",
+    "INSIDE",
+    "TOUCHING_ONLY",
+    "Bubble",
+    "CertifiedMotion",
+    "Clearance",
+    "CollisionChecker",
+    "MinClearance",
+    "MotionLimit",
+    "MotionVerdict",
+    "PairDistances",
+    "PairSet",
+    "Proximity",
+    "Separation",
+    "TipBounds",
+    "ToolLimit",
+    "ToolOrientation",
+    "Verdict",
+    "Witnesses",
+    "bubbles",
+    "configuration",
+    "configurations",
+    "edge",
+    "fresh_data",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

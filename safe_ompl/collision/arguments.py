@@ -7,8 +7,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.errors import InputError
+from safe_ompl.common import FloatArray, InputError, finite_array
 
 _FLOAT = np.dtype(np.float64)
 

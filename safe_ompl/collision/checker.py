@@ -11,17 +11,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.approaches import Approaches
 from safe_ompl.collision.arguments import configuration, margins_of
-from safe_ompl.collision.pairs import PairSet
-from safe_ompl.collision.placed_bodies import PlacedBodies, PlacedPart
-from safe_ompl.collision.queries import DISTANCE_ERROR as DISTANCE_ERROR
-from safe_ompl.collision.queries import Distances, Queries
-from safe_ompl.counts import Counts
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
-from safe_ompl.threads import Changes
+from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Distances, Queries
+from safe_ompl.collision.geometry import PlacedBodies, PlacedPart
+from safe_ompl.collision.pairs import Approaches, PairSet
+from safe_ompl.common import Changes, Counts, FloatArray
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
 
 _REACH = 0.05  # [m]
 

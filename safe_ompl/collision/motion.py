@@ -11,13 +11,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, positive
 from safe_ompl.collision.arguments import unchecked
+from safe_ompl.collision.bounds import BoundsProof
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.distance_bounds import BoundsProof
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
-from safe_ompl.errors import InputError
-from safe_ompl.robot.joint_limits import JointLimits
+from safe_ompl.common import FloatArray, InputError, positive
+from safe_ompl.robot import JointLimits
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
 # instead of at the whole edge saves a third of the time of a free edge (bench/motion.py).

@@ -10,12 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import BoolArray, FloatArray, finite_array
-from safe_ompl.inputs import number
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.pose import placed
-from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.cloud import PointCloud
+from safe_ompl.common import BoolArray, FloatArray, finite_array, number
+from safe_ompl.geometry import PointCloud, placed
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
 
 _log = logging.getLogger(__name__)
 

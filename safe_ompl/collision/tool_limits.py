@@ -9,13 +9,10 @@ from math import atan2, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, finite_array
 from safe_ompl.collision.arguments import edge
 from safe_ompl.collision.motion import MotionVerdict, Verdict
-from safe_ompl.errors import InputError
-from safe_ompl.inputs import float_array, number
-from safe_ompl.robot.bodies.reach import Hull
-from safe_ompl.robot.robot import Robot
+from safe_ompl.common import FloatArray, InputError, finite_array, float_array, number
+from safe_ompl.robot import Hull, Robot
 
 TOOL_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
 _ROUNDING = 1e-9  # [rad or m] of kinematics; what is proven keeps this from its limit

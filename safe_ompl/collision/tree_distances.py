@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.common import FloatArray
 
 _SPARE = 1e-5  # [m] more than coal's distances are off by
 _POINT = coal.Sphere(1e-9)

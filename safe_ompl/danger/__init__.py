@@ -1,1 +1,26 @@
-"""The danger field of a robot, its gradients, and proven bounds of it."""
+"""The danger field of a robot at rest and in motion, its gradients, and proven bounds of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.danger.certified import CertifiedDanger, DangerBounds, DangerLimit
+    from safe_ompl.danger.field import DangerField
+    from safe_ompl.danger.kinetostatic import KinetostaticField
+    from safe_ompl.danger.link_field import segment_bounds
+    from safe_ompl.danger.motion_rates import JointMotions
+
+__all__ = [
+    "CertifiedDanger",
+    "DangerBounds",
+    "DangerField",
+    "DangerLimit",
+    "JointMotions",
+    "KinetostaticField",
+    "segment_bounds",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

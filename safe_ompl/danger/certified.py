@@ -11,12 +11,10 @@ from math import inf
 
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import positive
-from safe_ompl.collision.arguments import edge
-from safe_ompl.collision.motion import MotionVerdict, Verdict
+from safe_ompl.collision import MotionVerdict, Verdict, edge
+from safe_ompl.common import InputError, positive
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.search import PeakSearch
-from safe_ompl.errors import InputError
 
 _WITNESS = ("danger", "its limit")
 

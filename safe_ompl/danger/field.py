@@ -8,22 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, IntArray, positive
-from safe_ompl.counts import Counts
-from safe_ompl.danger.evaluation import AGGREGATES as AGGREGATES
-from safe_ompl.danger.evaluation import Aggregate as Aggregate
-from safe_ompl.danger.evaluation import Evaluation
+from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, number, positive
+from safe_ompl.danger import link_field as maths
+from safe_ompl.danger.evaluation import AGGREGATES, Aggregate, Evaluation, PointGroups
 from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
-from safe_ompl.danger.obstacles import DangerousObstacles
-from safe_ompl.danger.point_groups import PointGroups
-from safe_ompl.danger.points import DangerPoints, PointSource
+from safe_ompl.danger.link_field import Weighting
+from safe_ompl.danger.points import DangerousObstacles, DangerPoints, PointSource
 from safe_ompl.danger.robot_field import RobotField
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.inputs import number
-from safe_ompl.maths import field as maths
-from safe_ompl.maths.segments import Weighting
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
 
 
 class DangerField(RobotField):
@@ -86,7 +79,7 @@ class DangerField(RobotField):
 
     More than 400 fixed points are kept in groups of neighbours. The maximum over them is exact: groups that cannot
     hold it are left out. In a mean or a softmax far groups count by their centre, as many as have proven errors that
-    together stay within `tolerance` (`safe_ompl.maths.kernels.groups`): the danger is within that of the exact one,
+    together stay within `tolerance` (`safe_ompl.danger.kernels.groups`): the danger is within that of the exact one,
     and may jump by as much where a group begins or ceases to count so; its gradient is that of the field at those
     centres. All else, above all what is proven (`CertifiedDanger`), looks at every point.
 

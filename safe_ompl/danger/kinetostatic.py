@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.collision.arguments import configuration, configurations
-from safe_ompl.danger.point_groups import PointGroups
-from safe_ompl.inputs import finite_array, number
-from safe_ompl.maths import kinetostatic as maths
-from safe_ompl.maths.kernels import joint_motions as motion_kernel
-from safe_ompl.maths.kernels import kinetostatic_peak as peak_kernel
-from safe_ompl.robot.joints.kinematic_tree import plain
+from safe_ompl.collision import configuration, configurations
+from safe_ompl.common import FloatArray, IntArray, finite_array, number
+from safe_ompl.danger import moving_link_field as maths
+from safe_ompl.danger.evaluation import PointGroups
+from safe_ompl.danger.kernels import kinetostatic_peak as peak_kernel
+from safe_ompl.robot import plain
+from safe_ompl.robot.kernels import pull_back_motion
 
 if TYPE_CHECKING:
     from safe_ompl.danger.field import DangerField
@@ -26,7 +25,7 @@ class KinetostaticField:
     """Kinetostatic danger field at danger points, aggregate_m w_m KDF(p_m; q, q̇) (Lacevic & Rocco, T-RO 2013).
 
     KDF = k₁ φ + k₂ (φ̇ + γ I): the static field of the links, its rate, and the part that grows with speed whatever its
-    direction; see `safe_ompl.maths.kinetostatic`. At rest it is the static danger field.
+    direction; see `safe_ompl.danger.moving_link_field`. At rest it is the static danger field.
 
     Parameters
     ----------
@@ -148,7 +147,7 @@ class KinetostaticField:
         """Return gradients (B, n) by Q and by Qd from those by key points and their velocities (2, B, K, 3)."""
         tree, coupling = self.field.robot.kinematics, self.field.robot.coupling
         values, rates = plain(coupling.values(Q)), plain(coupling.motions(Qd))
-        by_q, by_qd = motion_kernel.pull_back(tree.joints, tree.keypoints, values, rates, pulls)
+        by_q, by_qd = pull_back_motion(tree.joints, tree.keypoints, values, rates, pulls)
         return coupling.columns(by_q), coupling.columns(by_qd)
 
     def _fields(self, keypoints: FloatArray, velocities: FloatArray, points: FloatArray) -> FloatArray:

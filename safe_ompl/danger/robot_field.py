@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, finite_array, positive
-from safe_ompl.collision.arguments import configuration, configurations
-from safe_ompl.counts import Counts
-from safe_ompl.errors import InputError
-from safe_ompl.maths import field as maths
-from safe_ompl.maths.segments import Segments, Weighting, check_weighting
-from safe_ompl.robot.robot import Robot
+from safe_ompl.collision import configuration, configurations
+from safe_ompl.common import Counts, FloatArray, InputError, finite_array, positive
+from safe_ompl.danger import link_field as maths
+from safe_ompl.danger.link_field import Segments, Weighting, check_weighting
+from safe_ompl.robot import Robot
 
 
 class RobotField:

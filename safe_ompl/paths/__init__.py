@@ -1,1 +1,32 @@
-"""Paths: curves, reports, danger-aware simplification and certificates."""
+"""Paths: validation, reports, and danger-aware simplification."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.paths.measures import PROFILE_POINTS, ClearanceReport, Curve, DangerReport, forced_danger
+    from safe_ompl.paths.report import PathReport
+    from safe_ompl.paths.simplify.run import Stop, unrolled
+    from safe_ompl.paths.simplify.simplifier import Simplifier, simplify_danger, timed
+    from safe_ompl.paths.validation import Validation, validate
+
+__all__ = [
+    "PROFILE_POINTS",
+    "ClearanceReport",
+    "Curve",
+    "DangerReport",
+    "PathReport",
+    "Simplifier",
+    "Stop",
+    "Validation",
+    "forced_danger",
+    "simplify_danger",
+    "timed",
+    "unrolled",
+    "validate",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -1,4 +1,4 @@
-"""What is measured along a path: danger, and clearance of obstacles."""
+"""What is measured along a path by arc length: danger, and clearance of obstacles."""
 
 from __future__ import annotations
 
@@ -6,11 +6,27 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.checker import Clearance, CollisionChecker
-from safe_ompl.danger.certified import CertifiedDanger, DangerBounds
-from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.curve import Curve
+from safe_ompl.collision import Clearance, CollisionChecker
+from safe_ompl.common import FloatArray
+from safe_ompl.danger import CertifiedDanger, DangerBounds, DangerField
+from safe_ompl.robot import Robot
+
+
+class Curve:
+    """A path by its arc length in joint space."""
+
+    def __init__(self, robot: Robot, path: FloatArray) -> None:
+        steps = robot.difference(path[:-1], path[1:])
+        # Unrolled, so that interpolation does not jump where a continuous joint wraps.
+        self._points = path[0] + np.vstack([np.zeros((1, robot.n)), np.cumsum(steps, axis=0)])
+        self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+        self.length = float(self._arc[-1])
+
+    def at(self, s: FloatArray) -> FloatArray:
+        """Return the configurations (S, n) at arc lengths `s: (S,)`."""
+        columns = [np.interp(s, self._arc, column) for column in self._points.T]
+        return np.stack(columns, axis=1)
+
 
 NEAR = 0.05  # [m]; "near" an obstacle in `length_below_50mm`
 PROFILE_POINTS = 101

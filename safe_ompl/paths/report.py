@@ -8,14 +8,12 @@ from functools import cached_property
 from time import perf_counter
 from typing import Any, Protocol
 
-from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict
-from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import InputError
-from safe_ompl.paths.curve import Curve
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, MotionVerdict
+from safe_ompl.common import FloatArray, InputError, finite_array
+from safe_ompl.danger import DangerField
 from safe_ompl.paths.measures import (
     ClearanceReport,
+    Curve,
     DangerReport,
     clearance_along,
     danger_along,

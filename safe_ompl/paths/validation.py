@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict, Verdict
-from safe_ompl.collision.tool_limits import ToolLimit
-from safe_ompl.danger.certified import DangerLimit
-from safe_ompl.plugins.user_checks import UserCheck
+from safe_ompl.collision import CertifiedMotion, MotionVerdict, ToolLimit, Verdict
+from safe_ompl.common import FloatArray
+from safe_ompl.danger import DangerLimit
+from safe_ompl.planning.ompl import UserCheck
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
-"""People as sensors see them: skeletons of key points, tracked bodies, and where they may soon be."""
+"""People as sensors see them: skeletons of key points, tracking, and where a body may soon be."""
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.people.body import PELVIS, TrackedBody, facing
@@ -16,29 +17,11 @@ if TYPE_CHECKING:
         SpeedReach,
     )
     from safe_ompl.people.recordings import Recording, list_clips
-    from safe_ompl.people.skeletons import Skeleton, find_skeleton
+    from safe_ompl.people.skeletons import KEYPOINTS, Skeleton, find_skeleton
     from safe_ompl.people.tracking import Surroundings, Tracker, Violation
 
-_MODULES = {
-    "AccelerationReach": "reach",
-    "IntersectedReach": "reach",
-    "LimbLengthReach": "reach",
-    "PELVIS": "body",
-    "ReachModel": "reach",
-    "ReachSets": "reach",
-    "Recording": "recordings",
-    "Skeleton": "skeletons",
-    "SpeedReach": "reach",
-    "Surroundings": "tracking",
-    "TrackedBody": "body",
-    "Tracker": "tracking",
-    "Violation": "tracking",
-    "facing": "body",
-    "find_skeleton": "skeletons",
-    "list_clips": "recordings",
-}
-
 __all__ = [
+    "KEYPOINTS",
     "PELVIS",
     "AccelerationReach",
     "IntersectedReach",
@@ -57,11 +40,4 @@ __all__ = [
     "list_clips",
 ]
 
-
-def __getattr__(name: str) -> object:
-    """Import a public name when it is first asked for, and keep it."""
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found: object = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = found
-    return found
+__getattr__, __dir__ = lazily(__name__, __file__)

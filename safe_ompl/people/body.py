@@ -7,11 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from safe_ompl.arrays import BoolArray, FloatArray, IntArray
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.inputs import number
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, UnknownNameError, number
+from safe_ompl.geometry import LIMBS, STANDING
 from safe_ompl.people.skeletons import KEYPOINTS
-from safe_ompl.scene.shapes.anatomy import LIMBS, STANDING
 
 HEIGHT = 1.75  # [m]
 _CHEST = 0.28  # from the shoulders towards the pelvis, as `anatomy.Body` has it
@@ -46,7 +44,7 @@ class TrackedBody:
     height : float
         Body height, from 0.3 to 2.8 [m]; radii and assumed lengths follow from it.
     only : sequence of str
-        Limbs that there are; default: all of `safe_ompl.scene.shapes.anatomy.LIMBS`.
+        Limbs that there are; default: all of `safe_ompl.geometry.person.LIMBS`.
 
     Raises
     ------

@@ -17,11 +17,9 @@ from typing import Protocol
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError
-from safe_ompl.inputs import number
-from safe_ompl.scenario.people import People
-from safe_ompl.scene.shapes.anatomy import STANDING
+from safe_ompl.common import FloatArray, InputError, IntArray, number
+from safe_ompl.geometry import STANDING
+from safe_ompl.scene import People
 
 _LONGER = 1.15  # arms of a person are at most this much longer than those of a mean person of that height
 

@@ -12,9 +12,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.inputs import float_array, number
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, float_array, number
 from safe_ompl.people.skeletons import Skeleton, skeleton_of
 
 

@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.inputs import float_array
-from safe_ompl.scene.shapes.anatomy import STANDING
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, float_array
+from safe_ompl.geometry import STANDING
 
 KEYPOINTS: tuple[str, ...] = (*STANDING, "pelvis")  # of the body of the package, and the middle of its hips
 

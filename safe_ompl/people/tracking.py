@@ -10,19 +10,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl import document
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.inputs import number
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, number
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import STANDING, Obstacle, Pose, placed
 from safe_ompl.people.body import TrackedBody
 from safe_ompl.people.reach import Measured, ReachModel, ReachSets, SpeedReach
 from safe_ompl.people.skeletons import KEYPOINTS, Skeleton
-from safe_ompl.robot.bodies.reach import bounding_hull
-from safe_ompl.scenario.people import People
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose, placed
-from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.anatomy import STANDING
+from safe_ompl.robot import bounding_hull
+from safe_ompl.scene import People, Scene
 
 _ROUNDING = 1e-9  # [m]
 

@@ -9,11 +9,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
-from safe_ompl.maths.halton import halton_point
-from safe_ompl.robot.bodies.convex import ConvexBodies
-from safe_ompl.robot.bodies.reach import Hull, ReachCylinder, bounding_hull
+from safe_ompl.common import BoolArray, FloatArray, IntArray, finite_array, halton_point
+from safe_ompl.robot.convex_bodies import ConvexBodies
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
+from safe_ompl.robot.reach import Hull, ReachCylinder, bounding_hull
 
 _RATE_SAMPLES = range(1, 101, 4)  # points of Halton's sequence: always the same, and cheap enough
 
@@ -38,7 +37,7 @@ class DisplacementBounds:
     def displacement_radii(self) -> FloatArray:
         """Proven radii R̄ (G, n): no point of body g moves more than Σ_i R̄_gi·|Δ_i|, at any configuration.
 
-        Rows follow `collision_model.geometryObjects`. See `safe_ompl.robot.bodies.reach`.
+        Rows follow `collision_model.geometryObjects`. See `safe_ompl.robot.reach`.
         """
         return _frozen(self._robot.coupling.radii(self.joint_radii))
 

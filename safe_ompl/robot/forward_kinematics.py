@@ -10,12 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.construction.parts import RobotParts
-from safe_ompl.robot.joints.coupling import Coupling
-from safe_ompl.robot.joints.kinematic_tree import KinematicTree
-from safe_ompl.robot.joints.skeleton import Skeleton, frame_index
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, UnknownNameError, finite_array
+from safe_ompl.robot.joint_tables import Coupling, KinematicTree
+from safe_ompl.robot.loading.parts import RobotParts
+from safe_ompl.robot.skeleton import Skeleton, frame_index
 
 _FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: asking for it costs least
 

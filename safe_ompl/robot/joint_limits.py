@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.maths.kernels.intervals import within
+from safe_ompl.common import FloatArray
+from safe_ompl.robot.kernels.kinematics import within
 
 if TYPE_CHECKING:
     from safe_ompl.robot.robot import Robot

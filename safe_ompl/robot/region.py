@@ -10,12 +10,11 @@ from typing import Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl import document
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError
-from safe_ompl.robot.inverse_kinematics import METRES_PER_RADIAN, Place
+from safe_ompl.common import FloatArray, InputError
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import Pose
+from safe_ompl.robot.ik import METRES_PER_RADIAN, Place
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.pose import Pose
 
 Bounds: TypeAlias = tuple[float, float]
 """Least and largest value, equal where there is one only."""

@@ -12,12 +12,14 @@ from typing import Any
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl import document
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.inputs import number
-from safe_ompl.robot.bodies.reach import JointChain
-from safe_ompl.robot.construction.attachment import Attachment, as_pose
-from safe_ompl.robot.construction.blueprint import (
+from safe_ompl.common import InputError, UnknownNameError, number
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import Shape
+from safe_ompl.robot.displacement_bounds import DisplacementBounds
+from safe_ompl.robot.forward_kinematics import ForwardKinematics
+from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.loading.attachment import Attachment, as_pose
+from safe_ompl.robot.loading.blueprint import (
     Attached,
     Blueprint,
     Combined,
@@ -29,15 +31,12 @@ from safe_ompl.robot.construction.blueprint import (
     check_prefixes,
     standing,
 )
-from safe_ompl.robot.construction.parts import GuardedCopy, RobotParts, independent
-from safe_ompl.robot.construction.sources import ModelsBlueprint, UrdfBlueprint, check_models, owned
-from safe_ompl.robot.description.collision_shapes import CollisionSource
-from safe_ompl.robot.description.examples import find_example, robots_folder
-from safe_ompl.robot.description.urdf import existing_file
-from safe_ompl.robot.displacement_bounds import DisplacementBounds
-from safe_ompl.robot.forward_kinematics import ForwardKinematics
-from safe_ompl.robot.joints.coupling import Mimic
-from safe_ompl.scene.shapes.basic import Shape
+from safe_ompl.robot.loading.packages import find_example, robots_folder
+from safe_ompl.robot.loading.parts import GuardedCopy, RobotParts, independent
+from safe_ompl.robot.loading.shapes import CollisionSource
+from safe_ompl.robot.loading.sources import ModelsBlueprint, UrdfBlueprint, check_models, owned
+from safe_ompl.robot.loading.urdf import existing_file
+from safe_ompl.robot.reach import JointChain
 
 
 class Robot(ForwardKinematics):
@@ -184,7 +183,7 @@ class Robot(ForwardKinematics):
         Parameters
         ----------
         name : str
-            A key of `safe_ompl.robot.description.examples.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
+            A key of `safe_ompl.robot.loading.packages.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
         tip, locked, hulls, base, mobile_base, collision, group, locked_state
             As in `from_urdf`; by default those of the table of examples.
 
@@ -323,7 +322,7 @@ class Robot(ForwardKinematics):
         name : str
             Name of the object, for reports.
         shape : Shape
-            Box, Sphere, Cylinder, Capsule or Mesh of `safe_ompl.scene.shapes`.
+            Box, Sphere, Cylinder, Capsule or Mesh of `safe_ompl.geometry`.
         link : str, optional
             Link or frame that it is fixed to; default: the tip.
         pose : Pose, pin.SE3, mapping or position, optional

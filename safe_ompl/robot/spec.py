@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from safe_ompl import document
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.robot.construction.attachment import Attachment, as_pose, attachments
-from safe_ompl.robot.construction.blueprint import mobile_ranges
-from safe_ompl.robot.description.collision_shapes import CollisionSource, check_source
+from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import Pose
+from safe_ompl.robot.loading.attachment import Attachment, as_pose, attachments
+from safe_ompl.robot.loading.blueprint import mobile_ranges
+from safe_ompl.robot.loading.shapes import CollisionSource, check_source
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.pose import Pose
 
 
 @dataclass(frozen=True)

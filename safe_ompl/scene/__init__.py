@@ -1,1 +1,31 @@
-"""Scenes: obstacles with their shapes and poses, and the points that are dangerous to approach."""
+"""Scenes and scenarios: obstacles, people, constraints, start and goal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.scene.constraints import MotionLimits, MovingObstacles, ToolConstraint
+    from safe_ompl.scene.mbm import WHERE_FROM, MbmFile, MbmProblem
+    from safe_ompl.scene.people import BodyRegion, People
+    from safe_ompl.scene.scenario import Scenario, find_scenario, list_scenarios
+    from safe_ompl.scene.scene import Scene
+
+__all__ = [
+    "WHERE_FROM",
+    "BodyRegion",
+    "MbmFile",
+    "MbmProblem",
+    "MotionLimits",
+    "MovingObstacles",
+    "People",
+    "Scenario",
+    "Scene",
+    "ToolConstraint",
+    "find_scenario",
+    "list_scenarios",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -12,13 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl import document, yaml_documents
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.inputs import shown
-from safe_ompl.scene.obstacle import Obstacle, check_number
-from safe_ompl.scene.pose import Pose
-from safe_ompl.scene.shapes.basic import Box, Cylinder, Shape, Sphere
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, shown
+from safe_ompl.common import documents as document
+from safe_ompl.common import documents as yaml_documents
+from safe_ompl.geometry import Box, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
 
 _SPACING = 0.1  # [m]
 _MBM_KINDS = ("box", "cylinder", "sphere")

@@ -1,1 +1,60 @@
-"""Trajectories: paths in time, within limits, and no faster than what is proven to stop before it reaches anyone."""
+"""Trajectories: paths in time, within limits, no faster than what is proven to stop before people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.trajectories.blends import ArcProof, blended
+    from safe_ompl.trajectories.body_speeds import BodySpeeds
+    from safe_ompl.trajectories.caps import (
+        LINK_SPEED,
+        TOOL_SPEED,
+        StandstillError,
+        contact_speed,
+        robot_mass,
+        speed_caps,
+    )
+    from safe_ompl.trajectories.curve import BlendedCurve, Cells, Piece
+    from safe_ompl.trajectories.danger import MotionDanger
+    from safe_ompl.trajectories.jerk_law import JerkLaw
+    from safe_ompl.trajectories.kernels import ceilings, drive
+    from safe_ompl.trajectories.limits import RateLimits
+    from safe_ompl.trajectories.local_changes import duration_of, faster
+    from safe_ompl.trajectories.time_law import velocity_cap
+    from safe_ompl.trajectories.timing import CELLS, PathTimer, time_path
+    from safe_ompl.trajectories.trajectory import RATE, SpeedCap, State, Trajectory
+
+__all__ = [
+    "CELLS",
+    "LINK_SPEED",
+    "RATE",
+    "TOOL_SPEED",
+    "ArcProof",
+    "BlendedCurve",
+    "BodySpeeds",
+    "Cells",
+    "JerkLaw",
+    "MotionDanger",
+    "PathTimer",
+    "Piece",
+    "RateLimits",
+    "SpeedCap",
+    "StandstillError",
+    "State",
+    "Trajectory",
+    "blended",
+    "ceilings",
+    "contact_speed",
+    "drive",
+    "duration_of",
+    "faster",
+    "robot_mass",
+    "speed_caps",
+    "time_path",
+    "velocity_cap",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

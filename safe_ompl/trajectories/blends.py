@@ -6,13 +6,10 @@ import logging
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.danger.certified import DangerLimit
-from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import InputError
-from safe_ompl.maths.field import segment_bounds
-from safe_ompl.robot.robot import Robot
+from safe_ompl.collision import CertifiedMotion
+from safe_ompl.common import FloatArray, InputError
+from safe_ompl.danger import DangerField, DangerLimit, segment_bounds
+from safe_ompl.robot import Robot
 from safe_ompl.trajectories.curve import BlendedCurve, Piece
 
 _log = logging.getLogger(__name__)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_ompl.arrays import BoolArray, FloatArray, IntArray
-from safe_ompl.danger.joint_motions import JointMotions
-from safe_ompl.robot.bodies.reach import Hull, bounding_hull
-from safe_ompl.robot.robot import Robot
+from safe_ompl.common import BoolArray, FloatArray, IntArray
+from safe_ompl.danger import JointMotions
+from safe_ompl.robot import Hull, Robot, bounding_hull
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 
 

@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError, SafeOmplError
-from safe_ompl.maths.kernels.stopping import stopping_speeds
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.people import BodyRegion, People
+from safe_ompl.common import FloatArray, InputError, IntArray, SafeOmplError
+from safe_ompl.robot import Robot
+from safe_ompl.scene import BodyRegion, People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.kernels import stopping_speeds
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
 from safe_ompl.trajectories.time_law import velocity_cap
@@ -94,7 +93,7 @@ def people_caps(
     A stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i| in cell k, with the largest x_k = ṡ² there, and does
     not brake harder than it began. From any instant on the robot stands before anyone who is as fast as `people` says
     comes nearer than the clearance, or it is so slow when she may that the region of her body bears it; see
-    `safe_ompl.maths.kernels.stopping`. Cells are divided where they bound the speed and are so long that the robot's
+    `safe_ompl.trajectories.kernels`. Cells are divided where they bound the speed and are so long that the robot's
     motion within costs more than a `loss`, a share of the time that is left.
 
     Raises

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.common import FloatArray, IntArray
 
 _WIDER = 1e-12  # relative: boxes hold what rounding makes of the curve
 

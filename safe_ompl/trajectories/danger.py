@@ -7,11 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.danger.joint_motions import JointMotions
-from safe_ompl.danger.kinetostatic import KinetostaticField
-from safe_ompl.errors import InputError
-from safe_ompl.maths.kernels.kinetostatic_cells import cell_bounds
+from safe_ompl.common import FloatArray, InputError, IntArray
+from safe_ompl.danger import JointMotions, KinetostaticField
+from safe_ompl.danger.kernels import cell_bounds
 from safe_ompl.trajectories.body_speeds import acceleration_bounds
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 from safe_ompl.trajectories.time_law import TimeLaw

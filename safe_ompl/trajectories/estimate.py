@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.maths.kernels.stopping import stopping_speeds
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.trajectories.kernels import stopping_speeds
 from safe_ompl.trajectories.separation import PeopleDistances
 from safe_ompl.trajectories.timing import PathTimer
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
+from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.trajectories.curve import Cells
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.time_law import TimeLaw

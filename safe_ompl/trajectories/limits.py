@@ -10,11 +10,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.inputs import finite_array, number
-from safe_ompl.notices import warn_once
-from safe_ompl.robot.robot import Robot
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number, warn_once
+from safe_ompl.robot import Robot
 
 _log = logging.getLogger(__name__)
 

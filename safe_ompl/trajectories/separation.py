@@ -8,13 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.collision.queries import DISTANCE_ERROR, fresh_data
-from safe_ompl.errors import InputError
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.people import People
-from safe_ompl.scene.scene import Scene
-from safe_ompl.threads import PerThread
+from safe_ompl.collision import DISTANCE_ERROR, fresh_data
+from safe_ompl.common import FloatArray, InputError, IntArray, PerThread
+from safe_ompl.robot import Robot
+from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 
 _SHORT = 0.05  # [s] Limbs that may come so soon are looked at one by one where contact is allowed

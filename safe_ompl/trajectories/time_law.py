@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.maths.kernels.time_law import fastest
+from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.trajectories.curve import Cells
+from safe_ompl.trajectories.kernels import fastest
 from safe_ompl.trajectories.limits import RateLimits
 
 

@@ -7,14 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.danger.kinetostatic import KinetostaticField
-from safe_ompl.errors import InputError
-from safe_ompl.inputs import number
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.people import People
-from safe_ompl.scene.scene import Scene
+from safe_ompl.collision import CertifiedMotion
+from safe_ompl.common import FloatArray, InputError, finite_array, number
+from safe_ompl.danger import KinetostaticField
+from safe_ompl.robot import Robot
+from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories.blends import blended
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.caps import Standstill, StandstillError, people_caps, speed_caps

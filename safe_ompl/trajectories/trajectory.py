@@ -11,11 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.danger.kinetostatic import KinetostaticField
-from safe_ompl.errors import InputError
-from safe_ompl.inputs import float_array, number, positive
-from safe_ompl.scenario.people import People
+from safe_ompl.common import FloatArray, InputError, float_array, number, positive
+from safe_ompl.danger import KinetostaticField
+from safe_ompl.scene import People
 from safe_ompl.trajectories.curve import BlendedCurve
 from safe_ompl.trajectories.danger import MotionDanger, motion_danger
 from safe_ompl.trajectories.jerk_law import JerkLaw

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.queries import fresh_data
-from safe_ompl.paths.certificate.issue import Pairs
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.scene import Scene
+from safe_ompl.certificates import Pairs
+from safe_ompl.collision import fresh_data
+from safe_ompl.common import FloatArray
+from safe_ompl.geometry import Obstacle
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -9,20 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import InputError
-from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.paths.certificate.robot_document import built_robot
-from safe_ompl.paths.certificate.scene_document import built_scene
-from safe_ompl.paths.curve import Curve
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
-from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.person import Person
-from safe_ompl.setup import wiring
-from safe_ompl.setup.result import PlanResult
+from safe_ompl.common import FloatArray, InputError, finite_array
+from safe_ompl.danger import DangerField
+from safe_ompl.geometry import Obstacle, Person, Pose
+from safe_ompl.io import TimedMotion, built_robot, built_scene
+from safe_ompl.paths import Curve
+from safe_ompl.planning import PlanResult, wiring
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
 from safe_ompl.view.annotations import Proof
 
 CERTIFIED = "certified path"

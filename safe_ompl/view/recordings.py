@@ -8,15 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl import document
-from safe_ompl.errors import InputError
-from safe_ompl.exchange.problems import unpacked_robot
-from safe_ompl.exchange.ticks import read_ticks
-from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.paths.certificate.scene_document import built_scene
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.pose import Pose
-from safe_ompl.scene.shapes.anatomy import STANDING
+from safe_ompl.common import InputError
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import STANDING, Pose
+from safe_ompl.io import TimedMotion, built_scene, read_ticks, unpacked_robot
+from safe_ompl.robot import Robot
 from safe_ompl.view.content import Keypoints, Movers, ViewerContent
 
 RECORDING_ENDING = ".jsonl"

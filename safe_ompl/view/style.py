@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.exchange.timed_motion import ACCELERATION
+from safe_ompl.common import FloatArray
+from safe_ompl.io import ACCELERATION
 
 Colour = tuple[float, float, float]
 """Red, green and blue of sRGB, each in [0, 1]."""

@@ -29,16 +29,16 @@ from _paper.store import Store, read_result
 from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs, with_crossed
 from _paper.tables import effort_table, markdown_table, ratio_table
 
-from safe_ompl.benchmark.campaign import Campaign, failure
-from safe_ompl.benchmark.runs import Run
-from safe_ompl.counts import Counts
-from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.apps.benchmark.campaign import Campaign, failure
+from safe_ompl.apps.benchmark.runs import Run
+from safe_ompl.common.counts import Counts
+from safe_ompl.common.errors import InputError, UnknownNameError
 from safe_ompl.paths.measures import ClearanceReport, DangerReport
 from safe_ompl.paths.report import PathReport
-from safe_ompl.planners.registry import planner_names
-from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.setup.from_scenario import plan
-from safe_ompl.setup.result import PlanResult
+from safe_ompl.planning.from_scenario import plan
+from safe_ompl.planning.planners.registry import planner_names
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.scene.scenario import Scenario, find_scenario
 
 PAIR = Pair("RRT-Connect", "SafeRRTConnect", "ClassicRRTConnect")
 

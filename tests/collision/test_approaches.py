@@ -5,13 +5,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.approaches import Approaches
-from safe_ompl.collision.placed_bodies import PlacedBodies
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.collision.geometry import PlacedBodies
+from safe_ompl.collision.pairs import Approaches
+from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.scene.shapes.cloud import PointCloud
 
 
 def coal_distance(reach, part):

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
 from safe_ompl.collision.separation import Separation
-from safe_ompl.errors import InputError, UnknownNameError
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.geometry.basic import Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.scenario import Scenario, find_scenario
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.scene.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Sphere
-from safe_ompl.setup.from_scenario import setup_scenario
 
 ROBOTS = ["panda", "kinova", "twin_arm", "slider"]
 ERROR = 2e-5  # [m] of coal's distances

@@ -5,17 +5,16 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.distances import Proximity
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.collision.separation import Separation
-from safe_ompl.collision.witnesses import Proximity
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.geometry.basic import Box, Cylinder, Sphere
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.person import STANDING, Person
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.anatomy import STANDING
-from safe_ompl.scene.shapes.basic import Box, Cylinder, Sphere
-from safe_ompl.scene.shapes.cloud import PointCloud
-from safe_ompl.scene.shapes.person import Person
 
 MOVES = 150
 MOVABLE = ("box", "ball", "colleague", "cloud", "specks")

@@ -6,8 +6,8 @@ import pinocchio as pin
 import pytest
 from numpy.lib.stride_tricks import as_strided
 
-from safe_ompl.collision import near_pairs
-from safe_ompl.collision.near_pairs import NearPairs
+from safe_ompl.collision import broad_phase as near_pairs
+from safe_ompl.collision.broad_phase import NearPairs
 
 BODIES = 6
 

@@ -7,12 +7,11 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.pair_distances import PairDistances
-from safe_ompl.collision.witnesses import Proximity
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.collision.distances import PairDistances, Proximity
+from safe_ompl.geometry.basic import Box, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Sphere
 
 WITHIN = 0.1
 

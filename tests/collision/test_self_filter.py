@@ -8,13 +8,13 @@ import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.self_filter import robot_points, without_robot
-from safe_ompl.errors import InputError
-from safe_ompl.robot.bodies.reach import bounding_hull
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.common.errors import InputError
+from safe_ompl.geometry.basic import Box
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.robot.reach import bounding_hull
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box
-from safe_ompl.scene.shapes.cloud import PointCloud
 
 Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
 MARGIN = 0.02

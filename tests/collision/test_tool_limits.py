@@ -8,7 +8,7 @@ import pytest
 
 from safe_ompl.collision.motion import MotionLimit, Verdict
 from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
-from safe_ompl.errors import InputError
+from safe_ompl.common.errors import InputError
 from safe_ompl.robot.robot import Robot
 
 ROBOTS = ["panda", "ur5", "kinova", "slider", "twin_arm"]

@@ -6,14 +6,14 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl.collision import tree_distances
+from safe_ompl.collision.broad_phase import fresh_data
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.pair_distances import PairDistances
-from safe_ompl.collision.queries import fresh_data
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.collision.distances import PairDistances
+from safe_ompl.geometry.basic import Box
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box
-from safe_ompl.scene.shapes.cloud import PointCloud
 
 TURNED = Pose((0.1, -0.05, 0.02), (0.0, 0.0, np.sin(0.2), np.cos(0.2)))
 

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from oracles.numpy_chords import numpy_chords
 
 from safe_ompl.collision.motion import Verdict
+from safe_ompl.common.errors import InputError
 from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
-from safe_ompl.danger.field import AGGREGATES, DangerField
-from safe_ompl.danger.rates import KeypointRates
-from safe_ompl.errors import InputError
-from safe_ompl.maths.bounds import Ends, chords
-from safe_ompl.maths.field import segment_distances, segment_fields
-from safe_ompl.maths.segments import Segments
+from safe_ompl.danger.evaluation import AGGREGATES
+from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.link_field import Segments, segment_distances, segment_fields
+from safe_ompl.danger.motion_rates import KeypointRates
+from safe_ompl.danger.search import Ends, chords
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
 ROUNDING = 1e-9

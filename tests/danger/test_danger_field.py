@@ -7,13 +7,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.counts import Counts
-from safe_ompl.danger.field import AGGREGATES, DangerField
-from safe_ompl.errors import InputError
-from safe_ompl.maths.field import field
-from safe_ompl.maths.segments import WEIGHTINGS, Segments
-from safe_ompl.robot.joints.coupling import Coupling
-from safe_ompl.robot.joints.kinematic_tree import KinematicTree
+from safe_ompl.common.counts import Counts
+from safe_ompl.common.errors import InputError
+from safe_ompl.danger.evaluation import AGGREGATES
+from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.link_field import WEIGHTINGS, Segments, field
+from safe_ompl.robot.joint_tables import Coupling, KinematicTree
 from safe_ompl.robot.robot import Robot
 
 

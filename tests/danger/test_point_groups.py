@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.danger import point_groups
-from safe_ompl.danger.point_groups import PointGroups
+from safe_ompl.danger import evaluation as point_groups
+from safe_ompl.danger.evaluation import PointGroups
 
 
 @pytest.mark.parametrize("number", [1, 64, 65, 1024, 1025, 5000])

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 import safe_ompl
-from safe_ompl.cli.main import command_line
+from safe_ompl.apps.cli.program import command_line
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").glob("*.md"))

@@ -7,14 +7,14 @@ import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.common.errors import StaleSceneError
 from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import StaleSceneError
+from safe_ompl.geometry.basic import Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.paths.report import PathReport
 from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Sphere
 
 SCENE = Scene((Obstacle("ball", Sphere(0.08), Pose((0.8, 0.6, 0.6)), weight=1.0),))
 MOVED = SCENE.moved({"ball": Pose((0.7, -0.3, 0.4))})

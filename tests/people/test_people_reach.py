@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from safe_ompl.errors import InputError
+from safe_ompl.common.errors import InputError
+from safe_ompl.geometry.person import LIMBS, STANDING
 from safe_ompl.people.body import TrackedBody
 from safe_ompl.people.reach import AccelerationReach, IntersectedReach, LimbLengthReach, SpeedReach
 from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.people.tracking import PersonTrack, Tracker
-from safe_ompl.scenario.people import People
-from safe_ompl.scene.shapes.anatomy import LIMBS, STANDING
+from safe_ompl.scene.people import People
 
 SMPL = find_skeleton("smpl24")
 OURS = find_skeleton("coco17")

@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.errors import InputError
+from safe_ompl.common.errors import InputError
 from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.joints.coupling import Mimic
+from safe_ompl.robot.joint_tables import Mimic
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from safe_ompl.common.errors import InputError
 from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import InputError
-from safe_ompl.robot.inverse_kinematics import (
+from safe_ompl.robot.ik import (
     METRES_PER_RADIAN,
     Place,
     StepLimits,

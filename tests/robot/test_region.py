@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.errors import InputError
-from safe_ompl.robot.inverse_kinematics import METRES_PER_RADIAN, solve_from_seed
+from safe_ompl.common.errors import InputError
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.robot.ik import METRES_PER_RADIAN, solve_from_seed
 from safe_ompl.robot.region import GoalRegion, RegionPlace
-from safe_ompl.scene.pose import Pose
 
 FRAME = Pose.from_rpy([0.4, -0.1, 0.3], [0.3, -0.5, 1.2])
 REGIONS = {

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from safe_ompl import yaml_documents
-from safe_ompl.errors import InputError
+from safe_ompl.common import documents as yaml_documents
+from safe_ompl.common.errors import InputError
+from safe_ompl.geometry.basic import Box, Cylinder
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scene.pose import Pose
-from safe_ompl.scene.shapes.basic import Box, Cylinder
 
 PLACED = """
 urdf: twin_arm.urdf

@@ -4,10 +4,10 @@ import coal
 import numpy as np
 import pytest
 
-from safe_ompl.errors import InputError
+from safe_ompl.common.errors import InputError
+from safe_ompl.geometry.hulls import convex_hull
+from safe_ompl.geometry.mesh import Mesh
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.shapes.convex_hull import convex_hull
-from safe_ompl.scene.shapes.mesh import Mesh
 
 
 def ring(sides, height=0.0):

@@ -13,15 +13,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.notices import warn_once
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.common.errors import InputError, UnknownNameError, warn_once
+from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.mesh import Mesh
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.person import Person
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.scene.shapes.cloud import PointCloud
-from safe_ompl.scene.shapes.mesh import Mesh
-from safe_ompl.scene.shapes.person import Person
 
 SIZE = st.floats(1e-3, 10.0)
 PLACE = st.floats(-10.0, 10.0)

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from safe_ompl.scene.obstacle import _KEYS, SHAPES
-from safe_ompl.scene.pose import Pose
+from safe_ompl.geometry.obstacle import _KEYS, SHAPES
+from safe_ompl.geometry.person import LIMBS, STANDING, Person
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.anatomy import LIMBS, STANDING
-from safe_ompl.scene.shapes.person import Person
 
 PAGE = (Path(__file__).parents[2] / "docs" / "scene.md").read_text(encoding="utf-8")
 

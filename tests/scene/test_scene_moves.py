@@ -4,14 +4,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.geometry.basic import Box
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.person import STANDING, Person
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.anatomy import STANDING
-from safe_ompl.scene.shapes.basic import Box
-from safe_ompl.scene.shapes.cloud import PointCloud
-from safe_ompl.scene.shapes.person import Person
 
 TURNED = Pose.from_rpy((1.0, -0.5, 0.2), (0.1, 0.2, 2.0))
 

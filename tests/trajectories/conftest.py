@@ -4,7 +4,7 @@ import pytest
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.scene.scenario import Scenario, find_scenario
 from safe_ompl.trajectories.limits import RateLimits
 
 

@@ -5,8 +5,8 @@ from itertools import count, pairwise
 import numpy as np
 import pytest
 
-from safe_ompl.scenario.people import People
-from safe_ompl.trajectories.faster import duration_of, faster
+from safe_ompl.scene.people import People
+from safe_ompl.trajectories.local_changes import duration_of, faster
 from safe_ompl.trajectories.timing import PathTimer
 
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])

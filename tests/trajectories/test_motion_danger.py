@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from safe_ompl.common.errors import InputError
 from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import InputError
 from safe_ompl.trajectories.caps import StandstillError
 from safe_ompl.trajectories.danger import MovingDanger, Spans
 from safe_ompl.trajectories.limits import RateLimits

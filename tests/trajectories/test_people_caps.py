@@ -6,12 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from safe_ompl.collision.broad_phase import fresh_data
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.collision.queries import fresh_data
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.scenario.people import CONTACT_TABLE, BodyRegion, People
-from safe_ompl.scenario.scenario import Scenario, find_scenario
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.scene.people import CONTACT_TABLE, BodyRegion, People
+from safe_ompl.scene.scenario import Scenario, find_scenario
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.caps import StandstillError, contact_speed, robot_mass
 from safe_ompl.trajectories.limits import RateLimits

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from safe_ompl.common.errors import InputError
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import InputError
 from safe_ompl.trajectories.blends import ArcProof, blended
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path

@@ -5,8 +5,8 @@ import logging
 import numpy as np
 import pytest
 
-from safe_ompl.errors import InputError, UnknownNameError
-from safe_ompl.paths.certificate.robot_document import recipe
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.io.robot_document import recipe
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec

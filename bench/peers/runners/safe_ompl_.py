@@ -11,10 +11,10 @@ from ompl import util as ou
 from protocol import Waypoints, serve
 
 from safe_ompl import Robot, SafeSetup
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
+from safe_ompl.geometry.basic import Box, Cylinder, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Cylinder, Sphere
 
 SHAPES = {"box": Box, "cylinder": Cylinder, "sphere": Sphere}
 

@@ -7,14 +7,43 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.danger.field import DangerField
-from safe_ompl.inputs import number
-from safe_ompl.maths.kernels import path_cost as kernel
-from safe_ompl.paths.curve import Curve
-from safe_ompl.robot.joints.kinematic_tree import plain
-from safe_ompl.robot.robot import Robot
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import FloatArray, IntArray, number
+from safe_ompl.danger import DangerField
+from safe_ompl.paths.measures import Curve
+from safe_ompl.paths.simplify import kernels as kernel
+from safe_ompl.robot import Robot, plain
+
+_BESIDE, _CLOSELY = 0.4, 0.02  # [rad] so far from the ends peaks are looked for, at samples so close together
+_EXCESS = 0.02  # share by which a peak is above what is forced
+
+
+def peaks_beside_ends(curve: Curve, field: DangerField, forced: float) -> tuple[FloatArray, FloatArray]:
+    """Return where danger peaks beside the ends of a path, above what the ends themselves force.
+
+    Parameters
+    ----------
+    curve : Curve
+        The path.
+    field : DangerField
+        The danger.
+    forced : float
+        The danger that no path between the ends avoids.
+
+    Returns
+    -------
+    places : ndarray, shape (K,)
+        Arc length of each peak [rad].
+    configurations : ndarray, shape (K, n)
+    """
+    beside = np.arange(0.0, min(_BESIDE, 0.5 * curve.length), _CLOSELY)
+    s = np.concatenate([beside, curve.length - beside[::-1]])
+    samples = curve.at(s)
+    danger = field.values(samples)
+    inner = danger[1:-1]
+    peak = (inner > (1.0 + _EXCESS) * forced) & (inner >= danger[:-2]) & (inner >= danger[2:])
+    return s[1:-1][peak], samples[1:-1][peak]
+
 
 STEP = 0.05  # [rad] between the samples of the cost of a path, as in its report
 WEIGHT = 5.0  # of danger against length
@@ -186,7 +215,7 @@ class PathCost:
     def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
         """Return J with two Gauss points on each segment of an unrolled path (N, n), and its exact gradient (N, n).
 
-        See `safe_ompl.maths.kernels.path_cost`.
+        See `safe_ompl.paths.simplify.kernels`.
         """
         nodes = self.nodes(path)
         values, slopes = np.ones(len(nodes)), np.zeros(nodes.shape)

@@ -1,4 +1,4 @@
-"""Descent of a path in rounds: a few steps, then what has become of it must be cheaper and proven."""
+"""Descent of a path in rounds: each result must be cheaper and proven; the best path so far is kept."""
 
 from __future__ import annotations
 
@@ -8,15 +8,64 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import BoolArray, FloatArray
-from safe_ompl.paths.curve import Curve
-from safe_ompl.paths.simplify.active_set import ActiveSetCost
-from safe_ompl.paths.simplify.best_path import BestPath
-from safe_ompl.paths.simplify.constraints import FeasibleSet
-from safe_ompl.paths.simplify.descent import LARGEST, Descent
-from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
-from safe_ompl.paths.simplify.peaks import peaks_beside_ends
-from safe_ompl.paths.simplify.resampling import path_length, with_way_points
+from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.paths.measures import Curve
+from safe_ompl.paths.simplify.cost import peaks_beside_ends
+from safe_ompl.paths.simplify.descent import LARGEST, Descent, FeasibleSet
+from safe_ompl.paths.simplify.edges import EdgeProofs, path_length, with_way_points
+from safe_ompl.paths.simplify.obstacle_cost import ActiveSetCost
+
+Better = Callable[[FloatArray, float], None]
+
+
+class BestPath:
+    """The path that was taken last: none is taken whose J is above that of the given path.
+
+    J is known for the danger points that matter near a path when it is offered. When others turn out to matter, it is
+    `confirmed` anew, and a path that has become dearer than the given one is taken back.
+
+    Parameters
+    ----------
+    path : ndarray, shape (N, n)
+        The given path.
+    on_better : callable, optional
+        Told every path that is taken, and its J.
+
+    Attributes
+    ----------
+    path : ndarray, shape (N', n)
+    ceiling : float
+        J of the given path.
+    """
+
+    def __init__(self, path: FloatArray, on_better: Better | None) -> None:
+        self.path = path
+        self.ceiling = np.inf
+        self._confirmed = path
+        self._on_better = on_better
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether J of the path is known for the danger points that matter near it."""
+        return self.path is self._confirmed
+
+    def take(self, path: FloatArray, cost: float) -> bool:
+        """Take a proven path (N, n), if its J is not too high; return whether it is taken."""
+        if not cost <= self.ceiling:
+            return False
+        self.path = path
+        if self._on_better is not None:
+            self._on_better(path, cost)
+        return True
+
+    def confirm(self, cost: float) -> bool:
+        """Say what J of the path is, as is known now; if that is too high, take it back and return False."""
+        if cost > self.ceiling:
+            self.path = self._confirmed
+            return False
+        self._confirmed = self.path
+        return True
+
 
 _ROUNDS = (4, 10, 16)  # steps between two proofs: more, as long as the proofs succeed
 _IDLE = 0.05  # of what a round must save: a step that saves less is idle

@@ -8,20 +8,15 @@ from functools import partial
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.errors import StaleSceneError
-from safe_ompl.paths.simplify.active_set import ActiveSetCost
-from safe_ompl.paths.simplify.best_path import BestPath, Better
-from safe_ompl.paths.simplify.constraints import FeasibleSet, FreeGoal, GoalSet
+from safe_ompl.collision import CertifiedMotion
+from safe_ompl.common import FloatArray, StaleSceneError
 from safe_ompl.paths.simplify.cost import DangerDensity
-from safe_ompl.paths.simplify.edge_proofs import EdgeProofs
-from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.proven_descent import ProvenDescent, Terms
-from safe_ompl.paths.simplify.resampling import divided, path_length, refined
-from safe_ompl.paths.simplify.retreat import retreat
-from safe_ompl.paths.simplify.shortcut import joined, shortcut
-from safe_ompl.robot.robot import Robot
+from safe_ompl.paths.simplify.descent import FeasibleSet, FreeGoal, GoalSet
+from safe_ompl.paths.simplify.edges import EdgeProofs, divided, path_length, refined
+from safe_ompl.paths.simplify.obstacle_cost import ActiveSetCost, ObstacleCost
+from safe_ompl.paths.simplify.proven_descent import BestPath, Better, ProvenDescent, Terms
+from safe_ompl.paths.simplify.shortcuts import joined, retreat, shortcut
+from safe_ompl.robot import Robot
 
 _SAME = 1e-4  # [m] clearances that differ by less are the same
 _FEW = 14  # way points between which shortcuts are looked for after the descent

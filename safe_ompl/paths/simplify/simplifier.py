@@ -8,18 +8,14 @@ from copy import copy
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import InputError
-from safe_ompl.inputs import number
-from safe_ompl.maths.kernels.compiled import clock
-from safe_ompl.paths.curve import Curve
-from safe_ompl.paths.simplify.best_path import Better
-from safe_ompl.paths.simplify.constraints import GoalSet
+from safe_ompl.collision import CertifiedMotion, CollisionChecker
+from safe_ompl.common import FloatArray, InputError, clock, finite_array, number
+from safe_ompl.danger import DangerField
+from safe_ompl.paths.measures import Curve
 from safe_ompl.paths.simplify.cost import STEP, WEIGHT, DangerDensity, PathCost, reference_danger
+from safe_ompl.paths.simplify.descent import GoalSet
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
+from safe_ompl.paths.simplify.proven_descent import Better
 from safe_ompl.paths.simplify.run import Settings, SimplificationRun, Stop, unrolled
 
 CLEARANCE = 0.07  # [m]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.trajectories.trajectory import State
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.trajectories import State
 
 if TYPE_CHECKING:
     from safe_ompl.people.replanning.guarded_path import GuardedPath

@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.collision import CertifiedMotion
+from safe_ompl.common import FloatArray
 from safe_ompl.people.replanning.command import Command
 from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies
 from safe_ompl.people.replanning.roadmap import Budget, PeopleNow, Roadmap
-from safe_ompl.trajectories.blends import blended
+from safe_ompl.trajectories import blended
 
 _log = logging.getLogger(__name__)
 

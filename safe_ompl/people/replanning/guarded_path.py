@@ -8,20 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.danger.joint_motions import JointMotions
-from safe_ompl.maths.kernels.driving import ceilings, drive
-from safe_ompl.maths.kernels.hull_gaps import cell_gaps, gaps
-from safe_ompl.people.reach import ReachSets
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.danger import JointMotions
+from safe_ompl.geometry.kernels import cell_gaps, gaps
+from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.command import Margin, StopMotion
-from safe_ompl.robot.bodies.reach import bounding_hull
-from safe_ompl.robot.robot import Robot
-from safe_ompl.trajectories.body_speeds import BodySpeeds
-from safe_ompl.trajectories.caps import LINK_SPEED, TOOL_SPEED, speed_caps
-from safe_ompl.trajectories.curve import BlendedCurve, Cells
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.time_law import velocity_cap
-from safe_ompl.trajectories.trajectory import SpeedCap, Trajectory
+from safe_ompl.robot import Robot, bounding_hull
+from safe_ompl.trajectories import (
+    LINK_SPEED,
+    TOOL_SPEED,
+    BlendedCurve,
+    BodySpeeds,
+    Cells,
+    RateLimits,
+    SpeedCap,
+    Trajectory,
+    ceilings,
+    drive,
+    speed_caps,
+    velocity_cap,
+)
 
 STEP = 0.02  # [rad] largest cell
 _BENDING = 0.5  # share of the accelerations that arcs may take; the rest is for speeding up and braking

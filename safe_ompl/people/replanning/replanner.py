@@ -11,22 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.errors import InputError
-from safe_ompl.inputs import number, positive, whole_number
-from safe_ompl.people.reach import ReachModel
+from safe_ompl.collision import CertifiedMotion, CollisionChecker
+from safe_ompl.common import InputError, number, positive, whole_number
+from safe_ompl.people import ReachModel, Surroundings, Tracker, Violation
 from safe_ompl.people.replanning.command import Command, Doing, Margin
 from safe_ompl.people.replanning.detours import Detours
 from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, own_caps
 from safe_ompl.people.replanning.roadmap import PeopleNow
-from safe_ompl.people.tracking import Surroundings, Tracker, Violation
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scenario.people import People
-from safe_ompl.scene.scene import Scene
-from safe_ompl.trajectories.blends import ArcProof
-from safe_ompl.trajectories.curve import BlendedCurve
-from safe_ompl.trajectories.trajectory import Trajectory
+from safe_ompl.robot import Robot
+from safe_ompl.scene import People, Scene
+from safe_ompl.trajectories import ArcProof, BlendedCurve, Trajectory
 
 _log = logging.getLogger(__name__)
 

@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.people.reach import ReachSets
+from safe_ompl.collision import CertifiedMotion
+from safe_ompl.common import FloatArray
+from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies
-from safe_ompl.trajectories.curve import BlendedCurve, Piece
+from safe_ompl.trajectories import BlendedCurve, Piece
 
 _SPREAD = (0.3, 0.6, 1.2)  # [rad] how far from the curve samples are, in turn
 _NEIGHBOURS = 8

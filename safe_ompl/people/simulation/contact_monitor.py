@@ -12,10 +12,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.collision.queries import fresh_data
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.shapes.person import Limb
+from safe_ompl.collision import fresh_data
+from safe_ompl.common import FloatArray
+from safe_ompl.geometry import Limb
+from safe_ompl.robot import Robot
 
 
 class Nearest(NamedTuple):

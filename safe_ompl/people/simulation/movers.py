@@ -8,13 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.people.body import TrackedBody
-from safe_ompl.people.recordings import Recording
+from safe_ompl.common import FloatArray
+from safe_ompl.geometry import placed
+from safe_ompl.people import KEYPOINTS, Recording, Surroundings, TrackedBody, Tracker
 from safe_ompl.people.simulation.contact_monitor import Solid, limb_solids
-from safe_ompl.people.skeletons import KEYPOINTS
-from safe_ompl.people.tracking import Surroundings, Tracker
-from safe_ompl.scene.pose import placed
 
 _FORGOTTEN = 1000  # steps after which those of more than a second ago are forgotten
 

@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.inputs import fraction, number
-from safe_ompl.people.reach import ReachSets
-from safe_ompl.people.replanning.command import Command, Doing
-from safe_ompl.people.replanning.replanner import Replanner
+from safe_ompl.common import FloatArray, fraction, number
+from safe_ompl.people import ReachSets
+from safe_ompl.people.replanning import Command, Doing, Replanner
 from safe_ompl.people.simulation.contact_monitor import ContactMonitor, Nearest
 from safe_ompl.people.simulation.movers import ObjectMover, PersonMover, World
-from safe_ompl.trajectories.trajectory import Trajectory
+from safe_ompl.trajectories import Trajectory
 
 _FINE = 0.005  # [s] between two observations of the contact monitor
 _STILL = 1e-9  # [rad/s] slower than this is at rest
@@ -173,7 +171,7 @@ class Simulation:
         return self.summary
 
     def ticks(self, seconds: float) -> Iterator[dict[str, Any]]:
-        """Run for a time [s], and yield ticks as `safe_ompl.exchange.ticks` describes them."""
+        """Run for a time [s], and yield ticks as `safe_ompl.io.ticks` describes them."""
         tick = self.replanner.tick
         self.replanner.start(self.trajectories[0])
         command: Command | None = None

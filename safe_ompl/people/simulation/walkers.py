@@ -6,16 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError
-from safe_ompl.inputs import whole_number
-from safe_ompl.people.body import TrackedBody
+from safe_ompl.common import FloatArray, InputError, whole_number
+from safe_ompl.geometry import STANDING, Pose
+from safe_ompl.people import Skeleton, TrackedBody, Tracker
 from safe_ompl.people.simulation.movers import Stepwise
-from safe_ompl.people.skeletons import Skeleton
-from safe_ompl.people.tracking import Tracker
-from safe_ompl.scenario.people import People
-from safe_ompl.scene.pose import Pose
-from safe_ompl.scene.shapes.anatomy import STANDING
+from safe_ompl.scene import People
 
 # A sensor that sees all key points of the body.
 ALL_KEYPOINTS = Skeleton("standing", tuple(STANDING), {name: (name,) for name in STANDING})

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.person import Person
+from safe_ompl.common import FloatArray
+from safe_ompl.geometry import Person
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
 from safe_ompl.view.content import Keypoints, Movers
 from safe_ompl.view.pictures.bodies import RobotBody, limb_surfaces, obstacle_surfaces
 from safe_ompl.view.pictures.surface import Surface, tube

@@ -8,10 +8,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import SafeOmplError
-from safe_ompl.exchange.timed_motion import TimedMotion
+from safe_ompl.common import FloatArray, SafeOmplError
+from safe_ompl.danger import DangerField
+from safe_ompl.io import TimedMotion
 from safe_ompl.view.annotations import Nearest, NearestPoints
 from safe_ompl.view.browser.figures import wxyz
 from safe_ompl.view.plots.paths import AXES, SIZE, plot_speeds

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.exchange.timed_motion import ACCELERATION, TimedMotion
-from safe_ompl.robot.robot import Robot
+from safe_ompl.common import FloatArray
+from safe_ompl.io import ACCELERATION, TimedMotion
+from safe_ompl.robot import Robot
 from safe_ompl.view.annotations import Nearest, Proof
 from safe_ompl.view.browser.figures import MoverFigures, RobotFigure, RobotModel, add_scenery
 from safe_ompl.view.browser.layers import ClearanceLines, DangerPoints, FieldSlice, SpeedBoard

@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import SafeOmplError
-from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.setup.result import PlanResult
+from safe_ompl.common import FloatArray, SafeOmplError
+from safe_ompl.io import TimedMotion
+from safe_ompl.planning import PlanResult
 from safe_ompl.view.browser.controls import Controls
 from safe_ompl.view.browser.figures import RobotModel
 from safe_ompl.view.browser.layers import BOARD_SHAPE

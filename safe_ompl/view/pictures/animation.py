@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError, SafeOmplError
+from safe_ompl.common import FloatArray, InputError, SafeOmplError
 from safe_ompl.view.annotations import Nearest
 from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.pictures.bodies import obstacle_surfaces

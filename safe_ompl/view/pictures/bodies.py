@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.scene.shapes.person import Limb, Person
+from safe_ompl.common import FloatArray
+from safe_ompl.geometry import Limb, Person
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tessellate, tube
 from safe_ompl.view.style import Colour
 
 if TYPE_CHECKING:
-    from safe_ompl.robot.robot import Robot
-    from safe_ompl.scene.obstacle import Obstacle
+    from safe_ompl.geometry import Obstacle
+    from safe_ompl.robot import Robot
 
 _HARMLESS_SURFACE: Colour = (0.80, 0.68, 0.53)
 _DANGEROUS_SURFACE: Colour = (0.85, 0.45, 0.30)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError
+from safe_ompl.common import FloatArray, InputError, IntArray
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.view.pictures.camera import Camera
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
@@ -17,8 +17,8 @@ from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tube
 from safe_ompl.view.style import Colour, as_bytes, mixed
 
 if TYPE_CHECKING:
-    from safe_ompl.robot.robot import Robot
-    from safe_ompl.scene.scene import Scene
+    from safe_ompl.robot import Robot
+    from safe_ompl.scene import Scene
 
 Image = NDArray[np.uint8]
 """Rows of pixels in sRGB: (height, width, 3)."""

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.arrays import FloatArray, IntArray
-from safe_ompl.errors import InputError
-from safe_ompl.maths.kernels.triangles import light_at, nearest_triangles
+from safe_ompl.common import FloatArray, InputError, IntArray, light_at, nearest_triangles
 from safe_ompl.view.pictures.camera import Camera, floor_nearness, in_picture, viewing_rays
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface
 

@@ -9,23 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError, SafeOmplError
-from safe_ompl.paths.curve import Curve
-from safe_ompl.paths.measures import PROFILE_POINTS
-from safe_ompl.scene.shapes.person import Person
-from safe_ompl.setup.result import PlanResult
-from safe_ompl.setup.safe_setup import SafeSetup
+from safe_ompl.common import FloatArray, InputError, SafeOmplError
+from safe_ompl.geometry import Person
+from safe_ompl.paths import PROFILE_POINTS, Curve
+from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.view.pictures.camera import Camera
 from safe_ompl.view.pictures.path import GHOSTS, DrawnPath, Image, draw, render_path
 from safe_ompl.view.pictures.rasteriser import Renderer
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
-from safe_ompl.view.plots import plot_plan
+from safe_ompl.view.plots.paths import plot_plan
 from safe_ompl.view.style import grid_columns, planner_styles
 
 if TYPE_CHECKING:
-    from safe_ompl.robot.robot import Robot
-    from safe_ompl.scene.scene import Scene
+    from safe_ompl.robot import Robot
+    from safe_ompl.scene import Scene
 
 _QUICK_DPI = 100  # of the picture of one plan, which is wanted at once
 

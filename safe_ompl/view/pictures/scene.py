@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from safe_ompl.arrays import BoolArray, FloatArray, finite_array
-from safe_ompl.errors import InputError
-from safe_ompl.paths.curve import Curve
-from safe_ompl.scene import surfaces
-from safe_ompl.scene.shapes.person import Person
+from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array
+from safe_ompl.geometry import Person, surfaces
+from safe_ompl.paths import Curve
 from safe_ompl.view.pictures.bodies import RobotBody, obstacle_surfaces
 from safe_ompl.view.pictures.camera import Camera, in_picture
 from safe_ompl.view.pictures.rasteriser import ZBuffer
@@ -19,8 +17,8 @@ from safe_ompl.view.pictures.surface import ColouredSurface, Surface
 from safe_ompl.view.style import Colour
 
 if TYPE_CHECKING:
-    from safe_ompl.robot.robot import Robot
-    from safe_ompl.scene.scene import Scene
+    from safe_ompl.robot import Robot
+    from safe_ompl.scene import Scene
 
 _DETAIL = 5e-4  # sizes of the robot's motion; half a pixel of a picture of a thousand rows
 _PATH_SAMPLES = 121  # of a path

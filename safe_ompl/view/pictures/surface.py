@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.arrays import BoolArray, FloatArray, IntArray
-from safe_ompl.errors import InputError
-from safe_ompl.scene import surfaces
-from safe_ompl.scene.surfaces import Triangles
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray
+from safe_ompl.geometry import Triangles, surfaces
 from safe_ompl.view.style import Colour
 
 _AROUND = 32  # facets around a round shape

@@ -10,9 +10,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import BoolArray, FloatArray, IntArray, finite_array
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.errors import InputError
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import BoolArray, FloatArray, InputError, IntArray, finite_array
 from safe_ompl.view.plots.page import GREY, Page
 from safe_ompl.view.plots.planar import check_joints
 from safe_ompl.view.style import planner_styles

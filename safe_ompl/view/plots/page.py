@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.errors import InputError, SafeOmplError
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, finite_array
 
 ALONG = "along the path, from start to goal"
 DANGER = "danger"

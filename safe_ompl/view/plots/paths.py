@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, finite_array
-from safe_ompl.errors import InputError
-from safe_ompl.exchange.timed_motion import ACCELERATION
-from safe_ompl.paths.measures import forced_danger
-from safe_ompl.trajectories.danger import MotionDanger
-from safe_ompl.trajectories.trajectory import Trajectory
+from safe_ompl.common import FloatArray, InputError, finite_array
+from safe_ompl.io import ACCELERATION
+from safe_ompl.paths import forced_danger
+from safe_ompl.trajectories import MotionDanger, Trajectory
 from safe_ompl.view.plots.page import ALARM, ALONG, DANGER, DPI, GREY, Page, curve, natural
 from safe_ompl.view.style import Colour, cap_colours, planner_styles
 

@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray, IntArray, finite_array
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.danger.field import DangerField
-from safe_ompl.errors import InputError
-from safe_ompl.maths import bubbles
-from safe_ompl.robot.robot import Robot
+from safe_ompl.collision import CollisionChecker, bubbles
+from safe_ompl.common import FloatArray, InputError, IntArray, finite_array
+from safe_ompl.danger import DangerField
+from safe_ompl.robot import Robot
 from safe_ompl.view.pictures.bodies import RobotBody
 from safe_ompl.view.plots.page import GREY, Page
 from safe_ompl.view.style import Colour
 
 if TYPE_CHECKING:
-    from safe_ompl.robot.robot import Robot
-    from safe_ompl.scene.scene import Scene
+    from safe_ompl.robot import Robot
+    from safe_ompl.scene import Scene
 
 _GRID_PIXELS = 181  # of a plane, along each side
 _IN_COLLISION, _SHADE = "0.72", 0.22

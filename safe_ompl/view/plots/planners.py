@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.arrays import FloatArray
-from safe_ompl.errors import InputError
+from safe_ompl.common import FloatArray, InputError
 from safe_ompl.view.plots.page import ALONG, DANGER, GREY, Page, check_partners, natural, rows, tables
 from safe_ompl.view.style import PlannerStyle, grid_columns, planner_styles
 

@@ -9,15 +9,15 @@ from ompl import util as ou
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.simplify.constraints import FeasibleSet
+from safe_ompl.geometry.basic import Box, Cylinder
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.paths.simplify.descent import FeasibleSet
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.retreat import RETREAT_STEP, _step, retreat
+from safe_ompl.paths.simplify.shortcuts import RETREAT_STEP, _step, retreat
+from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Cylinder
-from safe_ompl.setup.safe_setup import SafeSetup
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])

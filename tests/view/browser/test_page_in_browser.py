@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from safe_ompl import Box, Obstacle, Pose, Robot, Scene
-from safe_ompl.exchange.timed_motion import TimedMotion
-from safe_ompl.scene.shapes.anatomy import STANDING
+from safe_ompl.geometry.person import STANDING
+from safe_ompl.io.timed_motion import TimedMotion
 from safe_ompl.view.browser.view import save_page
 from safe_ompl.view.content import Movers, ViewerContent
 

@@ -12,14 +12,14 @@ pytest.importorskip("matplotlib")
 import coal
 from matplotlib.image import imread
 
-from safe_ompl.errors import InputError
+from safe_ompl.common.errors import InputError
+from safe_ompl.geometry import surfaces
+from safe_ompl.geometry.basic import Box, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.person import Person
+from safe_ompl.geometry.pose import Pose
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene import surfaces
-from safe_ompl.scene.obstacle import Obstacle
-from safe_ompl.scene.pose import Pose
 from safe_ompl.scene.scene import Scene
-from safe_ompl.scene.shapes.basic import Box, Sphere
-from safe_ompl.scene.shapes.person import Person
 from safe_ompl.view.pictures.bodies import RobotBody, obstacle_surfaces
 from safe_ompl.view.pictures.camera import Camera, in_picture
 from safe_ompl.view.pictures.path import DrawnPath, choose_camera, moments, render_path

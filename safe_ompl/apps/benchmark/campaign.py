@@ -1,0 +1,249 @@
+"""A campaign: several planners, each with several seeds, on one scenario; and a summary of its runs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.apps.benchmark.measures import SUMMARISED, summarised_measures
+from safe_ompl.apps.benchmark.runs import Run
+from safe_ompl.apps.benchmark.workers import checked_processes, do_tasks
+from safe_ompl.common import FloatArray, InputError, PlanningError
+from safe_ompl.common import documents as document
+from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.planning.planners import is_ours, make_planner, needs_place, planner_names
+from safe_ompl.scene import Scenario
+
+_log = logging.getLogger(__name__)
+
+BAND = (15, 85)  # [%]; the percentiles that the paper shows
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Several planners, each with the same seeds, on one scenario.
+
+    The planners take turns, so that what else the machine does meets all of them alike.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The problem, with the parameters of its planners.
+    planners : sequence of str
+        Names of `planner_names()`, all different.
+    runs : int
+        Runs of each planner.
+    time : float, optional
+        Time limit of a run [s]; the scenario's own by default.
+    seed : int
+        Seed of the first run; the next ones count up.
+    simplify : bool or float
+        Whether paths are simplified, and for how long [s]; see `SafeSetup.plan`.
+    done : collection of Run
+        Runs to leave out: a campaign that was interrupted goes on where it stopped.
+
+    Raises
+    ------
+    InputError
+        No planner, one named twice, or a number of runs below 1.
+    """
+
+    scenario: Scenario
+    planners: Sequence[str]
+    runs: int = 50
+    time: float | None = None
+    seed: int = 0
+    simplify: bool | float = False
+    done: Collection[Run] = frozenset()
+
+    def __post_init__(self) -> None:
+        if not self.planners:
+            raise InputError("a campaign needs at least one planner")
+        for name in self.planners:
+            if list(self.planners).count(name) > 1:
+                raise InputError(f"planner {name!r} is named twice")
+        if isinstance(self.runs, bool) or not isinstance(self.runs, int) or self.runs < 1:
+            raise InputError(f"runs must be a whole number of at least 1, got {self.runs!r}")
+
+    def __len__(self) -> int:
+        return sum(len(self.round(k)) for k in range(self.runs))
+
+    def round(self, k: int) -> list[Run]:
+        """Return the runs with the k-th seed that are to be done, one for each planner."""
+        runs = (Run(planner, self.seed + k) for planner in self.planners)
+        return [run for run in runs if run not in self.done]
+
+    def check(self, setup: SafeSetup) -> None:
+        """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
+        for planner in self.planners:
+            check_named_planner(self.scenario, planner, setup)
+
+    def results(self, setup: SafeSetup | None = None, processes: int = 1) -> Iterator[PlanResult]:
+        """Do the runs and yield their results as they come, round after round.
+
+        Parameters
+        ----------
+        setup : SafeSetup, optional
+            What to plan with, already holding the scenario's start and goal; built by default.
+        processes : int
+            How many runs go on at the same time. Times are cleanest with one.
+
+        Raises
+        ------
+        InputError
+            If the scenario cannot be planned, or a planner or parameter does not exist.
+        """
+        processes = checked_processes(processes)
+        setup = setup or setup_scenario(self.scenario)
+        self.check(setup)
+        runs = [run for k in range(self.runs) for run in self.round(k)]
+        return _in_order(runs, do_tasks(CampaignRuns(self, setup), runs, processes))
+
+    def result(self, run: Run, setup: SafeSetup) -> PlanResult:
+        """Do one run. A path that the validator refuses is reported as not solved."""
+        try:
+            result = setup.plan(
+                run.planner,
+                time=self.scenario.time if self.time is None else self.time,
+                seed=run.seed,
+                parameters=self.scenario.planners.get(run.planner),
+                simplify=self.simplify,
+            )
+        except PlanningError as error:
+            _log.warning("%s, seed %d: %s", run.planner, run.seed, error)
+            return failure(f"Error: {error}", run.planner, run.seed, setup.robot.joint_names)
+        if result.interrupted:  # Ctrl-C is for all the runs
+            raise KeyboardInterrupt
+        return result
+
+
+@dataclass(frozen=True)
+class CampaignRuns:
+    """The job of a campaign: its runs, each planned with one setup."""
+
+    campaign: Campaign
+    setup: SafeSetup
+
+    def run(self, task: Run) -> PlanResult:
+        """Do one run."""
+        return self.campaign.result(task, self.setup)
+
+    def crash(self, task: Run, words: str) -> PlanResult:
+        """Return the result of a run that its process did not survive: not solved."""
+        _log.warning("%s, seed %d: %s", task.planner, task.seed, words)
+        return failure(f"Error: {words}", task.planner, task.seed, self.setup.robot.joint_names)
+
+
+def _in_order(runs: Sequence[Run], done: Iterator[tuple[Run, PlanResult]]) -> Iterator[PlanResult]:
+    """Yield results in the order of their runs, each as soon as those before it are there."""
+    waiting: dict[Run, PlanResult] = {}
+    for run in runs:
+        while run not in waiting:
+            waiting.update([next(done)])
+        yield waiting.pop(run)
+
+
+def default_planners(scenario: Scenario) -> tuple[str, ...]:
+    """Return the planners that a comparison looks at: OMPL's RRT-Connect, and all of ours that fit the goal."""
+    has_place = scenario.goal.is_place
+    ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
+    return ("RRTConnect", *ours)
+
+
+def check_named_planner(scenario: Scenario, planner: str, setup: SafeSetup) -> None:
+    """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
+    source = f"{scenario.file or scenario.name}: planners" if planner in scenario.planners else "planner"
+    with document.within(source, ": "):
+        make_planner(planner, setup.getSpaceInformation(), scenario.planners.get(planner))
+
+
+def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) -> PlanResult:
+    """Return the result of a run that came to nothing."""
+    return PlanResult(status, None, None, planner, seed, joint_names, planning_time=0.0)
+
+
+# ------------------------------------------------------------------------------------------------ summaries
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Statistics over the runs of one planner.
+
+    Attributes
+    ----------
+    planner : str
+        Name of the planner.
+    runs, solved : int
+        How many there were, and how many found a path.
+    metrics : mapping of str to ndarray, shape (S,)
+        For each metric its values over the S solved runs: planning_time, simplification_time [s], length [rad],
+        danger_mean, danger_max, danger_avoidable, clearance_min [m], clearance_mean [m], length_below_50mm [rad],
+        queries (collision and margin), field_configurations.
+    profiles : ndarray, shape (S, 101)
+        Danger profiles of the solved runs.
+    typical : PlanResult or None
+        The solved run whose mean danger is the median (of an even number the lower one).
+    """
+
+    planner: str
+    runs: int
+    solved: int
+    metrics: Mapping[str, FloatArray]
+    profiles: FloatArray
+    typical: PlanResult | None
+
+    @classmethod
+    def of(cls, planner: str, results: Sequence[PlanResult]) -> Summary:
+        """Summarise the results of one planner."""
+        solved = [(result, result.report) for result in results if result.report is not None]
+        measures = [summarised_measures(result) for result, _ in solved]
+        metrics = {
+            key: np.array([measured[key] for measured in measures], dtype=np.float64) for key in SUMMARISED
+        }
+        profiles = [report.danger.profile for _, report in solved if report.danger is not None]
+        order = np.argsort(metrics["danger_mean"], kind="stable")
+        return cls(
+            planner,
+            len(results),
+            len(solved),
+            metrics,
+            np.array(profiles),
+            solved[order[(len(order) - 1) // 2]][0] if solved else None,
+        )
+
+    def median(self, metric: str) -> float:
+        """Return the median of a metric over the solved runs; NaN if there are none."""
+        return self.percentile(metric, 50)
+
+    def percentile(self, metric: str, percent: float) -> float:
+        """Return a percentile of a metric over the solved runs; NaN if there are none."""
+        values = self.metrics[metric]
+        return float(np.percentile(values, percent)) if len(values) else float("nan")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain numbers and strings: of each metric the median and the 15–85 % band."""
+        low, high = BAND
+        return {
+            "planner": self.planner,
+            "runs": self.runs,
+            "solved": self.solved,
+            "typical_seed": self.typical and self.typical.seed,
+            **{
+                metric: {
+                    "median": self.median(metric),
+                    f"p{low}": self.percentile(metric, low),
+                    f"p{high}": self.percentile(metric, high),
+                }
+                for metric in self.metrics
+            },
+        }
+
+
+def summarize(results: Sequence[PlanResult]) -> list[Summary]:
+    """Return a summary for each planner, in the order in which they first appear."""
+    planners = dict.fromkeys(result.planner for result in results)
+    return [Summary.of(name, [result for result in results if result.planner == name]) for name in planners]

@@ -1,0 +1,259 @@
+"""Benchmark logs in OMPL's format, as Planner Arena and `ot.readBenchmarkLog` read them, and their SQLite databases."""
+
+from __future__ import annotations
+
+import io
+import platform
+import re
+import socket
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field
+from datetime import datetime
+from importlib.metadata import version
+from os import PathLike
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from ompl import tools as ot
+
+from safe_ompl.apps.benchmark.measures import Value, run_measures
+from safe_ompl.common import InputError
+from safe_ompl.planning import PlanResult
+
+# In the order of ob.PlannerStatus, in its words; its own logs call the last three "Unknown status".
+STATUSES = (
+    "Unknown status",
+    "Invalid start",
+    "Invalid goal",
+    "Unrecognized goal type",
+    "Timeout",
+    "Approximate solution",
+    "Exact solution",
+    "Crash",
+    "Aborted",
+    "Infeasible",
+)
+CRASH = STATUSES.index("Crash")
+
+_NAME = re.compile(r"[A-Za-z]\w*( \w+)*")
+
+
+@dataclass
+class PlannerRuns:
+    """All runs of one planner.
+
+    Attributes
+    ----------
+    name : str
+        Name of the planner, different from all others of the experiment.
+    settings : mapping of str to value
+        Its parameters.
+    runs : list of mapping of str to value
+        Measurements of each run; what a run has not is left empty. Names are words and blanks.
+    progress_names : tuple of str
+        What was recorded while planning, without "time".
+    progress : list of list of tuple
+        For each run the samples (time [s], values …); none by default.
+    """
+
+    name: str
+    settings: Mapping[str, Value] = field(default_factory=dict)
+    runs: list[Mapping[str, Value]] = field(default_factory=list)
+    progress_names: tuple[str, ...] = ()
+    progress: list[Sequence[tuple[float, ...]]] = field(default_factory=list)
+
+
+@dataclass
+class Experiment:
+    """The content of a benchmark log.
+
+    Attributes
+    ----------
+    name : str
+        Name of the experiment; blanks become underscores, since OMPL's reader stops at them.
+    planners : list of PlannerRuns
+        What was measured.
+    setup : str
+        What the problem is, in any number of lines.
+    time_limit, memory_limit : float
+        Of a run [s], [MB].
+    run_count : int
+        How many runs of each planner were asked for.
+    seed : int
+        Of the first run.
+    duration : float
+        Of the whole experiment [s].
+    begin : datetime
+        When it began.
+    parameters : mapping of str to value
+        Further properties of the experiment.
+    """
+
+    name: str
+    planners: list[PlannerRuns] = field(default_factory=list)
+    setup: str = ""
+    time_limit: float = 0.0
+    memory_limit: float = 0.0
+    run_count: int = 0
+    seed: int = 0
+    duration: float = 0.0
+    begin: datetime = field(default_factory=datetime.now)
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+
+    def save(self, file: str | PathLike[str]) -> None:
+        """Write the log to a file."""
+        Path(file).write_text(self.text(), encoding="utf-8")
+
+    def text(self) -> str:
+        """Return the log.
+
+        Raises
+        ------
+        InputError
+            If a property has a name that cannot be a column of the database.
+        """
+        stream = io.StringIO()
+        self._write_header(stream)
+        for planner in self.planners:
+            _write_planner(stream, planner)
+        return stream.getvalue()
+
+    def _write_header(self, stream: TextIO) -> None:
+        def line(text: str) -> None:
+            print(text, file=stream)
+
+        line(f"OMPL version {version('ompl')}")
+        line(f"Experiment {'_'.join(self.name.split()) or 'NO_NAME'}")
+        line(f"{len(self.parameters)} experiment properties")
+        for name, value in self.parameters.items():
+            line(f"{_column(name, [value])} = {_text(value)}")
+        line(f"Running on {'_'.join(socket.gethostname().split()) or 'UNKNOWN'}")
+        line(f"Starting at {self.begin:%Y-%m-%d %H:%M:%S}")
+        for block in (self.setup, f"{platform.platform()}\n{platform.processor()}"):
+            line(f"<<<|\n{block.strip()}\n|>>>")
+        line(f"{self.seed} is the random seed")
+        line(f"{self.time_limit:g} seconds per run")
+        line(f"{self.memory_limit:g} MB per run")
+        line(f"{self.run_count} runs per planner")
+        line(f"{self.duration:g} seconds spent to collect the data")
+        line("1 enum type")
+        line("|".join(("status", *STATUSES)))
+        line(f"{len(self.planners)} planners")
+
+
+def write_log(
+    results: Iterable[PlanResult],
+    file: str | PathLike[str],
+    *,
+    name: str = "safe_ompl",
+    setup: str = "",
+    time_limit: float = 0.0,
+    settings: Mapping[str, Mapping[str, Value]] | None = None,
+    parameters: Mapping[str, Value] | None = None,
+) -> None:
+    """Write the results of any number of runs as a benchmark log.
+
+    Parameters
+    ----------
+    results : iterable of PlanResult
+        Runs of any planners, in any order; every planner's runs keep theirs.
+    file : path
+        Where to write.
+    name, setup : str
+        Name and description of the experiment.
+    time_limit : float
+        Of a run [s].
+    settings : mapping of str to mapping, optional
+        Parameters of the planners, by the planner's name.
+    parameters : mapping, optional
+        Further properties of the experiment.
+    """
+    by_planner: dict[str, PlannerRuns] = {}
+    seeds = []
+    for result in results:
+        planner = by_planner.setdefault(
+            result.planner, PlannerRuns(result.planner, (settings or {}).get(result.planner, {}))
+        )
+        planner.runs.append(run_measures(result))
+        seeds.append(result.seed)
+    planners = list(by_planner.values())
+    Experiment(
+        name,
+        planners,
+        setup,
+        time_limit,
+        run_count=max((len(planner.runs) for planner in planners), default=0),
+        seed=min(seeds, default=0),
+        duration=sum(float(run["time"] or 0) for planner in planners for run in planner.runs),
+        parameters=parameters or {},
+    ).save(file)
+
+
+def save_database(logs: Sequence[str | PathLike[str]], database: str | PathLike[str]) -> None:
+    """Add benchmark logs to a SQLite database as Planner Arena loads it, which is made if there is none."""
+    with redirect_stdout(io.StringIO()):  # OMPL's reader reports every planner
+        ot.readBenchmarkLog(str(database), [str(log) for log in logs], False)
+
+
+def status_number(status: str) -> int:
+    """Return OMPL's number of an outcome; an error counts as a crash, other unknown words as unknown."""
+    if status.startswith("Error"):
+        return CRASH
+    return STATUSES.index(status) if status in STATUSES else 0
+
+
+def _write_planner(stream: TextIO, planner: PlannerRuns) -> None:
+    print(planner.name, file=stream)
+    print(f"{len(planner.settings)} common properties", file=stream)
+    for name, value in sorted(planner.settings.items()):
+        print(f"{name} = {_text(value)}", file=stream)
+    names = sorted({name for run in planner.runs for name in run})
+    print(f"{len(names)} properties for each run", file=stream)
+    for name in names:
+        print(_column(name, [run.get(name) for run in planner.runs]), file=stream)
+    print(f"{len(planner.runs)} runs", file=stream)
+    for run in planner.runs:
+        values = ({**run, "status": status_number(str(run["status"]))} if "status" in run else run).get
+        print("".join(f"{_text(values(name))}; " for name in names), file=stream)
+    if any(planner.progress):
+        _write_progress(stream, planner)
+    print(".", file=stream)
+
+
+def _write_progress(stream: TextIO, planner: PlannerRuns) -> None:
+    names = ("time", *planner.progress_names)
+    print(f"{len(names)} progress properties for each run", file=stream)
+    for name in names:
+        print(_column(name, [0.0]), file=stream)
+    print(f"{len(planner.progress)} runs", file=stream)
+    for samples in planner.progress:
+        rows = {sample[0]: sample for sample in samples}  # times are the keys of the database
+        print("".join("".join(f"{_text(v)}," for v in row) + ";" for row in rows.values()), file=stream)
+
+
+def _column(name: str, values: Sequence[Value]) -> str:
+    """Return a property's name and type as the log declares it."""
+    if not _NAME.fullmatch(name):
+        raise InputError(f"property {name!r}: its name must be words with single blanks between them")
+    if name == "status":
+        return "status ENUM"
+    known = [value for value in values if value is not None]
+    for kind, word in (
+        (bool | np.bool_, "BOOLEAN"),
+        (int | np.integer, "INTEGER"),
+        (float | int | np.number, "REAL"),
+    ):
+        if known and all(isinstance(value, kind) for value in known):
+            return f"{name} {word}"
+    return f"{name} {'TEXT' if known else 'REAL'}"
+
+
+def _text(value: Any) -> str:
+    """Return a value as the log writes it: empty for what is not known, one line, no separators."""
+    if value is None:
+        return ""
+    if isinstance(value, bool | np.bool_):
+        return str(int(value))
+    return re.sub(r"[;,\s]+", " ", str(value)) if isinstance(value, str) else f"{value}"

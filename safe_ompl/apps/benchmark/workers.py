@@ -1,0 +1,202 @@
+"""The workers of a benchmark: jobs done here, in processes of this machine, or on a cluster."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import pickle
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
+from logging.handlers import QueueHandler
+from multiprocessing.connection import Connection, wait
+from typing import Any, Protocol, TypeVar
+
+from ompl import util as ou
+
+from safe_ompl.common import InputError, pass_on
+
+ATTEMPTS = 2  # of a task whose process does not survive it
+
+TaskT = TypeVar("TaskT")
+Outcome = TypeVar("Outcome")
+_Task = TypeVar("_Task", contravariant=True)
+_Outcome = TypeVar("_Outcome", covariant=True)
+
+
+class Job(Protocol[_Task, _Outcome]):
+    """Work that consists of many independent tasks, each with an outcome."""
+
+    def run(self, task: _Task) -> _Outcome:
+        """Do one task."""
+
+    def crash(self, task: _Task, words: str) -> _Outcome:
+        """Return the outcome of a task that its process did not survive; `words` say how it ended."""
+
+
+def checked_processes(processes: int) -> int:
+    """Return a number of processes, or raise InputError if it is none."""
+    if isinstance(processes, bool) or not isinstance(processes, int) or processes < 1:
+        raise InputError(f"processes must be a whole number of at least 1, got {processes!r}")
+    return processes
+
+
+def do_tasks(
+    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], processes: int
+) -> Iterator[tuple[TaskT, Outcome]]:
+    """Do tasks and yield their outcomes as they come: here if there is one process, else in forked ones."""
+    if processes == 1:
+        return ((task, job.run(task)) for task in tasks)
+    return in_processes(job, tasks, min(processes, len(tasks)))
+
+
+def in_processes(
+    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], number: int
+) -> Iterator[tuple[TaskT, Outcome]]:
+    """Do tasks in processes that are forked: jobs of any kind are there without being pickled.
+
+    A task whose process dies is done again in a new one; if that dies, too, the task is a crash. All others finish.
+    An exception of a task is raised here, and ends all. What the package logs in a process is logged here.
+    """
+    context = multiprocessing.get_context("fork")
+    left = [(task, 1) for task in reversed(tasks)]
+    working: dict[Connection, tuple[Any, TaskT, int]] = {}
+
+    def start() -> None:
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_work, args=(job, theirs, [*working, ours]), daemon=True)
+        process.start()
+        theirs.close()
+        give(ours, process)
+
+    def give(pipe: Connection, process: Any) -> None:
+        task, attempt = left.pop()
+        working[pipe] = process, task, attempt
+        pipe.send(task)
+
+    try:
+        while left or working:
+            while left and len(working) < number:
+                start()
+            for pipe in wait(list(working)):
+                assert isinstance(pipe, Connection)
+                process, task, attempt = working[pipe]
+                try:
+                    message = pipe.recv()
+                except (EOFError, ConnectionResetError):
+                    del working[pipe]
+                    process.join()
+                    if attempt < ATTEMPTS:
+                        left.append((task, attempt + 1))
+                        continue
+                    outcome = job.crash(task, f"the process ended with exit code {process.exitcode}")
+                else:
+                    if isinstance(message, logging.LogRecord):
+                        pass_on(message)
+                        continue
+                    if isinstance(message, _Raised):
+                        raise message.error
+                    del working[pipe]
+                    outcome = message
+                yield task, outcome
+                if left and process.is_alive():
+                    give(pipe, process)
+                else:
+                    pipe.close()
+    finally:
+        for process, _, _ in working.values():
+            process.terminate()
+        for process, _, _ in working.values():
+            process.join()
+
+
+class _Raised:
+    """An exception on its way from a worker to the process that started it."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+
+class _LogPipe(QueueHandler):
+    """Sends log records through a pipe: handlers of the parent may hold locks that a fork copies and nobody frees."""
+
+    def __init__(self, pipe: Connection) -> None:
+        super().__init__(pipe)  # type: ignore[arg-type]
+        self._pipe = pipe
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        """Send a record."""
+        self._pipe.send(record)
+
+
+def _work(job: Job[Any, Any], pipe: Connection, others: Sequence[Connection]) -> None:
+    """Do the tasks that come through a pipe until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    logger = logging.getLogger("safe_ompl")
+    logger.handlers, logger.propagate = [_LogPipe(pipe)], False
+    for other in others:  # inherited ends would keep the others from noticing that the parent has gone
+        other.close()
+    while True:
+        try:
+            task = pipe.recv()
+        except EOFError:
+            return
+        try:
+            message = job.run(task)
+        except Exception as error:
+            message = _Raised(error)
+        pipe.send(message)
+
+
+def on_cluster(
+    make: Callable[[], Job[TaskT, Outcome]],
+    crash: Callable[[TaskT, str], Outcome],
+    tasks: Sequence[TaskT],
+    client: Any,
+) -> Iterator[tuple[TaskT, Outcome]]:
+    """Do tasks on a cluster of dask.distributed.
+
+    Its scheduler does by itself what a long comparison needs: runs of a worker that was lost are done by another,
+    workers may come and go, and dask-jobqueue or dask-kubernetes start them on most clusters. joblib was the
+    alternative: its own backend gives up all runs when one worker dies, and on a cluster it needs dask underneath.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the job, once on every worker; it is pickled, the job is not.
+    crash : callable
+        As the job's.
+    tasks : sequence
+        What to do.
+    client : distributed.Client or str
+        Where to, or the address of its scheduler.
+    """
+    import cloudpickle
+    from distributed import Client, KilledWorker, as_completed
+
+    own = Client(client) if isinstance(client, str) else None
+    try:
+        blob: bytes = cloudpickle.dumps(make)
+        futures = {(own or client).submit(_run_from, blob, task, pure=False): task for task in tasks}
+        for future in as_completed(list(futures)):
+            error = future.exception()
+            if error is None:
+                yield futures[future], future.result()
+            elif isinstance(error, KilledWorker):
+                yield futures[future], crash(futures[future], f"the run ended its workers: {error}")
+            else:
+                raise error
+    finally:
+        if own is not None:
+            own.close()
+
+
+def _run_from(blob: bytes, task: Any) -> Any:
+    return _job_from(blob).run(task)
+
+
+@lru_cache(maxsize=1)  # a worker builds the problem once, not for every run
+def _job_from(blob: bytes) -> Job[Any, Any]:
+    ou.noOutputHandler()
+    make: Callable[[], Job[Any, Any]] = pickle.loads(blob)
+    return make()

@@ -1,0 +1,233 @@
+"""Options that several commands share: how to plan, which robot, which limits, which scenario."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from safe_ompl.apps.cli.values import degrees, joint_value, limit, parameter, random_seed, seconds, speeds
+from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.planning.planners import planner_names
+from safe_ompl.robot import RobotSpec
+from safe_ompl.robot.loading import CollisionSource, find_example
+from safe_ompl.scene import MovingObstacles, Scenario, ToolConstraint, find_scenario
+
+
+def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
+    """Add what says how to plan: planner, parameters, time, seed."""
+    parser.add_argument("--planner", default="SafeRRTConnect", metavar="NAME", help="default: %(default)s")
+    parser.add_argument(
+        "--param",
+        action="append",
+        default=[],
+        type=parameter,
+        metavar="KEY=VALUE",
+        help="parameter of the planner, such as alpha=2 (repeatable)",
+    )
+    add_run_options(parser, usual_time)
+
+
+def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplify: bool = False) -> None:
+    """Add time limit and seed."""
+    parser.add_argument(
+        "--time", type=seconds, metavar="SECONDS", help=f"time limit of a run (default: {usual_time})"
+    )
+    parser.add_argument("--seed", type=random_seed, default=0, metavar="N", help="random seed (default: 0)")
+    parser.add_argument(
+        "--simplify",
+        type=seconds,
+        nargs="?",
+        const=True,
+        default=simplify,
+        metavar="SECONDS",
+        help="make paths shorter and safer, for some time or until nothing more is to gain"
+        + (" (default: the latter)" if simplify else ""),
+    )
+
+
+def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
+    """Add what says which robot plans, if not the one `instead_of` which it is."""
+    group = parser.add_argument_group(f"another robot than {instead_of}")
+    kinds = group.add_mutually_exclusive_group()
+    kinds.add_argument("--robot", metavar="NAME", help="an example robot, see `safe-ompl robots`")
+    kinds.add_argument("--urdf", metavar="FILE", help="a robot's URDF")
+    add_urdf_options(group)
+
+
+def add_urdf_options(parser: argparse._ActionsContainer) -> None:
+    """Add what a URDF leaves open: SRDF, packages, tip, joints that move, what collides."""
+    parser.add_argument("--srdf", metavar="FILE", help="its SRDF, which says which links may touch")
+    add_package_dirs(parser)
+    parser.add_argument("--tip", metavar="FRAME", help="frame at the end of the arm")
+    parser.add_argument(
+        "--lock",
+        action="append",
+        default=[],
+        type=joint_value,
+        metavar="JOINT=VALUE",
+        help="hold a joint still [rad or m] (repeatable)",
+    )
+    parser.add_argument(
+        "--group", metavar="NAME", help="group of the SRDF whose joints move; the others are held"
+    )
+    parser.add_argument(
+        "--locked-state", metavar="NAME", help="state of the SRDF in which joints are held (default: zero)"
+    )
+    add_collision_option(parser)
+
+
+def add_collision_option(parser: argparse._ActionsContainer) -> None:
+    """Add what collides of links without collision shapes."""
+    parser.add_argument(
+        "--collision",
+        choices=get_args(CollisionSource),
+        help="links without collision shapes: refused if no link has any (required, the default), "
+        "their visual shapes collide (visual), accepted (optional)",
+    )
+
+
+def add_package_dirs(parser: argparse._ActionsContainer) -> None:
+    """Add where packages are that URDFs name; every command that loads a robot or a saved file has it."""
+    parser.add_argument(
+        "--package-dir",
+        action="append",
+        default=[],
+        type=_folder,
+        metavar="DIR",
+        help="folder that holds packages which a URDF names (repeatable)",
+    )
+
+
+def _folder(text: str) -> Path:
+    if not Path(text).is_dir():
+        raise argparse.ArgumentTypeError(f"package folder {text!r} does not exist")
+    return Path(text).resolve()
+
+
+def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters of the planner that the options give."""
+    return _once("--param", options.param)
+
+
+def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> RobotSpec:
+    """Return the robot that the options ask for: another one, or the usual one with another tip or locks.
+
+    Raises
+    ------
+    InputError
+        If SRDF or package folders come without a URDF, or a file does not exist.
+    """
+    if options.urdf is None and options.srdf:
+        raise InputError("needs --urdf", "--srdf")
+    locked = _once("--lock", options.lock)
+    keys = ("tip", "group", "locked_state", "collision")
+    chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
+    folders = tuple(options.package_dir)
+    with document.within("--", separator=""):
+        if options.urdf is not None:
+            srdf = None if options.srdf is None else Path(options.srdf)
+            return RobotSpec(None, Path(options.urdf), srdf, folders, locked=locked, **chosen)
+        spec = usual() if options.robot is None else RobotSpec(options.robot)
+        if folders:
+            spec = spec.with_package_dirs(folders)
+    if locked:
+        spec = dataclasses.replace(spec, locked={**_usually_locked(spec), **locked})
+    return dataclasses.replace(spec, **chosen) if chosen else spec
+
+
+def _usually_locked(spec: RobotSpec) -> Mapping[str, float]:
+    if spec.locked is None and spec.example is not None:
+        return find_example(spec.example).locked
+    return spec.locked or {}
+
+
+def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise InputError(f"{name!r} is given twice: {found[name]!r} and {value!r}", option)
+        found[name] = value
+    return found
+
+
+def add_limit_options(parser: argparse.ArgumentParser) -> None:
+    """Add what every path must keep to."""
+    group = parser.add_argument_group("limits, proven along whole motions")
+    group.add_argument("--max-danger", type=limit, metavar="X", help="no configuration is more dangerous")
+    group.add_argument(
+        "--min-clearance",
+        type=limit,
+        metavar="D",
+        help="keep D metres from people and whatever has a danger weight",
+    )
+    group.add_argument(
+        "--keep-upright",
+        type=degrees,
+        metavar="DEG",
+        help="what is upright on the tool at the start stays so within DEG degrees",
+    )
+    group.add_argument(
+        "--moving",
+        type=speeds,
+        metavar="NAME=SPEED[,…]",
+        help="obstacles that may move, no faster than so many m/s: the path is free whatever they do",
+    )
+    group.add_argument(
+        "--moving-time",
+        type=limit,
+        metavar="SECONDS",
+        help="for how long after the moment of the scene (default: the scenario's limits.moving.time)",
+    )
+
+
+def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
+    """Return the scenario with the limits that the options give instead of its own."""
+    keys = ("max_danger", "min_clearance")
+    given: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
+    if options.keep_upright:
+        given["tool"] = ToolConstraint(options.keep_upright)
+    if options.moving or options.moving_time:
+        given["moving"] = _moving(scenario, options)
+    return dataclasses.replace(scenario, limits=dataclasses.replace(scenario.limits, **given))
+
+
+def _moving(scenario: Scenario, options: argparse.Namespace) -> MovingObstacles:
+    """Return the obstacles that may move: what the options do not say, the scenario says."""
+    own = scenario.limits.moving
+    moving = options.moving or (own and own.speeds)
+    time = options.moving_time or (own and own.time)
+    if not moving:
+        raise InputError("says for how long obstacles move: give these with --moving, too", "--moving-time")
+    if not time:
+        raise InputError("give also for how long they move: --moving-time SECONDS", "--moving")
+    for name in moving:
+        if name not in scenario.scene.names:
+            raise UnknownNameError("obstacle", name, scenario.scene.names, "--moving")
+    return MovingObstacles(moving, time)
+
+
+# ----------------------------------------------------------------------------------------------- scenarios
+
+
+def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = ()) -> Scenario:
+    """Load a scenario; also the planners that it has parameters for must exist.
+
+    Parameters
+    ----------
+    name_or_file : str
+        The scenario.
+    package_dirs : sequence of Path
+        Folders of packages, as `add_package_dirs` gives them, for its robot.
+    """
+    scenario = Scenario.load(find_scenario(name_or_file))
+    for planner in scenario.planners:
+        if planner not in planner_names():
+            raise UnknownNameError("planner", planner, planner_names(), f"{scenario.file}: planners")
+    if not package_dirs:
+        return scenario
+    with document.within("--", separator=""):
+        return dataclasses.replace(scenario, robot=scenario.robot.with_package_dirs(package_dirs))

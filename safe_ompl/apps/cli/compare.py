@@ -1,0 +1,171 @@
+"""`safe-ompl compare`: several planners on one scenario, in a table and in pictures."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from safe_ompl.apps.benchmark import Campaign, Summary, default_planners, summarize
+from safe_ompl.apps.cli.arguments import add_package_dirs, add_run_options, load_scenario
+from safe_ompl.apps.cli.console import error_console, output_console, progress_bar
+from safe_ompl.apps.cli.files import make_folder, opened
+from safe_ompl.apps.cli.pictures import draw_comparison, how_to_get_pictures
+from safe_ompl.apps.cli.plan import record
+from safe_ompl.apps.cli.tables import comparison_table, durations_table
+from safe_ompl.apps.cli.values import count, names
+from safe_ompl.io import strict_json as json_line
+from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.trajectories import CELLS, duration_of
+
+_RUNS = 10
+
+
+def add_command(commands: Any) -> None:
+    """Add `compare` to the commands."""
+    parser = commands.add_parser(
+        "compare",
+        help="compare planners: table, report.json and pictures",
+        description="Run several planners with several seeds each, and compare them: a table, report.json, "
+        "and pictures of danger, times, and the robot along each planner's typical path. Paths are simplified; "
+        "the table, the report and the picture of the paths say what they were before.",
+    )
+    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
+    parser.add_argument(
+        "--planners",
+        type=names,
+        metavar="A,B,...",
+        help="default: OMPL's RRTConnect and all planners of this package",
+    )
+    parser.add_argument(
+        "--runs", type=count, default=_RUNS, metavar="N", help="runs of each planner (default: %(default)s)"
+    )
+    add_run_options(parser, usual_time="the scenario's", simplify=True)
+    parser.add_argument(
+        "--no-simplify",
+        dest="simplify",
+        action="store_false",
+        help="compare the paths as they are planned; by default they are simplified, and the table has both",
+    )
+    parser.add_argument(
+        "--processes",
+        type=count,
+        default=1,
+        metavar="N",
+        help="runs at the same time; times are cleanest with one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for report and pictures (default: compare-SCENARIO)"
+    )
+    parser.add_argument(
+        "--timed",
+        action="store_true",
+        help="compare, too, how long the paths take within the scenario's limits and beside its people",
+    )
+    add_package_dirs(parser)
+    parser.set_defaults(prepare=prepare)
+
+
+def prepare(options: argparse.Namespace) -> Callable[[], int]:
+    """Check what the options name, and return the job."""
+    scenario = load_scenario(options.scenario, options.package_dir)
+    planners = options.planners or default_planners(scenario)
+    campaign = Campaign(scenario, planners, options.runs, options.time, options.seed, options.simplify)
+    setup = setup_scenario(scenario)
+    campaign.check(setup)
+    if options.timed:
+        setup.timer  # noqa: B018  # whatever it lacks is said now
+    folder = options.out or Path(f"compare-{scenario.name}")
+    make_folder(folder, "--out")
+    return Compare(campaign, setup, options.processes, folder, options.timed)
+
+
+@dataclass(frozen=True)
+class Compare:
+    """The job of `safe-ompl compare`."""
+
+    campaign: Campaign
+    setup: SafeSetup
+    processes: int
+    folder: Path
+    timed: bool = False
+
+    def __call__(self) -> int:
+        """Run the campaign, show the table, write the report, draw the pictures."""
+        results = self._results()
+        summaries = summarize(results)
+        planned = self._planned(results)
+        durations = None
+        if self.timed:
+            durations = [self._duration(result) for result in results]
+        self._write_report(results, summaries, planned, durations)
+        output_console().print(comparison_table(self.campaign, self.setup.robot.name, summaries, planned))
+        if durations is not None:
+            output_console().print(durations_table([result.planner for result in results], durations))
+        self._draw(summaries)
+        return 0 if all(summary.solved for summary in summaries) else 1
+
+    def _planned(self, results: Sequence[PlanResult]) -> list[Summary]:
+        """Return the summaries of the paths before they were simplified; none if no path was."""
+        found = [
+            result
+            if result.planned_path is None
+            else replace(
+                result,
+                path=result.planned_path,
+                report=self.setup.report(result.planned_path),
+                simplification_time=0.0,
+            )
+            for result in results
+        ]
+        return summarize(found) if any(result.planned_path is not None for result in results) else []
+
+    def _duration(self, result: PlanResult) -> float | None:
+        """Return how long a path takes [s], +inf where nothing allows motion; None where there is none."""
+        return None if result.path is None else duration_of(self.setup.timer, result.path, CELLS)
+
+    def _results(self) -> list[PlanResult]:
+        found = []
+        with progress_bar(error_console()) as progress:
+            task = progress.add_task(f"planning {self.campaign.scenario.name}", total=len(self.campaign))
+            for result in self.campaign.results(self.setup, self.processes):
+                found.append(result)
+                progress.advance(task)
+        return found
+
+    def _write_report(
+        self,
+        results: Sequence[PlanResult],
+        summaries: Sequence[Summary],
+        planned: Sequence[Summary],
+        durations: Sequence[float | None] | None,
+    ) -> None:
+        name = self.campaign.scenario.name
+        report: dict[str, Any] = {
+            "scenario": name,
+            "robot": self.setup.robot.name,
+            "seed": self.campaign.seed,
+            "summary": [summary.as_dict() for summary in summaries],
+            "summary_as_planned": [summary.as_dict() for summary in planned],
+            "runs": [record(name, self.setup.robot, result) for result in results],
+        }
+        for run, duration in zip(report["runs"], durations or (), strict=False):
+            run["duration"] = duration if duration is not None and math.isfinite(duration) else None
+        with opened(str(self.folder / "report.json")) as stream:
+            print(json_line(report), file=stream)
+
+    def _draw(self, summaries: Sequence[Summary]) -> None:
+        console = error_console()
+        advice = how_to_get_pictures()
+        if advice:
+            console.print(f"safe-ompl: no pictures: {advice}")
+        else:
+            with console.status("drawing"):
+                draw_comparison(self.setup, summaries, self.folder)
+        console.print(f"report{'' if advice else ' and pictures'} in {self.folder}")
+        console.print(
+            f"see them move: safe-ompl view {self.campaign.scenario.file or self.campaign.scenario.name}"
+        )

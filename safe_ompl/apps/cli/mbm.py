@@ -1,0 +1,148 @@
+"""`safe-ompl mbm`: the problems of a MotionBenchMaker file, one JSON line each."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from safe_ompl.apps.benchmark import failure
+from safe_ompl.apps.cli.arguments import add_planner_options, add_robot_options, given_parameters, given_robot
+from safe_ompl.apps.cli.console import error_console, progress_bar
+from safe_ompl.apps.cli.files import STANDARD_OUTPUT, check_writable, opened
+from safe_ompl.apps.cli.plan import record
+from safe_ompl.apps.cli.tables import families_table
+from safe_ompl.apps.cli.values import names, positions
+from safe_ompl.common import InputError, SafeOmplError, UnknownNameError
+from safe_ompl.io import strict_json as json_line
+from safe_ompl.planning import PlanResult, SafeSetup, setup_problem
+from safe_ompl.planning.planners import make_planner
+from safe_ompl.robot import Robot, RobotSpec
+from safe_ompl.robot.loading import EXAMPLES
+from safe_ompl.scene import WHERE_FROM, MbmFile, Scene
+
+USUAL_TIME = 5.0  # [s]
+
+
+def add_command(commands: Any) -> None:
+    """Add `mbm` to the commands."""
+    parser = commands.add_parser(
+        "mbm",
+        help="run a MotionBenchMaker file, one JSON line per problem",
+        description="Run the problems of a MotionBenchMaker file (JSON form), one JSON line per problem. "
+        f"Every obstacle is dangerous, with weight 1; {WHERE_FROM}.",
+    )
+    parser.add_argument("file", metavar="FILE", help="the problems")
+    parser.add_argument("--families", type=names, metavar="A,B,...", help="default: all")
+    parser.add_argument(
+        "--problems",
+        type=positions,
+        default=slice(None),
+        metavar="0:50",
+        help="which of each family, counted from 0; default: all",
+    )
+    add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
+    parser.add_argument("--json", default=STANDARD_OUTPUT, metavar="FILE", help="default: standard output")
+    add_robot_options(parser, instead_of="the file's")
+    parser.set_defaults(prepare=prepare)
+
+
+def prepare(options: argparse.Namespace) -> Callable[[], int]:
+    """Check what the options name, and return the job."""
+    check_writable(options.json, "--json")
+    file = MbmFile.load(options.file)
+    robot = _robot(file, options)
+    parameters = given_parameters(options)
+    empty = SafeSetup(robot, Scene(), danger=None)
+    make_planner(options.planner, empty.getSpaceInformation(), parameters)
+    return Mbm(file, robot, _chosen(file, options), parameters, options)
+
+
+@dataclass(frozen=True)
+class Mbm:
+    """The job of `safe-ompl mbm`."""
+
+    file: MbmFile
+    robot: Robot
+    chosen: list[tuple[str, int]]
+    parameters: dict[str, Any]
+    options: argparse.Namespace
+
+    def __call__(self) -> int:
+        """Solve the problems and write a line for each; then show a table by family."""
+        to_terminal = self.options.json == STANDARD_OUTPUT and sys.stdout.isatty()
+        console = error_console()
+        results: dict[str, list[PlanResult]] = {}
+        with (
+            opened(self.options.json) as stream,
+            progress_bar(console, hidden=to_terminal) as progress,
+        ):
+            for family, k in progress.track(self.chosen, description=self.file.path.name):
+                line, result = self._solve(family, k)
+                print(json_line(line), file=stream, flush=True)
+                results.setdefault(family, []).append(result)
+        console.print(families_table(results))
+        return 0 if all(result for of_family in results.values() for result in of_family) else 1
+
+    def _solve(self, family: str, k: int) -> tuple[dict[str, Any], PlanResult]:
+        """Return the k-th problem's line, and its result."""
+        index, widened = k, {}
+        try:
+            problem = self.file.problem(family, k)
+            index, widened = problem.index, problem.widened_limits(self.robot)
+            result = self._plan(setup_problem(problem, self.robot))
+        except SafeOmplError as error:
+            kind = "Invalid input" if isinstance(error, InputError) else "Error"
+            result = failure(
+                f"{kind}: {error}", self.options.planner, self.options.seed, self.robot.joint_names
+            )
+        place = {"family": family, "index": index}
+        told = record(f"{family}/{index}", self.robot, result)
+        return {**place, **told, "widened_limits": widened}, result
+
+    def _plan(self, setup: SafeSetup) -> PlanResult:
+        options = self.options
+        result = setup.plan(
+            options.planner,
+            time=options.time or USUAL_TIME,
+            seed=options.seed,
+            parameters=self.parameters,
+            simplify=options.simplify,
+        )
+        if result.interrupted:  # Ctrl-C is for all the problems
+            raise KeyboardInterrupt
+        return result
+
+
+def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:
+    """Return the robot of the options or of the file; its joints must be those of the file."""
+    robot = given_robot(options, lambda: _named_robot(file)).build()
+    if file.joint_names and set(file.joint_names) != set(robot.joint_names):
+        raise InputError(
+            f"the problems are for the joints {', '.join(file.joint_names)}, "
+            f"but {robot.name} moves {', '.join(robot.joint_names)}; --tip and --lock hold joints still",
+            f"{file.path}: joints",
+        )
+    return robot
+
+
+def _named_robot(file: MbmFile) -> RobotSpec:
+    if file.robot not in EXAMPLES:
+        raise InputError(
+            f"{file.robot!r} is not an example robot: give --urdf or --robot", f"{file.path}: robot"
+        )
+    return RobotSpec(file.robot)
+
+
+def _chosen(file: MbmFile, options: argparse.Namespace) -> list[tuple[str, int]]:
+    """Return family and position of each problem to solve."""
+    for family in options.families or ():
+        if family not in file.families:
+            raise UnknownNameError("family", family, file.families, "--families")
+    families = options.families or tuple(file.families)
+    chosen = [(family, k) for family in families for k in range(file.families[family])[options.problems]]
+    if not chosen:
+        raise InputError("the range holds no problem of the file", "--problems")
+    return chosen

@@ -1,0 +1,279 @@
+"""`safe-ompl new`: a first scenario for a robot of one's own."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import yaml
+
+from safe_ompl.apps.cli.arguments import add_urdf_options, given_robot
+from safe_ompl.apps.cli.console import error_console
+from safe_ompl.apps.cli.files import check_writable
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import Obstacle, Person, Pose
+from safe_ompl.planning import SafeSetup
+from safe_ompl.robot import Mimic, Robot, RobotSpec, arm_joints, default_tip, finger_joints, has_range
+from safe_ompl.robot.loading import SrdfFile, UrdfFile, joints_without_range, resting_value
+from safe_ompl.scene import Scene
+
+_SAMPLES, _SEED = 2000, 0
+_ROOM = 0.03  # [m] that start and goal leave around the robot, where there are such
+_CHOICE = 12  # configurations on each side that may become start and goal
+_PLANNER, _TRIALS, _TIME = "SafeRRTConnect", 6, 5.0  # who tries how many pairs of them, for how long each [s]
+_BESIDE = 0.35  # [m] from where the robot reaches to the middle of the person
+_HEIGHT = 1.75  # [m]
+_SHARE = 0.1  # of the samples at least that are on either side of straight ahead
+_WAIST = 0.55  # share of their height that is below the middle of the robot's reach
+
+
+def add_command(commands: Any) -> None:
+    """Add `new` to the commands."""
+    parser = commands.add_parser(
+        "new",
+        help="write a first scenario for your own robot",
+        description="Write a scenario to begin with: your robot, a person just beyond its reach, a start and a goal on "
+        "either side of the person, both free of collision. One arm moves: that of the first end effector or group of "
+        "the SRDF, or else the one with the most joints; all other joints are held. Then edit the scenario.",
+    )
+    parser.add_argument("urdf", metavar="URDF", help="the robot's URDF")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", required=True, help="where the scenario goes (.yaml)"
+    )
+    add_urdf_options(parser)
+    parser.set_defaults(prepare=prepare)
+
+
+def prepare(options: argparse.Namespace) -> Callable[[], int]:
+    """Read the robot, choose its arm, and return the job."""
+    if Path(options.output).suffix.lower() not in (".yaml", ".yml"):
+        raise InputError(f"{options.output!r} must end in .yaml", "--output")
+    if Path(options.output).exists():
+        raise InputError(f"{options.output!r} is there already: give another file", "--output")
+    check_writable(options.output, "--output")
+    document.file("URDF", options.urdf, (".urdf", ".xml", ".xacro"))
+    spec, robot = with_arm(given_robot(options, lambda: RobotSpec(urdf=Path(options.urdf))))
+    return New(spec, robot, Path(options.output))
+
+
+def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
+    """Return the robot with the joints of one arm free and all others locked, and what that says of it.
+
+    What the spec leaves open is chosen: group and tip as the SRDF has them, or else the arm that the joints tell.
+
+    Raises
+    ------
+    InputError
+        If the robot cannot be built, or no joint of it can be planned for.
+    """
+    assert given.urdf is not None
+    urdf = UrdfFile(given.urdf, given.package_dirs)
+    full = urdf.build_model()
+    # A joint that mimics one which does not exist is held as any other.
+    mimics = {name: mimic for name, mimic in urdf.mimics().items() if full.existJointName(mimic.primary)}
+    srdf = None if given.srdf is None else SrdfFile(given.srdf)
+    if srdf is None and (given.group or given.locked_state):
+        option = "--group" if given.group else "--locked-state"
+        raise InputError("is a name of an SRDF: give --srdf, too", option)
+    group, tip, moving = _arm(full, mimics, srdf, given)
+    if not moving:
+        raise InputError("it has no arm: no joint that could be planned for moves a link", str(given.urdf))
+    posture = srdf.state(given.locked_state) if srdf is not None and given.locked_state else {}
+    still = [name for name in list(full.names)[1:] if name not in mimics and name not in moving]
+    locked = {name: posture.get(name, resting_value(full, name)) for name in still} | dict(given.locked or {})
+    spec = replace(given, group=group, tip=tip, locked=locked, locked_state=None)
+    robot = spec.build()
+    return replace(spec, tip=robot.tip), robot
+
+
+def _arm(
+    full: pin.Model, mimics: Mapping[str, Mimic], srdf: SrdfFile | None, given: RobotSpec
+) -> tuple[str | None, str | None, set[str]]:
+    """Return group and tip of the arm, where these are known, and the joints of it that can be planned for."""
+    group, tip, fingers = given.group, given.tip, finger_joints(full)
+    if tip is not None and not full.existFrame(tip):
+        raise UnknownNameError("tip frame", tip, (frame.name for frame in list(full.frames)[1:]), "--tip")
+    if tip is None and group is None:
+        tip = default_tip(full, full)
+        if srdf is not None:
+            group, tip = srdf.arm(full, tip, fingers) or (None, tip)
+    if group is None or srdf is None:
+        assert tip is not None
+        joints = set(arm_joints(full, tip, mimics))
+    else:
+        joints = set(srdf.group_joints(group, full))
+    joints = joints - fingers or joints  # a hand alone has nothing but fingers
+    joints |= {mimics[name].primary for name in joints if name in mimics}
+    joints -= set(joints_without_range(full, joints))
+    return group, tip, {name for name in joints if has_range(full, full.getJointId(name))}
+
+
+@dataclass(frozen=True)
+class New:
+    """The job of `safe-ompl new`."""
+
+    spec: RobotSpec
+    robot: Robot
+    file: Path
+
+    def __call__(self) -> int:
+        """Find a start and a goal, write the scenario, and say what to do with it."""
+        samples = np.round(self._sampled(), 2)
+        person, reach = self._person(samples)
+        scene = Scene((person,))
+        left, right = self._ends(CollisionChecker(self.robot, scene), samples, person)
+        start, goal, solved = self._connected(scene, left, right)
+        self.file.write_text(self._text(person, start, goal), encoding="utf-8")
+        group = f" of the group {self.spec.group!r}" if self.spec.group else ""
+        number = len(self.spec.locked or {})
+        _say(
+            f"a scenario in {self.file}: {self.robot.n} joints{group}, tip {self.robot.tip!r}, "
+            f"reach {reach:.2f} m; joints that are held: {number}"
+        )
+        if not solved:
+            _say(
+                f"safe-ompl: {_PLANNER} found no path from this start to this goal, nor between other "
+                "pairs: choose them by the sliders of `safe-ompl view`"
+            )
+        _say("look at it, plan, check the proof, and look at the path:")
+        for command in self._next():
+            _say(f"    {command}")
+        return 0
+
+    def _next(self) -> list[str]:
+        """Return the commands that come next, as they are typed."""
+        file, stem = (shlex.quote(str(name)) for name in (self.file, self.file.with_suffix("")))
+        return [
+            f"safe-ompl view {file}",
+            f"safe-ompl plan {file} --json {stem}.json --certificate {stem}.certificate.json",
+            f"safe-ompl verify {stem}.certificate.json {file}",
+            f"safe-ompl view {stem}.json --html {stem}.html",
+        ]
+
+    def _person(self, samples: FloatArray) -> tuple[Obstacle, float]:
+        """Return a person who stands just beyond the reach of the arm, and how far it reaches [m]."""
+        points = self.robot.keypoints_batch(samples).reshape(-1, 3)
+        base = self._shoulder
+        reach = float(np.linalg.norm(points[:, :2] - base[:2], axis=1).max())
+        tips = self._azimuths(samples)
+        way = 0.0 if min((tips > 0).mean(), (tips < 0).mean()) > _SHARE else float(np.median(tips))
+        x, y = base[:2] + (reach + _BESIDE) * np.array([np.cos(way), np.sin(way)])
+        middle = float(np.quantile(points[:, 2], 0.5))
+        place = tuple(round(float(value), 2) for value in (x, y, middle - _WAIST * _HEIGHT))
+        half = (way + np.pi) / 2
+        turn = (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
+        return Obstacle("person", Person(height=_HEIGHT), Pose(place, turn)), reach
+
+    @property
+    def _shoulder(self) -> FloatArray:
+        """The first key point of the arm [m]."""
+        points = self.robot.keypoints(np.clip(np.zeros(self.robot.n), self.robot.lower, self.robot.upper))
+        shoulder: FloatArray = points[self.robot.segments[:, 0].min(initial=len(points) - 1)]
+        return shoulder
+
+    def _azimuths(self, samples: FloatArray, way: float = 0.0) -> FloatArray:
+        """Return for configurations (B, n) how far left of a direction the tip is, from the shoulder [rad]."""
+        x, y = (self.robot.keypoints_batch(samples)[:, -1] - self._shoulder)[:, :2].T
+        azimuths: FloatArray = (np.arctan2(y, x) - way + np.pi) % (2 * np.pi) - np.pi
+        return azimuths
+
+    def _ends(
+        self, checker: CollisionChecker, samples: FloatArray, person: Obstacle
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return free configurations (K, n) with tips on either side of the person, some with room around them."""
+        to_person = np.array(person.pose.position)[:2] - self._shoulder[:2]
+        sides = self._azimuths(samples, float(np.arctan2(to_person[1], to_person[0])))
+        order = np.argsort(np.abs(np.abs(sides) - np.pi / 3))  # 60° to either side
+
+        def free(side: float, room: float) -> FloatArray:
+            found = (
+                samples[k]
+                for k in order
+                if side * sides[k] > 0
+                and self.robot.within_limits(samples[k]).all()
+                and not checker.in_collision(samples[k])
+                and (not room or checker.clearance(samples[k]).distance > room)
+            )
+            return np.array(list(islice(found, _CHOICE)))
+
+        for room in (_ROOM, 0.0):
+            left, right = free(1.0, room), free(-1.0, room)
+            if len(left) and len(right):
+                return left, right
+        pairs = _touching(checker, samples)
+        why = "the tip does not move from one side to the other"
+        if pairs:
+            why = (
+                f"what touches most often: {', '.join(pairs)}. Do links touch that may? see `safe-ompl srdf`"
+            )
+        raise SafeOmplError(
+            f"{self.spec.urdf}: no start and goal on either side of a person, of {_SAMPLES} configurations; {why}"
+        )
+
+    def _connected(
+        self, scene: Scene, left: FloatArray, right: FloatArray
+    ) -> tuple[FloatArray, FloatArray, bool]:
+        """Return start and goal with a path between them, near ones first; the nearest and False if none is found."""
+        setup = SafeSetup(self.robot, scene)
+        distances = np.linalg.norm(left[:, None] - right[None], axis=2)
+        pairs = [np.unravel_index(k, distances.shape) for k in np.argsort(distances, axis=None)]
+        for i, k in pairs[:_TRIALS]:
+            setup.setConfigurations(left[i], right[k])
+            if setup.plan(_PLANNER, time=_TIME, seed=_SEED, report=False):
+                return left[i], right[k], True
+        i, k = pairs[0]
+        return left[i], right[k], False
+
+    def _sampled(self) -> FloatArray:
+        low, high = np.maximum(self.robot.lower, -np.pi), np.minimum(self.robot.upper, np.pi)
+        return np.random.default_rng(_SEED).uniform(low, high, (_SAMPLES, self.robot.n))
+
+    def _text(self, person: Obstacle, start: FloatArray, goal: FloatArray) -> str:
+        robot = self.spec.to_mapping(self.file.parent)
+        lines = yaml.safe_dump({"robot": robot}, sort_keys=False, default_flow_style=None, width=100)
+        x, y, z = person.pose.position
+        yaw = 2 * float(np.arctan2(person.pose.quaternion_xyzw[2], person.pose.quaternion_xyzw[3]))
+        return f"""\
+# A scenario for safe-ompl; lengths in metres, angles in radians. What else there is: docs/scene.md and docs/goals.md
+name: {self.file.stem}
+
+# The joints in `locked` are held where it says.
+{lines}
+start: {_by_joint(self.robot, start)}
+goal:
+  configuration: {_by_joint(self.robot, goal)}
+
+scene:
+  obstacles:
+    # Only people are dangerous by default; `weight: 1` makes any other thing so.
+    - {{name: person, person: {{height: {_HEIGHT}}}, position: [{x}, {y}, {z}], yaw: {yaw:.5f}}}
+    # - {{name: table, box: {{size: [1.0, 0.8, 0.04]}}, position: [0.5, 0.0, -0.2]}}
+
+time: 10.0
+"""
+
+
+def _say(line: str) -> None:
+    error_console().print(line, markup=False, soft_wrap=True, highlight=False)
+
+
+def _touching(checker: CollisionChecker, samples: FloatArray) -> list[str]:
+    """Return the pairs of things that touch most often, with how often; three at most."""
+    looked = samples[:: len(samples) // 200]
+    pairs = Counter(pair for q in looked if (pair := checker.colliding_pair(q)) is not None)
+    return [f"{a} and {b} ({100 * n / len(looked):.0f} %)" for (a, b), n in pairs.most_common(3)]
+
+
+def _by_joint(robot: Robot, q: FloatArray) -> str:
+    values = dict(zip(robot.joint_names, np.round(q, 2).tolist(), strict=True))
+    return yaml.safe_dump(values, sort_keys=False, default_flow_style=True, width=np.inf).strip()

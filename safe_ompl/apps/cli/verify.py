@@ -1,0 +1,174 @@
+"""`safe-ompl verify`: check the certificate of a path again, by other means than it was made."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from safe_ompl.apps.cli.arguments import add_robot_options, given_robot, load_scenario
+from safe_ompl.apps.cli.console import error_console, output_console
+from safe_ompl.certificates import Verified, certificate, terms_of, verify
+from safe_ompl.common import CertificateError, InputError
+from safe_ompl.common import documents as document
+from safe_ompl.io import check_form, parse
+from safe_ompl.planning import PlanResult, SafeSetup
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scenario
+from safe_ompl.trajectories import Trajectory
+
+REFUSED = 1
+_MOST_BYTES = 1_000_000_000  # of a certificate
+_OF_SCENARIOS = ("robot", "srdf", "tip", "lock", "group", "locked_state", "collision")
+
+
+def add_command(commands: Any) -> None:
+    """Add `verify` to the commands."""
+    parser = commands.add_parser(
+        "verify",
+        help="check the certificate of a path",
+        description="Check a certificate that `plan --certificate` wrote: that intervals cover every edge of the "
+        "path, and, pair by pair, that in each of them nothing can touch. With a scenario everything else comes from "
+        "there: robot, scene, people, options of the danger and limits of the motion; what the file says must agree. "
+        "Without one robot and scene are the file's own, which the answer says. The exit status is 0 if it holds.",
+    )
+    parser.add_argument("file", metavar="FILE", help="the certificate")
+    parser.add_argument(
+        "scenario",
+        metavar="SCENARIO",
+        nargs="?",
+        help="what it must be about; default: the robot and the scene that the file carries",
+    )
+    add_robot_options(
+        parser, instead_of="the scenario's (without a scenario: where the carried one's files are)"
+    )
+    parser.set_defaults(prepare=prepare)
+
+
+def prepare(options: argparse.Namespace) -> Callable[[], int]:
+    """Read the certificate and what it must be about, and return the job."""
+    content = _read_certificate(options.file)
+    if options.scenario is None:
+        for name in _OF_SCENARIOS:
+            if getattr(options, name):
+                raise InputError(
+                    "says what is to be verified: give the scenario, too", f"--{name.replace('_', '-')}"
+                )
+        urdf = None if options.urdf is None else Path(options.urdf)
+        return Verify(options.file, content, urdf=urdf, package_dirs=tuple(map(Path, options.package_dir)))
+    scenario = load_scenario(options.scenario)
+    spec = given_robot(options, lambda: scenario.robot)
+    robot = scenario.build_robot() if spec is scenario.robot else spec.build()
+    other = None if spec is scenario.robot else options.urdf or options.robot or "the options"
+    return Verify(options.file, content, robot, scenario, other)
+
+
+@dataclass(frozen=True)
+class Verify:
+    """The job of `safe-ompl verify`.
+
+    Attributes
+    ----------
+    file : str
+        Name of the certificate.
+    content : mapping
+        What it holds.
+    robot : Robot, optional
+        The robot that it must be about; without one it is built from what the certificate carries.
+    scenario : Scenario, optional
+        The scenario that all else comes from.
+    other : str, optional
+        Where the robot comes from, if not from the scenario.
+    urdf, package_dirs
+        Files of a robot that is carried.
+    """
+
+    file: str
+    content: Mapping[str, Any]
+    robot: Robot | None = None
+    scenario: Scenario | None = None
+    other: str | None = None
+    urdf: Path | None = None
+    package_dirs: tuple[Path, ...] = ()
+
+    def __call__(self) -> int:
+        """Check, and say what holds, what is not claimed, or what does not hold."""
+        try:
+            with document.within(self.file, ": "):
+                found = self._verified()
+        except CertificateError as error:
+            error_console().print(f"safe-ompl: {self.file}: {error}", markup=False, soft_wrap=True)
+            return REFUSED
+        for line in self._lines(found):
+            output_console().print(f"{self.file}: {line}", markup=False, soft_wrap=True)
+        return 0
+
+    def _verified(self) -> Verified:
+        if self.scenario is None or self.robot is None:
+            return verify(self.content, urdf=self.urdf, package_dirs=self.package_dirs)
+        terms = terms_of(self.scenario, self.robot, timed=self.content.get("trajectory") is not None)
+        return verify(self.content, self.robot, self.scenario.scene, terms=terms)
+
+    def _lines(self, found: Verified) -> list[str]:
+        free, *others = found.claims
+        work = f"{found.edges} edges, {found.intervals} intervals, {found.distances} distances"
+        lines = [
+            "; ".join([f"{free}: {work}", *others]),
+            f"{self._source(found.robot)}: {', '.join(found.obstacles) or 'no obstacle'}",
+        ]
+        if found.not_claimed:
+            lines.append(f"not claimed: {', '.join(found.not_claimed)}")
+        if found.not_covered:
+            lines.append(f"not covered: {'; '.join(found.not_covered)}")
+        return lines
+
+    def _source(self, robot: str) -> str:
+        """Say where robot and scene came from."""
+        if self.scenario is None:
+            built = "" if self.urdf is None else f" (with the URDF {self.urdf})"
+            return f"robot {robot}{built} and scene are the file's own, compared with no scenario"
+        other = "" if self.other is None else f" of {self.other}"
+        return f"robot {robot}{other} and scene of {self.scenario.file}"
+
+
+def _read_certificate(file: str) -> Mapping[str, Any]:
+    try:
+        if Path(file).stat().st_size > _MOST_BYTES:
+            raise InputError(f"has more than {_MOST_BYTES} bytes", file)
+        written = Path(file).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read as a certificate: {error}", file) from None
+    with document.within(file, ": "):
+        content = parse(written)
+        check_form(content)
+    checked: Mapping[str, Any] = content
+    return checked
+
+
+def certificate_of(
+    result: PlanResult,
+    setup: SafeSetup,
+    scenario: Scenario,
+    file: str,
+    trajectory: Trajectory | None = None,
+) -> dict[str, Any]:
+    """Return the certificate of a solved plan, and of its trajectory, for `file`: names in it are relative to that."""
+    assert result.path is not None
+    folder, wanted = Path(file).parent, setup.getMinClearance()
+    speeds, time = setup.getMovingObstacles()
+    assert scenario.file is not None
+    return certificate(
+        result.path,
+        setup.robot,
+        setup.scene,
+        field=setup.field,
+        spacing=scenario.danger.get("spacing"),
+        max_danger=scenario.limits.max_danger or None,
+        clearance=None if wanted is None else wanted.as_dict(),
+        moving_obstacles={"speeds": speeds, "time": time} if speeds else None,
+        tool=setup.tool_claim(),
+        trajectory=trajectory,
+        source={"scenario": document.file_name(scenario.file.resolve(), folder)},
+    )

@@ -1,0 +1,209 @@
+"""`safe-ompl view`: scenarios, results, trajectories or a certificate in the browser, as an HTML file, or animated."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from safe_ompl.apps.benchmark import check_named_planner
+from safe_ompl.apps.cli.arguments import add_package_dirs, add_run_options, load_scenario
+from safe_ompl.apps.cli.console import error_console
+from safe_ompl.apps.cli.files import check_writable
+from safe_ompl.apps.cli.pictures import how_to_get_pictures
+from safe_ompl.apps.cli.values import finite, names, port
+from safe_ompl.common import InputError
+from safe_ompl.common import documents as document
+from safe_ompl.io import FORMAT as CERTIFICATE
+from safe_ompl.io import TimedMotion, check_form, load, read_json, unpacked_robot
+from safe_ompl.planning import PlanResult, setup_scenario
+from safe_ompl.scene import Scenario
+from safe_ompl.view import (
+    ANIMATION_ENDINGS,
+    RECORDING_ENDING,
+    BrowserView,
+    ViewerContent,
+    read_recording,
+    save_animation,
+    save_page,
+)
+
+_PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
+_NONE = ("none",)
+
+
+def add_command(commands: Any) -> None:
+    """Add `view` to the commands."""
+    parser = commands.add_parser(
+        "view",
+        help="show a scenario, results, trajectories or a certificate in the browser",
+        description="Show robot, scene, people, paths, danger and proofs in the browser. A scenario is planned first; "
+        "a certificate is shown, not verified.",
+    )
+    parser.add_argument(
+        "what",
+        metavar="SCENARIO|RESULT|CERTIFICATE|TRAJECTORY|TICKS",
+        nargs="+",
+        help="name or YAML file of a scenario; or files of `plan --json`, or of `plan --trajectory`, side by side; "
+        "or one of `plan --certificate`, or ticks.jsonl of `live`",
+    )
+    parser.add_argument(
+        "--planners",
+        type=names,
+        default=_PLANNERS,
+        metavar="A,B,…",
+        help=f"who plans a scenario (default: {','.join(_PLANNERS)}); none: it is shown as it starts",
+    )
+    add_run_options(parser, usual_time="the scenario's")
+    add_package_dirs(parser)
+    parser.add_argument(
+        "--html", metavar="FILE", help="write one file that opens offline, with a play bar (.html)"
+    )
+    parser.add_argument(
+        "--slice",
+        type=finite,
+        metavar="Z",
+        help="with --html: a slice of the danger field at this height [m]",
+    )
+    parser.add_argument(
+        "--animation",
+        metavar="FILE",
+        help="write the motions side by side as one moving picture (.webp or .gif)",
+    )
+    parser.add_argument(
+        "--port", type=port, default=8080, metavar="N", help="default: %(default)s, or the next free"
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="do not open the browser, only say the address"
+    )
+    parser.set_defaults(prepare=prepare)
+
+
+def prepare(options: argparse.Namespace) -> Callable[[], int]:
+    """Check what the options name, and return the job."""
+    _check_animation(options.animation)
+    if options.animation is None:
+        _check_viewer()
+    check_page(options.html)
+    if options.slice is not None and options.html is None:
+        raise InputError("is for --html; a live view has a slider for it", "--slice")
+    recordings = [name for name in options.what if Path(name).suffix.lower() == RECORDING_ENDING]
+    if recordings:
+        if len(options.what) > 1:
+            raise InputError(f"one recording at a time, not {', '.join(options.what)}")
+        recorded = read_recording(recordings[0], package_dirs=options.package_dir)
+        return Show(lambda: recorded, options)
+    files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
+    if not files:
+        if len(options.what) > 1:
+            raise InputError(f"one scenario at a time, not {', '.join(options.what)}")
+        scenario = load_scenario(options.what[0], options.package_dir)
+        return Show(lambda: _planned(scenario, options), options)
+    if len(files) < len(options.what):
+        raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
+    content = _loaded(files, options.package_dir)
+    return Show(lambda: content, options)
+
+
+def check_page(file: str | None) -> None:
+    """Raise InputError if a page cannot be written to a file, if one is asked for."""
+    if file is None:
+        return
+    _check_viewer()
+    if Path(file).suffix.lower() != ".html":
+        raise InputError(f"{file!r} must end in .html", "--html")
+    check_writable(file, "--html")
+
+
+def _check_viewer() -> None:
+    if find_spec("viser") is None:
+        raise InputError("viser missing; get the viewer with: pip install 'safe-ompl[viewer]'")
+
+
+def _check_animation(file: str | None) -> None:
+    if file is None:
+        return
+    if Path(file).suffix.lower() not in ANIMATION_ENDINGS:
+        raise InputError(f"{file!r} must end in {' or '.join(ANIMATION_ENDINGS)}", "--animation")
+    advice = how_to_get_pictures()
+    if advice:
+        raise InputError(advice, "--animation")
+    check_writable(file, "--animation")
+
+
+@dataclass(frozen=True)
+class Show:
+    """The job of `safe-ompl view`."""
+
+    content: Callable[[], ViewerContent]
+    options: argparse.Namespace
+
+    def __call__(self) -> int:
+        """Write what is asked for, or serve the view until Ctrl-C."""
+        content, options = self.content(), self.options
+        if options.animation is not None:
+            with error_console().status("drawing"):
+                save_animation(content, options.animation)
+            error_console().print(f"moving picture in {options.animation}")
+        if options.html is not None:
+            save_page(content, options.html, slice_at=options.slice)
+            error_console().print(f"view in {options.html}")
+        if options.html is not None or options.animation is not None:
+            return 0
+        view = BrowserView(content, port=options.port)
+        error_console().print(f"view at {view.url}; Ctrl-C ends it")
+        try:
+            view.run(browser=not options.no_browser)
+        except KeyboardInterrupt:
+            view.stop()
+        return 0
+
+
+def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
+    robot = scenario.build_robot()
+    start = scenario.start_configuration(robot)
+    if options.planners == _NONE:  # also a start in collision can be looked at
+        return ViewerContent(
+            robot, scenario.scene, posture=start, danger=scenario.danger, title=scenario.name
+        )
+    setup = setup_scenario(scenario, robot)
+    results = []
+    for planner in options.planners:
+        check_named_planner(scenario, planner, setup)
+        result = setup.plan(
+            planner,
+            time=options.time or scenario.time,
+            seed=options.seed,
+            parameters=scenario.planners.get(planner, {}),
+            simplify=options.simplify,
+        )
+        if not result:
+            error_console().print(f"safe-ompl: {planner} found no path: {result.status}")
+        results.append(result)
+    return ViewerContent.of_results(results, title=scenario.name, posture=start)
+
+
+def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
+    content = read_json(files[0])
+    if isinstance(content, dict) and content.get("format") == CERTIFICATE:
+        if len(files) > 1:
+            raise InputError(f"one certificate at a time, not {', '.join(files)}")
+        with document.within(files[0], ": "):
+            check_form(content)
+            return ViewerContent.of_certificate(content, unpacked_robot(content["robot"], package_dirs))
+    loaded = [load(file, package_dirs=package_dirs) for file in files]
+    title = Path(files[0]).stem
+    motions = [thing for thing in loaded if isinstance(thing, TimedMotion)]
+    if motions and len(motions) == len(files):
+        return ViewerContent.of_motions(motions, title=title)
+    if motions and all(isinstance(thing, TimedMotion | PlanResult) for thing in loaded):
+        raise InputError(f"either results or trajectories, not both: {', '.join(files)}")
+    for file, thing in zip(files, loaded, strict=True):
+        if not isinstance(thing, TimedMotion | PlanResult):
+            raise InputError(
+                f"must be a result, a certificate or a trajectory, not a {type(thing).__name__}", file
+            )
+    return ViewerContent.of_results([thing for thing in loaded if isinstance(thing, PlanResult)], title=title)

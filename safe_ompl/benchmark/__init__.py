@@ -1,1 +1,0 @@
-"""Benchmarks in OMPL's form: the runs, their workers, logs and databases."""

@@ -1,0 +1,21 @@
+"""Certificates of paths: what they claim, how they are issued, and how independent code verifies them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.certificates.issue import Pairs, certificate, terms_of
+    from safe_ompl.certificates.verifier.verify import Verified, verify
+
+__all__ = [
+    "Pairs",
+    "Verified",
+    "certificate",
+    "terms_of",
+    "verify",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -1,0 +1,514 @@
+"""What a certificate claims: each claim is an object that is read strictly, proven, and put into words.
+
+The verifier proves these objects and prints their sentences. Nothing that it says comes from the file itself, so that
+nothing can be said that was not proven. A number in a sentence is never rounded to the stronger side.
+"""
+
+# ruff: noqa: RUF009 (fields of records are made by `key`)
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from math import degrees, isclose, pi
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import CertificateError, FloatArray, InputError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import PointCloud
+from safe_ompl.io import (
+    FORMAT,
+    VERSION,
+    RobotDocument,
+    SceneDocument,
+    array,
+    by_name,
+    check_form,
+    key,
+    number,
+    one_of,
+    or_none,
+    plain,
+    record,
+    sha,
+    some,
+    text,
+    whole,
+)
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+_SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
+_UNBOUNDED = 1e300  # [m]
+_MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
+_DIGITS = 6  # of numbers in sentences
+_SAME = 1e-9  # relative: numbers that are computed from a robot, and differ by less, agree
+_COMPUTED = ("velocity", "acceleration", "jerk", "contact")
+
+_zero_or_more, _positive = number(at_least=0.0), number(above=0.0)
+_obstacle_names = some(text, least=1, of="obstacle")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clearance:
+    """The links keep a distance [m] from obstacles, except some pairs of a link and an obstacle."""
+
+    distance: float = key(_zero_or_more)
+    obstacles: tuple[str, ...] = key(_obstacle_names)
+    exempt: tuple[tuple[str, str], ...] = key(some(some(text, count=2)))
+
+    def check(self, robot: Robot, scene: Scene) -> None:
+        """Raise InputError unless robot and scene have what is named."""
+        with document.within("clearance"):
+            _check_known("obstacles", "obstacle", self.obstacles, scene.names)
+            links = sorted(
+                {body.name.rsplit("_", 1)[0] for body in robot.shared.collision_model.geometryObjects}
+            )
+            _check_known("exempt", "link", (link for link, _ in self.exempt), links)
+            _check_known("exempt", "obstacle", (obstacle for _, obstacle in self.exempt), self.obstacles)
+
+    def of(self, link: str, obstacle: str) -> float:
+        """Return what a link keeps from an obstacle [m]."""
+        return self.distance if obstacle in self.obstacles and (link, obstacle) not in self.exempt else 0.0
+
+    @property
+    def sentence(self) -> str:
+        exempt = ", ".join(f"{link} from {obstacle}" for link, obstacle in self.exempt)
+        said = f"at least {at_least(1e3 * self.distance)} mm from {', '.join(self.obstacles)}"
+        return f"{said}, except {exempt}" if exempt else said
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingObstacles:
+    """The same holds while obstacles move no faster than their speeds [m/s], for a time [s]."""
+
+    speeds: Mapping[str, float] = key(by_name(_zero_or_more, least=1, of="obstacle"))
+    time: float = key(_zero_or_more)
+
+    def check(self, scene: Scene) -> None:
+        """Raise InputError unless the scene has the obstacles."""
+        with document.within("moving_obstacles"):
+            _check_known("speeds", "obstacle", self.speeds, scene.names)
+
+    def of(self, obstacle: str) -> float:
+        """Return how far an obstacle may come [m]."""
+        return self.speeds.get(obstacle, 0.0) * self.time
+
+    @property
+    def sentence(self) -> str:
+        speeds = ", ".join(f"{name} {exact(speed)} m/s" for name, speed in self.speeds.items())
+        return f"the same while obstacles move no faster than {speeds}, for {exact(self.time)} s"
+
+
+def _direction(name: str, value: Any) -> FloatArray:
+    vector: FloatArray = array(3)(name, value)
+    if not _SHORTEST <= float(np.linalg.norm(vector)) <= _LONGEST:
+        raise InputError(f"must be a direction, got {vector.tolist()!r}", name)
+    return vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class Orientation:
+    """An axis of the tip stays within an angle [rad] of a direction in the world."""
+
+    axis: FloatArray = key(_direction)
+    direction: FloatArray = key(_direction)
+    angle: float = key(number(above=0.0, at_most=pi))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tool:
+    """Limits of the tool: an orientation, bounds of the tip's position [m] by axis, or both."""
+
+    orientation: Orientation | None = key(record(Orientation), optional=True)
+    position: Mapping[str, FloatArray] | None = key(
+        by_name(array(2), least=1, of="axis", known="xyz"), optional=True
+    )
+
+    def __post_init__(self) -> None:
+        if self.orientation is None and self.position is None:
+            raise InputError("must claim an orientation or a position", "orientation")
+
+    @property
+    def sentences(self) -> list[str]:
+        said = []
+        if self.orientation is not None:
+            axis, direction = (
+                ", ".join(f"{x:.9g}" for x in vector)
+                for vector in (self.orientation.axis, self.orientation.direction)
+            )
+            angle = at_most(degrees(self.orientation.angle))
+            said.append(f"the tool's axis ({axis}) within {angle}° of the direction ({direction})")
+        if self.position is not None:
+            said.append(f"the tip at {', '.join(_range(axis, *of) for axis, of in self.position.items())}")
+        return said
+
+
+def _range(axis: str, low: float, high: float) -> str:
+    if max(-low, high) < _UNBOUNDED:
+        return f"{axis} from {at_least(low)} to {at_most(high)} m"
+    return (
+        f"{axis} of at least {at_least(low)} m"
+        if high >= _UNBOUNDED
+        else f"{axis} of at most {at_most(high)} m"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Danger:
+    """The danger of a path has a bound: of which kind it is, and how far the danger points are apart [m]."""
+
+    bound: float = key(_zero_or_more)
+    spacing: float = key(_positive)
+    aggregate: str = key(one_of("max", "mean", "softmax"))
+    weighting: str = key(one_of("unit", "length"))
+    k1: float = key(_positive)
+    sharpness: float = key(_positive)
+
+    def check(self, scene: Scene) -> None:
+        """Raise InputError if the scene would have more danger points than can be looked at."""
+        points = _surface(scene) / self.spacing / self.spacing
+        if not points < _MOST_POINTS:
+            raise InputError(
+                f"{self.spacing!r} m asks for about {points:.0e} danger points", "danger.spacing"
+            )
+
+    def sentence(self, *, moving: bool) -> str:
+        where = " where the scene has them" if moving else ""
+        return f"danger at most {at_most(self.bound)} ({self._kind('')}{where})"
+
+    def _kind(self, more: str) -> str:
+        sharp = f" of sharpness {exact(self.sharpness)}" if self.aggregate == "softmax" else ""
+        kind = f"{self.aggregate}{sharp}, {self.weighting}, k1 {exact(self.k1)}{more}"
+        return f"{kind}, points {exact(self.spacing)} m apart"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingDanger(Danger):
+    """The danger of a motion in time has a bound."""
+
+    k2: float = key(_zero_or_more)
+    gamma: float = key(_zero_or_more)
+
+    def sentence(self, *, moving: bool = False) -> str:
+        more = f", k2 {exact(self.k2)}, gamma {exact(self.gamma)}"
+        return f"danger in motion at most {at_most(self.bound)} ({self._kind(more)})"
+
+
+def _surface(scene: Scene) -> float:
+    """Return about the surface [m²] on which danger points lie; that of a cloud has no more points than the cloud."""
+    area = 0.0
+    for obstacle in scene:
+        if obstacle.weight > 0 and not isinstance(obstacle.shape, PointCloud):
+            for _, shape, _ in obstacle.geometries():
+                shape.computeLocalAABB()
+                a, b, c = np.ravel(shape.aabb_local.max_ - shape.aabb_local.min_)
+                area += 2.0 * float(a * b + b * c + c * a)
+    return area
+
+
+# ------------------------------------------------------------------------------------------------- motions in time
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stops:
+    """At whatever instant a person begins to run, the robot stands before they are nearer than the clearance [m].
+
+    Where a contact is claimed no point of the robot is then faster than its speed [m/s].
+    """
+
+    who: tuple[str, ...] = key(_obstacle_names)
+    speed: float = key(_zero_or_more)
+    speeds: Mapping[str, float] = key(by_name(_zero_or_more))
+    reaction_time: float = key(_zero_or_more)
+    clearance: float = key(_zero_or_more)
+    brakes: FloatArray = key(array(None))
+    contact: Mapping[str, float] | None = key(by_name(_zero_or_more), optional=True)
+
+    def check(self, scene: Scene) -> None:
+        """Raise InputError unless the scene has the people, and they have the limbs."""
+        with document.within("stops"):
+            _check_known("who", "obstacle", self.who, scene.names)
+            parts = {part: part[len(name) + 1 :] for name in self.who for part in _parts(scene, name)}
+            _check_known("speeds", "limb", self.speeds, filter(None, parts.values()))
+            _check_known("contact", "limb", self.contact or (), parts)
+
+    def speed_of(self, limb: str) -> float:
+        """Return how fast a limb may move [m/s]."""
+        return self.speeds.get(limb, self.speed)
+
+    @property
+    def sentence(self) -> str:
+        speeds = "".join(f", {limb} {exact(speed)} m/s" for limb, speed in self.speeds.items())
+        said = (
+            f"it stands before anyone of {', '.join(self.who)} who moves no faster than {exact(self.speed)} m/s"
+            f"{speeds} comes nearer than {at_least(1e3 * self.clearance)} mm, if it brakes within "
+            f"{exact(self.reaction_time)} s"
+        )
+        if self.contact:
+            slow = ", ".join(f"{part} {at_most(speed)} m/s" for part, speed in self.contact.items())
+            said += f", or no point of it is faster then than {slow}"
+        return said
+
+
+def _parts(scene: Scene, name: str) -> list[str]:
+    return [part for part, _, _ in scene[name].geometries()]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """A line or an arc in joint space."""
+
+    start: FloatArray = key(array(None))
+    forward: FloatArray = key(array(None))
+    inward: FloatArray = key(array(None))
+    length: float = key(_positive)
+    curvature: float = key(_zero_or_more)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimedMotion:
+    """The path in time: its curve, its time law, and the limits that it keeps to."""
+
+    pieces: tuple[Piece, ...] = key(some(record(Piece), least=1, of="piece"))
+    corners: tuple[int, ...] = key(some(whole))
+    edges: FloatArray = key(array(None))
+    squares: FloatArray = key(array(None))
+    duration: float = key(_positive)
+    velocity: FloatArray = key(array(None))
+    acceleration: FloatArray = key(array(None))
+    stops: Stops | None = key(or_none(record(Stops)))
+    phases: FloatArray | None = key(array(None, 2), optional=True)
+    jerk: FloatArray | None = key(array(None), optional=True)
+    tool_speed: float | None = key(_positive, optional=True)
+    link_speed: float | None = key(_positive, optional=True)
+    danger: MovingDanger | None = key(record(MovingDanger), optional=True)
+
+    def check(self, robot: Robot, scene: Scene) -> None:
+        """Raise InputError unless the claims have a meaning for robot and scene."""
+        with document.within("trajectory"):
+            for name in ("velocity", "acceleration", "jerk"):
+                limits = getattr(self, name)
+                if limits is not None and not (limits.shape == (robot.n,) and (limits > 0).all()):
+                    raise InputError(f"must be {robot.n} positive numbers, got {limits.tolist()}", name)
+            for k, piece in enumerate(self.pieces):
+                if not all(
+                    vector.shape == (robot.n,) for vector in (piece.start, piece.forward, piece.inward)
+                ):
+                    raise InputError(f"must have vectors of {robot.n} numbers", f"pieces[{k}]")
+            if self.danger is not None:
+                self.danger.check(scene)
+            if self.stops is not None:
+                self.stops.check(scene)
+
+    @property
+    def sentences(self) -> list[str]:
+        limits = {"velocities": self.velocity, "accelerations": self.acceleration, "jerks": self.jerk}
+        within = [
+            f"{name} of ({', '.join(map(at_most, of))})" for name, of in limits.items() if of is not None
+        ]
+        said = [f"driven in {self.duration:.3f} s, the joints within {', '.join(within)} [rad or m, s]"]
+        if self.tool_speed is not None:
+            said.append(f"the tip is no faster than {at_most(self.tool_speed)} m/s")
+        if self.link_speed is not None:
+            said.append(f"no point of a link, nor the tip, is faster than {at_most(self.link_speed)} m/s")
+        said += [] if self.stops is None else [self.stops.sentence]
+        return said if self.danger is None else [*said, self.danger.sentence()]
+
+    @property
+    def not_claimed(self) -> list[str]:
+        """What could be said of it, and is not."""
+        names = {"stops": "stops", "jerk": "jerk", "tool_speed": "tool speed", "link_speed": "link speed"}
+        names["danger"] = "danger in motion"
+        return [said for name, said in names.items() if getattr(self, name) is None]
+
+
+# -------------------------------------------------------------------------------------------------- certificates
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A part of an edge, by its centre and its half-length, and the distance of each pair at its centre [m]."""
+
+    centre: float = key(number(at_least=0.0, at_most=1.0))
+    half_length: float = key(_zero_or_more)
+    margins: FloatArray = key(array(None))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """What the file says it was made from; nothing is read from there, and nothing of it is printed."""
+
+    scenario: Any = key(plain, optional=True)
+    robot: Any = key(plain, optional=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate:
+    """All that a certificate says."""
+
+    format: str = key(one_of(FORMAT))
+    version: int = key(one_of(VERSION))
+    source: Source = key(record(Source))
+    robot: RobotDocument = key(record(RobotDocument))
+    scene: SceneDocument = key(record(SceneDocument))
+    joint_names: tuple[str, ...] = key(some(text))
+    path: FloatArray = key(array(None, None))
+    pairs: tuple[tuple[str, str], ...] = key(some(some(text, count=2)))
+    clearance: Clearance | None = key(or_none(record(Clearance)))
+    danger: Danger | None = key(or_none(record(Danger)))
+    moving_obstacles: MovingObstacles | None = key(or_none(record(MovingObstacles)))
+    also_sampled: str | None = key(or_none(text))
+    edges: tuple[tuple[Interval, ...], ...] = key(some(some(record(Interval))))
+    digest: str = key(sha)
+    tool: Tool | None = key(record(Tool), optional=True)
+    trajectory: TimedMotion | None = key(record(TimedMotion), optional=True)
+
+    @classmethod
+    def read(cls, content: Any) -> Certificate:
+        """Read a certificate from plain data; raise InputError, naming the key, if anything in it has no place."""
+        check_form(content)
+        return record(cls)("certificate", content)
+
+    def check(self, robot: Robot, scene: Scene) -> None:
+        """Raise InputError, naming key and value, unless the claims have a meaning for robot and scene."""
+        if self.clearance is not None:
+            self.clearance.check(robot, scene)
+        if self.moving_obstacles is not None:
+            self.moving_obstacles.check(scene)
+        if self.danger is not None:
+            self.danger.check(scene)
+        if self.trajectory is not None:
+            self.trajectory.check(robot, scene)
+
+    def required(self, link: str, obstacle: str) -> float:
+        """Return what a link must keep from where the scene has an obstacle [m]."""
+        clear = 0.0 if self.clearance is None else self.clearance.of(link, obstacle)
+        return clear + (0.0 if self.moving_obstacles is None else self.moving_obstacles.of(obstacle))
+
+    def sentences(self, about: str) -> tuple[str, ...]:
+        """Return what is claimed, in words, of which each is complete in itself; first what the motions are free of."""
+        moving = self.moving_obstacles
+        said = [f"every motion is free{about}"]
+        said += [] if self.danger is None else [self.danger.sentence(moving=moving is not None)]
+        said += [] if self.clearance is None else [self.clearance.sentence]
+        said += [] if moving is None else [moving.sentence]
+        said += [] if self.tool is None else self.tool.sentences
+        return (*said, *([] if self.trajectory is None else self.trajectory.sentences))
+
+    @property
+    def not_claimed(self) -> tuple[str, ...]:
+        """What could be claimed, but is not; of time only where the path is timed."""
+        names = ("clearance", "danger", "moving_obstacles", "tool")
+        missing = [name.replace("_", " ") for name in names if getattr(self, name) is None]
+        return (*missing, *([] if self.trajectory is None else self.trajectory.not_claimed))
+
+
+# ------------------------------------------------------------------------------------------- what is asked for
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terms:
+    """What claims are asked to be about, such as the options of a scenario; None where nothing is asked for.
+
+    Attributes
+    ----------
+    danger : mapping, optional
+        Options of the field: aggregate, weighting, k1, sharpness, k2, gamma and the spacing of the danger points [m].
+        An empty one: nothing in the scene is dangerous.
+    motion : mapping, optional
+        `velocity`, `acceleration` and `jerk` (n,), `tool_speed` and `link_speed`; None where there is no limit.
+    max_danger : float, optional
+        The limit of the danger in motion.
+    stops : mapping, optional
+        `who`, `speed`, `speeds`, `reaction_time`, `clearance` and `contact`, as in `Stops`. An empty one: there are no
+        people.
+    """
+
+    danger: Mapping[str, Any] | None = None
+    motion: Mapping[str, Any] | None = None
+    max_danger: float | None = None
+    stops: Mapping[str, Any] | None = None
+
+    def check(self, claims: Certificate) -> None:
+        """Raise CertificateError, naming what differs, unless everything that is claimed agrees."""
+        timed = claims.trajectory
+        self._compare("danger", claims.danger, self.danger)
+        if timed is None:
+            return
+        self._compare("danger in motion", timed.danger, self.danger)
+        if self.max_danger is not None:
+            self._compare("danger in motion", timed.danger, {"bound": self.max_danger})
+        if self.motion is not None:
+            said = {name: limit for name, limit in self.motion.items() if getattr(timed, name) is not None}
+            self._compare("motion in time", timed, said)
+        self._compare("stops", timed.stops, self.stops)
+
+    @staticmethod
+    def _compare(what: str, claim: Any, asked: Mapping[str, Any] | None) -> None:
+        if claim is None or asked is None:
+            return
+        if not asked:
+            raise CertificateError(
+                f"{what}: it is claimed, but there is nothing in the scenario that it is about"
+            )
+        for name, value in asked.items():
+            if hasattr(claim, name) and not _agree(
+                getattr(claim, name), value, _SAME if name in _COMPUTED else 0.0
+            ):
+                mine, asked_for = (_shown(item) for item in (getattr(claim, name), value))
+                raise CertificateError(f"{what}: {name} is {mine} in its claim, {asked_for} is asked for")
+
+
+def _agree(mine: Any, asked: Any, apart: float) -> bool:
+    """Return whether two values are the same, numbers but for a relative difference."""
+    mine, asked = _listed(mine), _listed(asked)
+    if isinstance(mine, Mapping) and isinstance(asked, Mapping):
+        return mine.keys() == asked.keys() and all(_agree(mine[part], asked[part], apart) for part in mine)
+    if isinstance(mine, list) and isinstance(asked, list):
+        return len(mine) == len(asked) and all(_agree(x, y, apart) for x, y in zip(mine, asked, strict=True))
+    if isinstance(mine, float) and isinstance(asked, (int, float)):
+        return isclose(mine, asked, rel_tol=apart)
+    return bool(mine == asked)
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, (tuple, np.ndarray)) else value
+
+
+def _shown(value: Any) -> str:
+    return repr([float(x) for x in value] if isinstance(value, np.ndarray) else value)
+
+
+# ---------------------------------------------------------------------------------------------------- in words
+
+
+def exact(value: float) -> str:
+    """Return a number as it is."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(float(value))
+
+
+def at_most(value: float) -> str:
+    """Return a number in few digits, and none that is smaller."""
+    return _rounded(value, ROUND_CEILING)
+
+
+def at_least(value: float) -> str:
+    """Return a number in few digits, and none that is larger."""
+    return _rounded(value, ROUND_FLOOR)
+
+
+def _rounded(value: float, way: str) -> str:
+    near = Context(prec=_DIGITS, rounding=way).create_decimal(Decimal(repr(float(value))))
+    return f"{float(near):g}"
+
+
+def _check_known(place: str, kind: str, names: Iterable[str], known: Iterable[str]) -> None:
+    known = tuple(known)
+    for name in names:
+        if name not in known:
+            raise UnknownNameError(kind, name, known, place)

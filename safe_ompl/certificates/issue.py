@@ -1,0 +1,394 @@
+"""Issues certificates: paths with the proof that they may be driven, which anyone can check (`certificate.verify`).
+
+A certificate holds, for each edge, intervals that cover it. At the centre of each interval every pair of bodies is
+farther apart than its margin, and the margin is more than the two can approach each other within the interval. The
+digest shows that a file has changed; it is no signature, for whoever changes a file can compute it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacles, Terms, Tool
+from safe_ompl.collision import DISTANCE_ERROR, TipBounds, ToolLimit, ToolOrientation, Verdict
+from safe_ompl.common import BoolArray, FloatArray, InputError, PlanningError, finite_array
+from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
+from safe_ompl.io import (
+    FORMAT,
+    OBSTACLE,
+    VERSION,
+    as_plain,
+    carried_robot,
+    carried_scene,
+    digest,
+    edges_of,
+    record,
+)
+from safe_ompl.robot import Robot
+from safe_ompl.scene import People, Scenario, Scene
+from safe_ompl.trajectories import JerkLaw, RateLimits, Trajectory, contact_speed, robot_mass
+
+_FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
+_FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any more
+_SPARE = 1e-7  # [m] by which margins exceed the approach, for rounding
+_OVERLAP = 1e-6  # of intervals
+_TINY = 1e-12  # [m]
+_KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
+_LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
+
+
+def certificate(
+    path: ArrayLike,
+    robot: Robot,
+    scene: Scene,
+    *,
+    field: DangerField | None = None,
+    spacing: float | None = None,
+    max_danger: float | None = None,
+    clearance: Mapping[str, Any] | None = None,
+    moving_obstacles: Mapping[str, Any] | None = None,
+    tool: Mapping[str, Any] | None = None,
+    trajectory: Trajectory | None = None,
+    also_sampled: str | None = None,
+    source: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return the certificate of a path, as plain numbers, lists and strings.
+
+    Parameters
+    ----------
+    path : array_like, shape (N, n)
+        Way points [rad or m]; between them joints move on straight lines, continuous joints the short way.
+    robot : Robot
+        The robot.
+    scene : Scene
+        The obstacles.
+    field : DangerField, optional
+        Claim a bound of the path's danger, too, where there is one.
+    spacing : float, optional
+        Distance between the field's danger points [m]; default: the scene's own.
+    max_danger : float, optional
+        Claim this bound of the danger, if it can be proven and is lower than what is claimed otherwise.
+    clearance : mapping, optional
+        Claim a clearance, too: `distance` [m], the names of the `obstacles`, and `exempt` pairs of link and obstacle.
+    moving_obstacles : mapping, optional
+        Claim, too, that the path stays free, and keeps its clearance, whatever obstacles do that move no faster than
+        their `speeds` (by name [m/s]), until a `time` [s] after the moment of the scene: see
+        `CertifiedMotion.setMovingObstacles`.
+    tool : mapping, optional
+        Claim limits of the tool, too: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle`
+        [rad], a `position` with bounds of `x`, `y` and `z` [m]; either or both.
+    trajectory : Trajectory, optional
+        Claim the path in time, too: duration, limits of joint velocities and accelerations, that the curve is free, its
+        stops beside people, and how slow it is in the contacts that these may end in. Of its danger in motion the limit
+        that it was made for, or else, with a `field`, its proven peak.
+    also_sampled : str, optional
+        What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad": whoever verifies
+        is told that it is not covered.
+    source : mapping, optional
+        Where robot and scene come from: kept as it is. They travel inside in any case.
+
+    Raises
+    ------
+    InputError
+        If the path has the wrong shape or is not finite, a claim has no meaning, or a file of robot or scene is gone.
+    PlanningError
+        If an edge cannot be proven.
+    """
+    points = finite_array(path, (None, robot.n), "path")
+    if not len(points):
+        raise InputError("path must have a configuration at least, got none")
+    clear = None if clearance is None else record(Clearance)("clearance", as_plain(clearance))
+    moving = (
+        None
+        if moving_obstacles is None
+        else record(MovingObstacles)("moving_obstacles", as_plain(moving_obstacles))
+    )
+    if clear is not None:
+        clear.check(robot, scene)
+    if moving is not None:
+        moving.check(scene)
+    pairs = Pairs(robot, scene)
+    required = pairs.required(clear, moving)
+    apart = scene.spacing if spacing is None else spacing
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "source": as_plain(source or {}),
+        "robot": carried_robot(robot),
+        "scene": carried_scene(scene),
+        "joint_names": list(robot.joint_names),
+        "path": points.tolist(),
+        "pairs": [list(names) for names in pairs.names],
+        "clearance": None if clear is None else as_plain(vars(clear)),
+        "danger": None if field is None else _danger_claim(field, apart, points, max_danger),
+        "moving_obstacles": None if moving is None else as_plain(vars(moving)),
+        "also_sampled": also_sampled,
+        "edges": [
+            _intervals(pairs, required, k, start, robot.difference(start, end))
+            for k, (start, end) in enumerate(edges_of(points))
+        ],
+    }
+    if tool is not None:
+        content["tool"] = _tool_claim(tool, robot, points)
+    if trajectory is not None:
+        content["trajectory"] = trajectory_claim(trajectory, robot, scene)
+        moving_field = trajectory.danger_field or (None if field is None else field.moving)
+        if moving_field is not None:
+            danger = moving_danger_claim(trajectory, moving_field, apart, scene)
+            content["trajectory"] |= {} if danger is None else {"danger": danger}
+    signed = {**content, "digest": digest(content)}
+    Certificate.read(signed).check(robot, scene)
+    return signed
+
+
+class Pairs:
+    """All pairs of a moving body and an obstacle's part, and the robot's own pairs; none is left out.
+
+    Attributes
+    ----------
+    names : list of (str, str)
+        Names of the bodies in Pinocchio's geometry, obstacles after "obstacle:".
+    radii : ndarray, shape (P, n)
+        Displacement radii of the pairs.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self._robot = robot
+        self._geometry = robot.shared.collision_model.copy()
+        bodies = list(robot.shared.collision_model.geometryObjects)
+        self._owners: list[str | None] = [None] * len(bodies)
+        for obstacle in scene:
+            for name, shape, placement in obstacle.geometries():
+                added = pin.GeometryObject(f"{OBSTACLE}{name}", 0, placement, shape)
+                number = self._geometry.addGeometryObject(added)
+                self._owners.append(obstacle.name)
+                for k, body in enumerate(bodies):
+                    if body.parentJoint != 0:
+                        self._geometry.addCollisionPair(pin.CollisionPair(k, number))
+        self._pairs = [(int(pair.first), int(pair.second)) for pair in self._geometry.collisionPairs]
+        objects = self._geometry.geometryObjects
+        self.names = [(objects[a].name, objects[b].name) for a, b in self._pairs]
+        still = np.zeros((len(objects) - len(bodies), robot.bounds.joint_radii.shape[1]))
+        self._moves: FloatArray = np.vstack([robot.bounds.joint_radii, still])
+        self._first, self._second = np.array(self._pairs, dtype=np.intp).reshape(-1, 2).T
+        self._approaching: BoolArray = (self._moves[self._first] > 0) != (self._moves[self._second] > 0)
+        self.radii: FloatArray = self._between(self._moves)
+        self._data, self._results = robot.shared.model.createData(), pin.GeometryData(self._geometry)
+
+    def distances(self, q: FloatArray) -> FloatArray:
+        """Return the distance (P,) [m] of every pair at `q: (n,)`."""
+        full = self._robot.pinocchio_configuration(q)
+        pin.computeDistances(self._robot.shared.model, self._data, self._geometry, self._results, full)
+        return np.array([result.min_distance for result in self._results.distanceResults])
+
+    def radii_at(self, q: FloatArray) -> FloatArray:
+        """Return the displacement radii (P, n) for motions that start at `q: (n,)`; none larger than `radii`."""
+        moves = self._moves.copy()
+        known = len(self._robot.bounds.joint_radii)
+        moves[:known] = np.minimum(moves[:known], self._robot.bounds.joint_radii_at(q))
+        return self._between(moves)
+
+    def _between(self, moves: FloatArray) -> FloatArray:
+        first, second = moves[self._first], moves[self._second]
+        return self._robot.coupling.radii(np.where(self._approaching, first + second, 0.0))
+
+    def required(self, clear: Clearance | None, moving: MovingObstacles | None) -> FloatArray:
+        """Return the distance (P,) [m] that each pair must keep: its clearance, and as far as its obstacle moves."""
+        distances = np.zeros(len(self._pairs))
+        for k, (a, b) in enumerate(self._pairs):
+            link, obstacle = self._geometry.geometryObjects[a].name.rsplit("_", 1)[0], self._owners[b]
+            if obstacle is not None:
+                distances[k] = 0.0 if clear is None else clear.of(link, obstacle)
+                distances[k] += 0.0 if moving is None else moving.of(obstacle)
+        return distances
+
+
+def _intervals(
+    pairs: Pairs, required: FloatArray, edge: int, start: FloatArray, delta: FloatArray
+) -> list[dict[str, Any]]:
+    """Cover an edge from its start to its end: each interval as large as the distances at its centre allow."""
+    steps = np.abs(delta)
+    widest = float((pairs.radii @ steps).max(initial=0.0))
+    least = min(0.5, _FLOOR / max(widest, _FLOOR))
+    reached, half, proven = 0.0, min(0.5, _FIRST_REACH / max(widest, _FIRST_REACH)), []
+    while reached < 1.0:
+        centre = min(reached + half, (reached + 1.0) / 2)
+        q = start + centre * delta
+        approach = np.maximum(pairs.radii_at(q) @ steps, _TINY)
+        room = pairs.distances(q) - required - _SPARE - 1.2 * DISTANCE_ERROR
+        free = float(np.min(room / approach, initial=1.0 - centre + _OVERLAP))
+        if free >= centre - reached and free > 0:
+            margins = required + free * approach + _SPARE
+            proven.append({"centre": centre, "half_length": free, "margins": margins.tolist()})
+            reached, half = centre + free * (1 - _OVERLAP), 1.2 * free
+        elif half < least:
+            raise PlanningError(f"edge {edge} cannot be certified: too near at {centre:.6f} of its length")
+        else:
+            half = max(0.9 * free, half / 3)
+    return proven
+
+
+def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray) -> dict[str, Any]:
+    """Return a claim about the tool in plain numbers, if every edge keeps to it."""
+    plain: dict[str, Any] = as_plain(given)
+    claim, limits = record(Tool)("tool", plain), list[ToolLimit]()
+    if claim.orientation is not None:
+        wanted = claim.orientation
+        limits.append(ToolOrientation(robot, wanted.axis, wanted.direction, wanted.angle))
+    if claim.position is not None:
+        bounds = [list(claim.position.get(axis, (-np.inf, np.inf))) for axis in "xyz"]
+        limits.append(TipBounds(robot, *np.transpose(bounds)))
+    for limit in limits:
+        for k, (start, end) in enumerate(edges_of(path)):
+            if limit.check(start, end).verdict is not Verdict.FREE:
+                raise PlanningError(f"edge {k} cannot be certified: its {limit.name} is not proven")
+    return plain
+
+
+def _danger_claim(
+    field: DangerField, spacing: float, path: FloatArray, limit: float | None
+) -> dict[str, Any] | None:
+    bounds = CertifiedDanger(field).of_path(path)
+    bound = max(bounds.upper, (1 + _LEAST_SLACK) * bounds.lower)
+    if limit and limit < bound:
+        keeps = DangerLimit(field, limit).allows_motion
+        bound = limit if all(keeps(start, end) for start, end in edges_of(path)) else bound
+    if not np.isfinite(bound):
+        return None
+    return {"bound": bound, "spacing": spacing, **{name: getattr(field, name) for name in _KIND}}
+
+
+# ------------------------------------------------------------------------------------------------ motions in time
+
+
+def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict[str, Any]:
+    """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
+    curve, law = trajectory.curve, trajectory.law
+    return {
+        "pieces": [
+            {
+                **{key: getattr(piece, key).tolist() for key in ("start", "forward", "inward")},
+                "length": piece.length,
+                "curvature": piece.curvature,
+            }
+            for piece in curve.pieces
+        ],
+        "corners": list(curve.stops),
+        "edges": law.edges.tolist(),
+        "squares": law.squares.tolist(),
+        "duration": law.duration,
+        "velocity": trajectory.limits.velocity.tolist(),
+        "acceleration": trajectory.limits.acceleration.tolist(),
+        "stops": _stops(trajectory, robot, scene),
+        **_more(trajectory),
+    }
+
+
+def _stops(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict[str, Any] | None:
+    people = trajectory.people
+    if people is None or trajectory.brakes is None:
+        return None
+    return {**_people(people, robot, scene), "brakes": trajectory.brakes.tolist()}
+
+
+def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
+    """Return what stops beside people are about; of the speeds of limbs those of limbs that are there."""
+    parts = {
+        part: part[len(name) + 1 :] for name in people.names(scene) for part, _, _ in scene[name].geometries()
+    }
+    found: dict[str, Any] = {
+        "who": list(people.names(scene)),
+        "speed": people.speed,
+        "speeds": {limb: speed for limb, speed in people.speeds.items() if limb in parts.values()},
+        "reaction_time": people.reaction_time,
+        "clearance": people.clearance,
+    }
+    if people.contact:
+        mass = robot_mass(robot, people)
+        found["contact"] = {part: contact_speed(people.region_of(limb), mass) for part, limb in parts.items()}
+    return found
+
+
+def _more(trajectory: Trajectory) -> dict[str, Any]:
+    law, jerk = trajectory.law, trajectory.limits.jerk
+    found: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
+    if isinstance(law, JerkLaw) and jerk is not None:
+        durations = np.diff(law.starts)
+        found |= {"phases": np.column_stack([durations, law.phases[:, 3]]).tolist(), "jerk": jerk.tolist()}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def moving_danger_claim(
+    trajectory: Trajectory, field: KinetostaticField, spacing: float, scene: Scene
+) -> dict[str, Any] | None:
+    """Return the claim of the danger in motion: the limit that the trajectory was made for, or else its proven peak.
+
+    None where it cannot be kept from a danger point.
+
+    Raises
+    ------
+    InputError
+        If the field's danger points are not those of the scene: none that verifies would look at them.
+    """
+    still = field.field
+    if still.points is None or not np.array_equal(still.points, scene.danger_points(spacing)[0]):
+        raise InputError(
+            f"the danger points of the field are not those of the scene, {spacing:g} m apart", "spacing"
+        )
+    bound = trajectory.max_danger
+    if bound is None:
+        danger = trajectory.danger(field)
+        bound = max(danger.proven_peak, (1 + _LEAST_SLACK) * danger.peak)
+    if not np.isfinite(bound):
+        return None
+    moving = {"k2": field.k2, "gamma": field.gamma}
+    return {"bound": bound, "spacing": spacing, **{name: getattr(still, name) for name in _KIND}, **moving}
+
+
+# ------------------------------------------------------------------------------------------- what is asked for
+
+
+def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
+    """Return what claims about a scenario must agree with: its options of the danger, its limits, its people.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The scenario.
+    robot : Robot
+        Its robot, or the one that takes its place.
+    timed : bool
+        Whether a motion in time is claimed: the limits of the joints need not be known otherwise.
+    """
+    scene, motion, people = scenario.scene, scenario.motion, scenario.people
+    danger: dict[str, Any] = {}
+    if any(obstacle.weight > 0 for obstacle in scene):
+        options = dict(scenario.danger)
+        spacing = options.pop("spacing", scene.spacing)
+        danger = _kind(DangerField(robot, [[0.0, 0.0, 0.0]], **options), spacing)
+    if not timed:
+        return Terms(danger=danger)
+    limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
+    return Terms(
+        danger=danger,
+        motion={
+            **{name: getattr(limits, name) for name in ("velocity", "acceleration", "jerk")},
+            **{name: getattr(motion, name) for name in ("tool_speed", "link_speed")},
+        },
+        max_danger=motion.max_danger,
+        stops={} if people is None else {"contact": None, **_people(people, robot, scene)},
+    )
+
+
+def terms_of_field(field: DangerField, spacing: float) -> Terms:
+    """Return what claims of the danger must agree with: a field, and the distance between danger points [m]."""
+    return Terms(danger=_kind(field, spacing))
+
+
+def _kind(field: DangerField, spacing: float) -> dict[str, Any]:
+    return {"spacing": spacing, **{name: getattr(field, name) for name in (*_KIND, "k2", "gamma")}}

@@ -1,0 +1,307 @@
+"""The danger of a path, and of a motion in time, by its definition: to check what certificates claim.
+
+A timed motion has KDF = k₁φ + k₂(φ′ + γI)ṡ for each link, with φ = ∫dt/‖ρ‖, φ′ = ∫ρ·x′/‖ρ‖³ dt and
+I = ∫‖x′‖/‖ρ‖² dt over its points x,
+ρ = p − x, x′ by arc length of the curve. In half an interval h, with ‖x′‖ ≤ V and ‖x″‖ ≤ A, no point of the link comes
+nearer to p than R, its distance D in the middle less Vh. Then φ ≤ U = φD/R, and as ‖ρ‖ ≥ R
+
+    |φ″| ≤ B,  |I′| ≤ B,  B = U(2V²/R² + A/R);    φ ≤ φ + h|φ′| + h²B/2,    φ′ + γI ≤ φ′ + γI + (1 + γ)hB
+
+with the middle's on the right sides. ‖x′‖ is convex along a link: it is below its chords over parts of the link, for
+which ∫(c₀ + c₁t)/‖ρ‖² dt is elementary. Intervals and parts are halved together until the claim is proven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.certificates.claims import Danger, MovingDanger
+from safe_ompl.certificates.verifier.distances import joints_below
+from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
+from safe_ompl.certificates.verifier.speeds import bend_bound
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+_ROUNDING = 1e-6
+_SMALLEST = 1e-5  # [m] intervals in which no key point moves farther are not divided any more
+_TINY = 1e-12  # [m]
+_SHORTEST_INTERVAL = 1e-7  # [rad] intervals that are not divided any more
+_PARTS, _MOST_PARTS = 4, 256  # of a link
+_SHORT = 1e-6  # [m] links that are as good as a point
+
+
+class PlainDanger:
+    """The danger of a robot in a scene, link by link: eq. (4) in the form 2/ℓ·atanh(ℓ/S), and how far it can grow.
+
+    Where no end of a link moves more than δ, less than its distance D from a danger point, its field there grows to
+    D/(D − δ) times what it was, at most.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    scene : Scene
+        Has the danger points.
+    claim : Danger
+        Of which kind it is.
+
+    Attributes
+    ----------
+    points, weights : ndarray, shape (M, 3) and (M,)
+        The danger points, one at least.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, claim: Danger) -> None:
+        self._robot, self._claim = robot, claim
+        self._data = robot.shared.model.createData()
+        self.points, self.weights, _ = scene.danger_points(claim.spacing)
+        if not len(self.points):
+            self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
+
+    def exceeded(self, start: FloatArray, delta: FloatArray, limit: float) -> tuple[float, float] | None:
+        """Return where on an edge, and by how much, a danger is not proven to keep to a limit; else None."""
+        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), limit)
+
+    def exceeded_along(
+        self, place: Callable[[float], FloatArray], steps: FloatArray, limit: float
+    ) -> tuple[float, float] | None:
+        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`."""
+        waiting = [(0.5, 0.5)]
+        while waiting:
+            centre, half = waiting.pop()
+            value, bound, moved = self._bounded(place(centre), half * steps)
+            if bound <= limit * (1 + _ROUNDING):
+                continue
+            if value > limit * (1 + _ROUNDING) or moved < _SMALLEST:
+                return centre, value
+            waiting += [(centre + half / 2, half / 2), (centre - half / 2, half / 2)]
+        return None
+
+    def _bounded(self, q: FloatArray, steps: FloatArray) -> tuple[float, float, float]:
+        """Return the danger at `q`, its bound while the joints move by `steps`, and how far key points move then."""
+        robot, points = self._robot, self.points
+        keypoints = robot.keypoints(q)
+        moved = self._moved(q, keypoints, steps)
+        start, end = (keypoints[robot.segments[:, side], None] for side in (0, 1))  # (L, 1, 3)
+        link = end - start
+        length = _norm(link)  # (L, 1)
+        along = np.clip(
+            np.einsum("lmi,lni->lm", points - start, link) / np.maximum(length**2, _TINY), 0.0, 1.0
+        )
+        distance = _norm(points - start - along[..., None] * link)  # (L, M)
+        ends = np.maximum(_norm(points - start) + _norm(points - end), _TINY)
+        share = np.minimum(length / ends, 1 - 1e-15)
+        field = np.where(length > 1e-6, 2 * np.arctanh(share) / np.maximum(length, _TINY), 2 / ends)
+        room = distance - moved[robot.segments].max(axis=1)[:, None]
+        grown = np.where(room > 0, field * distance / np.where(room > 0, room, 1.0), np.inf)
+        if self._claim.weighting == "length":
+            slides = float(robot.coupling.reach(steps)[robot.joint_prismatic].sum())
+            field, grown = field * length, grown * (length + slides)
+        return self.aggregated(field.sum(axis=0)), self.aggregated(grown.sum(axis=0)), float(moved.max())
+
+    def _moved(self, q: FloatArray, keypoints: FloatArray, steps: FloatArray) -> FloatArray:
+        """Return how far each key point (K,) can move [m] while the joints move by `steps` from `q`."""
+        robot = self._robot
+        pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
+        joints = list(self._data.oMi)[1:]
+        axes = np.array(
+            [joint.rotation @ axis for joint, axis in zip(joints, robot.shared.chain.axes, strict=True)]
+        )
+        arms = keypoints[:, None] - np.array([joint.translation for joint in joints])  # (K, n, 3)
+        across = arms - (arms * axes).sum(axis=2)[..., None] * axes
+        radii = np.where(robot.joint_prismatic, 1.0, _norm(across)) * robot.joint_keypoint_support
+        moved: FloatArray = radii @ robot.coupling.reach(steps)
+        return moved
+
+    def aggregated(self, fields: FloatArray) -> float:
+        """Return the danger where the robot's field at all danger points is `fields: (M,)`, without k₁ and weights."""
+        levels = self._claim.k1 * self.weights * fields
+        if self._claim.aggregate == "max":
+            return float(levels.max())
+        if self._claim.aggregate == "mean":
+            return float(levels.mean())
+        top, sharpness = float(levels.max()), self._claim.sharpness
+        if not np.isfinite(top):
+            return top
+        return top + float(np.log(np.exp(sharpness * (levels - top)).sum())) / sharpness
+
+
+class _Interval(NamedTuple):
+    """What key points (K) and links (L) do in an interval of a curve: at its middle, and at most."""
+
+    half: float
+    places: FloatArray
+    velocities: FloatArray
+    speeds: FloatArray  # (L,) V
+    bends: FloatArray  # (L,) A
+    strokes: float  # how fast a link may become longer
+
+
+class PlainMovingDanger:
+    """The danger of a robot that moves in a scene.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    scene : Scene
+        Has the danger points.
+    claim : MovingDanger
+        Of which kind it is, and its bound.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, claim: MovingDanger) -> None:
+        self._robot, self._claim = robot, claim
+        self._still = PlainDanger(robot, scene, claim)
+        self._model, self._data = robot.shared.model, robot.shared.model.createData()
+        self._start, self._end = robot.segments.T
+        self._carriers = [
+            int(np.flatnonzero(row).max(initial=-1)) + 1 for row in robot.joint_keypoint_support
+        ]
+        self._gamma = claim.gamma
+
+    def exceeded(self, motion: PlainMotion) -> float | None:
+        """Return where on the curve [rad] the danger is not proven to keep to the bound; else None."""
+        for j, number in enumerate(motion.of):
+            piece, start = motion.pieces[number], motion.starts[number]
+            cell = float(motion.edges[j]) - start, float(motion.edges[j + 1]) - start
+            waiting = [(*cell, _PARTS, np.arange(len(self._still.points)))]
+            while waiting:
+                first, last, parts, points = waiting.pop()
+                middle = (first + last) / 2
+                rates = motion.rates_between(j, start + first, start + last)
+                interval = self._interval(piece, middle, (last - first) / 2)
+                points = self._above(interval, rates, points, 0)
+                if len(points):
+                    points = self._above(interval, rates, points, parts)
+                if not len(points):
+                    continue
+                if last - first < _SHORTEST_INTERVAL:
+                    return start + middle
+                finer = min(2 * parts, _MOST_PARTS)
+                waiting += [(first, middle, finer, points), (middle, last, finer, points)]
+        return None
+
+    def _above(
+        self, interval: _Interval, rates: tuple[float, float], points: IntArray, parts: int
+    ) -> IntArray:
+        """Return those of some danger points whose danger is not proven to keep to the bound; all or none of a sum."""
+        claim, still = self._claim, self._still
+        levels, pushes = self._bounds(interval, still.points[points], parts)
+        limit = claim.bound * (1 + _ROUNDING)
+        with np.errstate(invalid="ignore"):  # 0·∞ where a point may be reached
+            fields = [claim.k1 * levels + claim.k2 * rate * pushes for rate in rates]
+        fields = [np.where(np.isnan(field), np.inf, field) for field in fields]
+        if claim.aggregate == "max":
+            near: IntArray = points[still.weights[points] * np.maximum(*fields) > limit]
+            return near
+        above = max(still.aggregated(field) for field in fields) > limit
+        return points if above else points[:0]
+
+    def _bounds(self, interval: _Interval, points: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
+        """Return bounds (M,) of φ and of φ′ + γI in an interval; without parts only what the distances say."""
+        h, V, A = interval.half, interval.speeds[:, None], interval.bends[:, None]
+        a, b = interval.places[self._start, None], interval.places[self._end, None]
+        w = b - a
+        length = _norm(w)  # (L, 1)
+        u, v = points - a, points - b
+        t = np.clip((u * w).sum(axis=2) / np.maximum(length**2, _TINY**2), 0.0, 1.0)
+        away = _norm(u - t[..., None] * w)  # (L, M)
+        room = away - V * h
+        near = np.where(room > 0, room, np.nan)
+        field = most = 1 / near
+        swift = (1 + self._gamma) * most * V / near
+        if parts:
+            phi, rate = _static(u, v, w, length, *(interval.velocities[side] for side in self._ends))
+            most = np.minimum(most, phi * away / near)
+            curved = most * (2 * V * V / near**2 + A / near)
+            field = np.minimum(most, phi + h * np.abs(rate) + h * h * curved / 2)
+            spread = (
+                self._gamma * self._isotropic(interval, u, w, away, length, parts) if self._gamma else 0.0
+            )
+            exact = rate + spread + (1 + self._gamma) * h * curved
+            swift = np.minimum((1 + self._gamma) * most * V / near, exact)
+        if self._claim.weighting == "length":
+            longest, shortest = length + interval.strokes * h, np.maximum(length - interval.strokes * h, 0.0)
+            field, swift = longest * field, swift * np.where(swift > 0, longest, shortest)
+        level, push = field.sum(axis=0), swift.sum(axis=0)
+        reached = np.isnan(level)
+        return np.where(reached, np.inf, level), np.where(reached, np.inf, push)
+
+    def _isotropic(
+        self,
+        interval: _Interval,
+        u: FloatArray,
+        w: FloatArray,
+        away: FloatArray,
+        length: FloatArray,
+        parts: int,
+    ) -> FloatArray:
+        """Return a bound (L, M) of ∫‖x′‖/‖ρ‖² dt, with chords of ‖x′‖ over parts of the links."""
+        t = np.linspace(0.0, 1.0, parts + 1)
+        va, vb = (interval.velocities[side][:, None] for side in self._ends)
+        speeds = _norm((1 - t)[:, None] * va + t[:, None] * vb)[:, None]  # (L, 1, parts + 1)
+        squared = np.maximum(length**2, _SHORT**2)
+        s = ((u * w).sum(axis=2) / squared)[..., None]  # where the line is nearest to p
+        h = np.maximum(_norm(np.cross(u, w)) / squared, _TINY)[..., None]  # and how near, in lengths
+        slope = np.diff(speeds, axis=2) * parts
+        at_nearest = speeds[..., :-1] + slope * (s - t[:-1])
+        x, y = t[:-1] - s, t[1:] - s
+        logs = 0.5 * np.log((y * y + h * h) / (x * x + h * h))
+        angles = np.arctan2(h * (y - x), h * h + x * y)
+        found: FloatArray = (slope * logs + at_nearest / h * angles).sum(axis=2) / squared
+        return np.where(length > _SHORT, found, speeds.max(axis=2) / np.maximum(away, _TINY) ** 2)
+
+    @property
+    def _ends(self) -> tuple[IntArray, IntArray]:
+        return self._start, self._end
+
+    def _interval(self, piece: PlainPiece, middle: float, half: float) -> _Interval:
+        robot, model = self._robot, self._model
+        q, coupling = piece.at(middle), robot.coupling
+        places = robot.keypoints(q)
+        pin.forwardKinematics(model, self._data, robot.pinocchio_configuration(q))
+        joints = list(self._data.oMi)[1:]
+        motions = coupling.motions(piece.slope(middle))
+        steps = coupling.reach(piece.steps(1.0))
+        slid = np.abs(coupling.values(q)) + half * steps
+        velocities, bends = np.zeros_like(places), np.zeros(len(places))
+        for k, carrier in enumerate(self._carriers):
+            movers = joints_below(robot, carrier)
+            for i in movers:
+                turn = motions[i] * (joints[i].rotation @ robot.shared.chain.axes[i])
+                arm = places[k] - joints[i].translation
+                velocities[k] += turn if robot.joint_prismatic[i] else np.cross(turn, arm)
+            if movers:
+                length = float(np.linalg.norm(places[k] - joints[carrier - 1].translation))
+                bends[k] = bend_bound(robot, movers, length, steps, piece.curvature, slid)
+        speeds = _norm(velocities) + half * bends
+        both = [np.maximum(of[self._start], of[self._end]) for of in (speeds, bends)]
+        strokes = float(steps[robot.joint_prismatic].sum())
+        return _Interval(half, places, velocities, both[0], both[1], strokes)
+
+
+def _static(
+    u: FloatArray, v: FloatArray, w: FloatArray, length: FloatArray, va: FloatArray, vb: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return φ = 2/ℓ·atanh(ℓ/S) (L, M), and φ′ = ∂φ/∂a·x′_a + ∂φ/∂b·x′_b."""
+    d1, d2 = np.maximum(_norm(u), _TINY), np.maximum(_norm(v), _TINY)
+    along, product, S = (u * v).sum(axis=2), d1 * d2, d1 + d2
+    across = _norm(np.cross(u, v)) ** 2 / np.maximum(product - along, _TINY**2)
+    half = np.maximum(np.where(along >= 0, product + along, across), _TINY**2)  # (S² − ℓ²)/2
+    short = length <= _SHORT
+    safe = np.where(short, 1.0, length)
+    phi = np.where(short, 2 / S, np.log1p(safe * (S + safe) / half) / safe)
+    kappa = np.where(short, 4 / (3 * S**3), (S / half - phi) / safe**2)
+    towards = (u * va[:, None]).sum(axis=2) / d1 + (v * vb[:, None]).sum(axis=2) / d2
+    return phi, towards / half + kappa * (w[:, 0] * (vb - va)).sum(axis=1)[:, None]
+
+
+def _norm(vectors: FloatArray) -> FloatArray:
+    norm: FloatArray = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    return norm

@@ -1,0 +1,279 @@
+"""A timed motion that a certificate claims, checked by plain means: limits, freedom, stops.
+
+**Stops.** A stop that begins in cell j decelerates by min(b_j … b_k) in cell k. It takes longest from the end of the
+cell, at the largest speed there; and when it is in cell k, then no later than the stop from the start of cell j that
+ends at the end of cell k. The later of both over all j that get there is the latest instant τ_k at which a stop can
+still move in cell k. The robot must be farther from every limb there than the clearance, and what the limb
+covers at its speed in the reaction time and in τ_k. Where a contact is claimed to be slow only those stops count that
+enter the cell with a speed at which some point of the robot may be faster than the limb bears.
+
+**Distances.** An interval in which every pair is farther apart at the centre than the two can approach each other, plus
+what they must keep, holds; pairs that are not are looked at again in both halves.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_ompl.certificates.claims import Certificate, Stops, TimedMotion
+from safe_ompl.certificates.verifier.danger import PlainDanger, PlainMovingDanger
+from safe_ompl.certificates.verifier.distances import Separations, plain_name
+from safe_ompl.certificates.verifier.motion import PlainMotion
+from safe_ompl.certificates.verifier.speeds import PlainSpeeds
+from safe_ompl.certificates.verifier.tool import PlainTool
+from safe_ompl.common import CertificateError, FloatArray, IntArray
+from safe_ompl.io import OBSTACLE
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+_GJK = 1e-5  # [m] coal's distances are at most this far off
+_SMALLEST = 1e-7  # [m] intervals in which bodies approach less are not divided any more
+_ROUNDING = 1e-9
+_TINY = 1e-12  # [m/rad]
+
+
+def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separations: Separations) -> None:
+    """Raise CertificateError unless the timed motion of a certificate, if it claims one, is as claimed."""
+    claim = claims.trajectory
+    if claim is None:
+        return
+    motion = PlainMotion(claim, robot, claims.path)
+    if abs(motion.duration - claim.duration) > _ROUNDING * motion.duration:
+        raise CertificateError(
+            f"trajectory: it takes {motion.duration:.6f} s, {claim.duration} s are claimed"
+        )
+    sizes, squares = np.diff(motion.edges), motion.squares
+    limits = claim.velocity, claim.acceleration
+    for pushes in motion.pushes:
+        failure = motion.exceeded(np.column_stack([squares[:-1], squares[1:]]), pushes, *limits)
+        if failure is not None:
+            raise CertificateError(f"trajectory: {failure}")
+    _check_jerk_and_speeds(claim, motion, robot)
+    if claim.danger is not None:
+        at = PlainMovingDanger(robot, scene, claim.danger).exceeded(motion)
+        if at is not None:
+            bound = claim.danger.bound
+            raise CertificateError(
+                f"trajectory: the danger in motion is not below {bound:.4f} near {at:.6f} rad"
+            )
+    stops, required = claim.stops, Required(scene)
+    if stops is not None:
+        if stops.brakes.shape != sizes.shape:
+            raise CertificateError(f"trajectory: {len(stops.brakes)} brakes for {len(sizes)} cells")
+        visits = visits_of_stops(motion, stops.brakes)
+        fastest = visits.fastest()
+        failure = motion.exceeded(np.column_stack([fastest, fastest]), -stops.brakes, *limits)
+        if failure is not None:
+            raise CertificateError(f"trajectory: in a stop {failure}")
+        swiftness = PlainSpeeds(robot).bounds(motion) if stops.contact else np.zeros(len(sizes))
+        required = Required(scene, stops, visits, swiftness)
+    _check_free(motion, separations, required)
+    _check_danger_and_tool(claims, motion, robot, scene)
+
+
+def _check_jerk_and_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot) -> None:
+    if claim.jerk is not None:
+        failure = motion.jerk_exceeded(claim.jerk)
+        if failure is not None:
+            raise CertificateError(f"trajectory: {failure}")
+    for limit, who in ((claim.tool_speed, "the tool"), (claim.link_speed, "a link")):
+        if limit is not None:
+            at = PlainSpeeds(robot).exceeded(motion, limit, tool=who == "the tool")
+            if at is not None:
+                raise CertificateError(f"trajectory: {who} is faster than {limit:g} m/s near {at:.6f} rad")
+
+
+class Visits(NamedTuple):
+    """Which cells the stops that begin in one of the C cells get into.
+
+    Attributes
+    ----------
+    number : int
+        C.
+    cells : ndarray of int, shape (V,)
+        Where they get.
+    squares, times : ndarray, shape (V,)
+        The largest ṡ² with which they enter, and the latest instant at which they still move there [s].
+    """
+
+    number: int
+    cells: IntArray
+    squares: FloatArray
+    times: FloatArray
+
+    def fastest(self) -> FloatArray:
+        """Return the largest ṡ² in each cell (C,)."""
+        found = np.zeros(self.number)
+        np.maximum.at(found, self.cells, self.squares)
+        return found
+
+    def latest(self, harmless: FloatArray | None = None) -> FloatArray:
+        """Return the latest instants in each cell (C,), of stops above `harmless: (C,)` ṡ² there; −inf if none is."""
+        found = np.full(self.number, -np.inf)
+        above = slice(None) if harmless is None else self.squares > harmless[self.cells]
+        np.maximum.at(found, self.cells[above], self.times[above])
+        return found
+
+
+def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> Visits:
+    """Return where stops get, when, and how fast.
+
+    Raises
+    ------
+    CertificateError
+        If a deceleration is not positive, or a stop would go beyond where the robot must stand.
+    """
+    if not (brakes > 0).all():
+        raise CertificateError("trajectory: a stop does not decelerate")
+    sizes, squares = np.diff(motion.edges), motion.squares
+    if motion.phases is not None and (motion.pushes[0] < -brakes * (1 + _ROUNDING)).any():
+        raise CertificateError(
+            "trajectory: it slows down harder than its stops: one that begins later is too late"
+        )
+    cells, entered, times = [], [], []
+    for j in range(len(sizes)):
+        end = int(motion.ends[j])
+        weakest = np.minimum.accumulate(brakes[j:end])
+        taken = np.concatenate(
+            [[0.0], np.cumsum(2 * weakest * sizes[j:end])]
+        )  # of ṡ², from the start of j on
+        top = max(squares[j], squares[j + 1])
+        spare = _ROUNDING * max(top, 1e-6)
+        if squares[j] > taken[-1] + spare or squares[j + 1] > taken[-1] - taken[1] + spare:
+            raise CertificateError(
+                f"trajectory: a stop from {motion.edges[j]:.6f} rad goes beyond where the robot must stand"
+            )
+        last = int(
+            np.searchsorted(taken[1:] - taken[1], top, side="left")
+        )  # cells that are reached: j … j + last
+        last = min(max(last, 1), end - j)
+        whole = _stop_duration(top, weakest[1:], sizes[j + 1 : end], brakes[j])
+        ending = _durations(taken[: last + 1], sizes[j : j + last])
+        after = max(squares[j] - taken[1], squares[j + 1])  # ṡ² at the end of j, wherever the stop begins
+        cells.append(np.arange(j, j + last))
+        entered.append(np.append(top, after - (taken[1:last] - taken[1])))
+        times.append(np.minimum(whole, ending))
+    return Visits(len(sizes), *(np.concatenate(column) for column in (cells, entered, times)))
+
+
+def _stop_duration(square: float, brakes: FloatArray, sizes: FloatArray, first: float) -> float:
+    """Return how long a stop takes that begins where cells with these decelerations begin; `first` if there is none."""
+    time, brake = 0.0, first
+    for brake, size in zip(brakes.tolist(), sizes.tolist(), strict=True):
+        after = square - 2 * brake * size
+        if after <= 0:
+            break
+        time += 2 * size / (square**0.5 + after**0.5)
+        square = after
+    return float(time + square**0.5 / brake)
+
+
+def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return for each cell how long the stop takes that begins with the first cell and ends with this one."""
+    left = np.maximum(taken[1:, None] - taken[None, :], 0.0)  # (end, grid point): ṡ²
+    speeds = np.sqrt(left)
+    both = speeds[:, :-1] + speeds[:, 1:]
+    spans = np.where(both > 0, 2 * sizes / np.where(both > 0, both, 1.0), 0.0)
+    found: FloatArray = np.tril(spans).sum(axis=1)
+    return found
+
+
+class Required:
+    """What bodies must keep from limbs of people in the cells of a motion [m].
+
+    Parameters
+    ----------
+    scene : Scene
+        Where people are.
+    stops : Stops, optional
+        What is claimed of stops.
+    visits : Visits, optional
+        Of the stops.
+    swiftness : ndarray, shape (C,), optional
+        The largest speed of any point of the robot in each cell by arc length [m/rad].
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        stops: Stops | None = None,
+        visits: Visits | None = None,
+        swiftness: FloatArray | None = None,
+    ) -> None:
+        self._stops = stops
+        self._limbs: dict[str, tuple[float, FloatArray]] = {}
+        if stops is None or visits is None or swiftness is None:
+            return
+        contact, whenever = stops.contact or {}, visits.latest()
+        for name in stops.who:
+            for part, _, _ in scene[name].geometries():
+                latest = whenever
+                if part in contact:
+                    slow = contact[part] / np.maximum(swiftness, _TINY)
+                    latest = visits.latest(slow**2 * (1 + _ROUNDING))
+                self._limbs[OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :]), latest
+
+    def of(self, part: str, first: int, last: int) -> float:
+        """Return what must be kept from a body in the cells from the first to the last."""
+        if part not in self._limbs:
+            return 0.0
+        assert self._stops is not None
+        speed, latest = self._limbs[part]
+        time = float(latest[first : last + 1].max())
+        if time == -np.inf:
+            return 0.0
+        return self._stops.clearance + speed * (self._stops.reaction_time + time)
+
+
+def _check_free(motion: PlainMotion, separations: Separations, required: Required) -> None:
+    """Raise CertificateError unless all pairs keep apart, everywhere on the curve."""
+    edges = motion.edges
+    for piece, start in zip(motion.pieces, motion.starts, strict=False):
+        waiting = [(0.0, piece.length, set(separations.names))]
+        while waiting:
+            first, last, pairs = waiting.pop()
+            middle, half = (first + last) / 2, (last - first) / 2
+            cells = np.searchsorted(edges, [start + first + _ROUNDING, start + last - _ROUNDING]) - 1
+            low, high = (min(max(int(cell), 0), len(edges) - 2) for cell in cells)
+            near = set()
+            for pair, distance, approach, kept in separations.examined(
+                piece.at(middle), piece.steps(half), pairs
+            ):
+                wanted = kept + required.of(pair[1], low, high)
+                if distance - _GJK > approach + wanted:
+                    continue
+                if approach < _SMALLEST or (low == high and distance - _GJK <= wanted):
+                    between = " and ".join(repr(plain_name(name)) for name in pair)
+                    raise CertificateError(
+                        f"trajectory: {between} are {1e3 * distance:.3f} mm apart near {start + middle:.6f} rad, "
+                        f"{1e3 * wanted:.3f} mm are needed"
+                    )
+                near.add(pair)
+            if near:
+                waiting += [(first, middle, near), (middle, last, near)]
+
+
+def _check_danger_and_tool(claims: Certificate, motion: PlainMotion, robot: Robot, scene: Scene) -> None:
+    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger)
+    tool = None if claims.tool is None else PlainTool(robot, claims.tool)
+    for k, piece in enumerate(motion.pieces):
+        half = piece.length / 2
+
+        def place(t: float, piece: Any = piece) -> FloatArray:
+            q: FloatArray = piece.at(t * piece.length)
+            return q
+
+        steps = piece.steps(2 * half)
+        if danger is not None and claims.danger is not None:
+            bound = claims.danger.bound
+            failed = danger.exceeded_along(place, steps, bound)
+            if failed is not None:
+                raise CertificateError(
+                    f"trajectory: piece {k}: danger {failed[1]:.4f}, {bound:.4f} is claimed of the path"
+                )
+        if tool is not None:
+            lost = tool.exceeded_along(place, steps)
+            if lost is not None:
+                raise CertificateError(f"trajectory: piece {k}: the {lost[1]} of the tool is not as claimed")

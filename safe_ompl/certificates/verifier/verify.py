@@ -1,0 +1,267 @@
+"""Verifies certificates, on its own: distances, displacement bounds and dangers are computed once more by plain means.
+
+Nothing here is shared with what issues certificates, plans or proves motions: no broad phase, no margins inside
+queries, no displacement radii, no field kernels. From the models come only robot, scene and their kinematics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.certificates.claims import Certificate, Interval, Terms
+from safe_ompl.certificates.verifier.danger import PlainDanger
+from safe_ompl.certificates.verifier.distances import Separations, plain_name
+from safe_ompl.certificates.verifier.tool import PlainTool
+from safe_ompl.certificates.verifier.trajectory import check_trajectory
+from safe_ompl.common import CertificateError, FloatArray, InputError
+from safe_ompl.common import documents as document
+from safe_ompl.io import built_robot, built_scene, digest, links_without_collision
+from safe_ompl.robot import Robot, robot_hash
+from safe_ompl.scene import Scene
+
+_GJK = 1e-5  # [m] coal's distances are at most this far off
+_FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
+_GAP = 1e-9  # of an edge: intervals that are nearer to each other leave nothing out
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What was checked of a certificate that holds.
+
+    Attributes
+    ----------
+    edges, intervals, distances : int
+        How many of each.
+    claims : tuple of str
+        What holds, in words; the first sentence says so if robot or scene are the file's own.
+    not_claimed : tuple of str
+        What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles", "tool"
+        and, where it claims a trajectory, its "stops", "jerk", "tool speed", "link speed" and "danger in motion".
+    not_covered : tuple of str
+        Of what nothing is proven: links without collision geometry, checks that were only sampled.
+    robot : str
+        Name of the robot.
+    obstacles : tuple of str
+        Names of the obstacles.
+    own : tuple of str
+        Which of "robot" and "scene" were taken from the file, and compared with nothing.
+    """
+
+    edges: int
+    intervals: int
+    distances: int
+    claims: tuple[str, ...]
+    not_claimed: tuple[str, ...]
+    not_covered: tuple[str, ...]
+    robot: str
+    obstacles: tuple[str, ...]
+    own: tuple[str, ...]
+
+
+def verify(
+    content: Mapping[str, Any],
+    robot: Robot | None = None,
+    scene: Scene | None = None,
+    *,
+    terms: Terms | None = None,
+    urdf: Path | None = None,
+    package_dirs: Sequence[Path] = (),
+) -> Verified:
+    """Check a certificate: that intervals cover the path, and that what it claims holds in each of them.
+
+    Parameters
+    ----------
+    content : mapping
+        The certificate.
+    robot : Robot, optional
+        The robot that it must be about; default: built from what the certificate carries, and then the certificate says
+        nothing of any other robot.
+    scene : Scene, optional
+        The scene that it must be about; default: the one that it carries.
+    terms : Terms, optional
+        What its claims must agree with: options of the danger, limits of the motion, people. `terms_of` and
+        `terms_of_field` make them. Without any, claims are checked as they are; their sentences say what they are.
+    urdf, package_dirs
+        For a robot that is carried, as in `built_robot`.
+
+    Raises
+    ------
+    CertificateError
+        If anything in it does not hold: names the first edge and interval.
+    InputError
+        If it is no certificate, or its robot cannot be built.
+    """
+    try:
+        claims = Certificate.read(content)
+        with document.within("scene"):
+            carried = built_scene(claims.scene)
+        own = tuple(name for name, given in (("robot", robot), ("scene", scene)) if given is None)
+        if robot is None:
+            with document.within("robot"):
+                robot = built_robot(claims.robot, urdf=urdf, package_dirs=package_dirs)
+        scene = carried if scene is None else scene
+        _check_origin(claims, robot, scene)
+        if terms is not None:
+            terms.check(claims)
+        found = _verified(claims, robot, scene, own)
+        if claims.digest != digest(content):
+            raise CertificateError(
+                "every interval holds, but the file is not as it was written: its digest differs"
+            )
+        return found
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        MemoryError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
+        if isinstance(error, InputError):
+            raise
+        raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
+
+
+def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, ...]) -> Verified:
+    path = claims.path
+    _check_limits(robot, path)
+    claims.check(robot, scene)
+    ends = path[1:] if len(path) > 1 else path
+    if len(claims.edges) != len(ends):
+        raise CertificateError(f"the path has {len(ends)} edges, the certificate {len(claims.edges)}")
+    separations = Separations(robot, scene, claims)
+    if sorted(claims.pairs) != sorted(separations.names):
+        raise CertificateError("its pairs of bodies are not those of robot and scene")
+    intervals = 0
+    for k, (edge, start, end) in enumerate(zip(claims.edges, path, ends, strict=False)):
+        _check_cover(k, edge)
+        delta = robot.difference(start, end)
+        for j, interval in enumerate(edge):
+            _check_interval(f"edge {k}, interval {j}", interval, start, delta, separations, claims.pairs)
+            intervals += 1
+    _check_danger_and_tool(claims, robot, scene, ends)
+    check_trajectory(claims, robot, scene, separations)
+    lacking = links_without_collision(robot)
+    about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
+    return Verified(
+        edges=len(ends),
+        intervals=intervals,
+        distances=intervals * len(separations.names),
+        claims=claims.sentences(about),
+        not_claimed=claims.not_claimed,
+        not_covered=(
+            *([f"links without collision geometry: {', '.join(lacking)}"] if lacking else []),
+            *([] if claims.also_sampled is None else [claims.also_sampled]),
+        ),
+        robot=robot.name,
+        obstacles=scene.names,
+        own=own,
+    )
+
+
+# ------------------------------------------------------------------------------------------- what is it about
+
+
+def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
+    if claims.joint_names != tuple(robot.joint_names):
+        raise CertificateError(
+            f"joint order: it has {list(claims.joint_names)}, the robot {list(robot.joint_names)}"
+        )
+    if claims.robot.hash != robot_hash(robot):
+        raise CertificateError(
+            f"the robot has changed: {robot.name!r} is not the one that it was written for"
+        )
+    lacking = links_without_collision(robot)
+    if list(claims.robot.links_without_collision) != lacking:
+        raise CertificateError(
+            f"links without collision geometry: it names {list(claims.robot.links_without_collision)}, "
+            f"the robot has {lacking}"
+        )
+    if claims.scene.hash != scene.content_hash():
+        raise CertificateError("the scene has changed since it was written")
+
+
+def _check_limits(robot: Robot, path: FloatArray) -> None:
+    if not len(path):
+        raise CertificateError("the path is empty")
+    if path.shape[1] != robot.n:
+        raise CertificateError(f"the path has {path.shape[1]} joints, the robot {robot.n}")
+    for k, q in enumerate(path):
+        for i in range(robot.n):
+            if robot.continuous[i] and abs(q[i]) > _FARTHEST:
+                raise CertificateError(
+                    f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g} is more than {_FARTHEST:g} rad"
+                )
+            if not robot.continuous[i] and not robot.lower[i] - 1e-9 <= q[i] <= robot.upper[i] + 1e-9:
+                raise CertificateError(
+                    f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits"
+                )
+
+
+def _check_cover(edge: int, intervals: tuple[Interval, ...]) -> None:
+    """Raise CertificateError unless the intervals, put in order, leave nothing of [0, 1] out."""
+    reached = 0.0
+    for interval in sorted(intervals, key=lambda i: i.centre - i.half_length):
+        first = interval.centre - interval.half_length
+        if first > reached + _GAP:
+            raise CertificateError(f"edge {edge}: no interval covers {reached:.6f} to {first:.6f} of it")
+        reached = max(reached, interval.centre + interval.half_length)
+    if reached < 1.0 - _GAP:
+        raise CertificateError(f"edge {edge}: no interval covers {reached:.6f} to 1 of it")
+
+
+def _check_interval(
+    name: str,
+    interval: Interval,
+    start: FloatArray,
+    delta: FloatArray,
+    separations: Separations,
+    pairs: tuple[tuple[str, str], ...],
+) -> None:
+    centre, half = interval.centre, interval.half_length
+    name = f"{name} (centre {centre:.6f}, half-length {half:.6f})"
+    if len(interval.margins) != len(pairs):
+        raise CertificateError(f"{name}: {len(interval.margins)} margins for {len(pairs)} pairs")
+    margins = dict(zip(pairs, interval.margins.tolist(), strict=True))
+    for pair, distance, approach, required in separations.examined(
+        start + centre * delta, half * np.abs(delta)
+    ):
+        if not margins[pair] >= approach + required:
+            raise CertificateError(
+                f"{name}: the margin of {_between(pair)} is {1e3 * margins[pair]:.3f} mm, "
+                f"{1e3 * (approach + required):.3f} mm are needed"
+            )
+        if not distance - _GJK > margins[pair]:
+            raise CertificateError(
+                f"{name}: {_between(pair)} are {1e3 * distance:.3f} mm apart, "
+                f"{1e3 * margins[pair]:.3f} mm are claimed"
+            )
+
+
+def _between(pair: tuple[str, str]) -> str:
+    return f"{plain_name(pair[0])!r} and {plain_name(pair[1])!r}"
+
+
+def _check_danger_and_tool(claims: Certificate, robot: Robot, scene: Scene, ends: FloatArray) -> None:
+    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger)
+    tool = None if claims.tool is None else PlainTool(robot, claims.tool)
+    for k, (start, end) in enumerate(zip(claims.path, ends, strict=False)):
+        delta = robot.difference(start, end)
+        if danger is not None and claims.danger is not None:
+            bound = claims.danger.bound
+            high = danger.exceeded(start, delta, bound)
+            if high is not None:
+                raise CertificateError(
+                    f"edge {k}: danger {high[1]:.4f} near {high[0]:.6f} of it, {bound:.4f} is claimed"
+                )
+        lost = None if tool is None else tool.exceeded(start, delta)
+        if lost is not None:
+            raise CertificateError(
+                f"edge {k}: the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of it"
+            )

@@ -1,0 +1,275 @@
+"""Boolean queries over pairs of bodies with security margins; a broad phase over boxes finds the pairs."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+from functools import cache, partial
+from weakref import WeakSet
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
+
+from safe_ompl.collision.tree_distances import TreeDistances
+from safe_ompl.common import BoolArray, Changes, FloatArray, IntArray, PerThread
+from safe_ompl.geometry.kernels import near_boxes
+
+_PROBE = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.5, 0.7), np.array([1.0, 2.0, 3.0]))
+
+
+class NearPairs:
+    """A broad phase over the pairs of one geometry model: no pair of two obstacles is ever looked at.
+
+    Parameters
+    ----------
+    geometry : pin.GeometryModel
+        The G bodies.
+    data : pin.GeometryData
+        Where the bodies are now. It is kept alive.
+    pairs : ndarray of int, shape (P, 2)
+        The pairs.
+
+    Attributes
+    ----------
+    margins : ndarray, shape (P,)
+        [m] Zero, until others are written here.
+    """
+
+    def __init__(self, geometry: pin.GeometryModel, data: pin.GeometryData, pairs: IntArray) -> None:
+        self._geometry, self._data = geometry, data
+        self._places = _places(data)
+        self._pairs = pairs
+        self._near = np.empty(len(pairs), dtype=np.intp)
+        self.margins: FloatArray = np.zeros(len(pairs))
+        self._boxes: FloatArray = np.empty((len(self._places), 6))
+        self.take_shapes(range(len(self._boxes)))
+
+    def take_shapes(self, bodies: Iterable[int]) -> None:
+        """Take the boxes about the shapes that some bodies have now."""
+        for index in bodies:
+            row, shape = self._boxes[index], self._geometry.geometryObjects[index].geometry
+            shape.computeLocalAABB()
+            box = shape.aabb_local
+            row[:3], row[3:] = (box.max_ + box.min_) / 2, (box.max_ - box.min_) / 2
+
+    def found(self) -> list[int]:
+        """Return the pairs that may be nearer than their margins, where the bodies are now; no other is."""
+        number = near_boxes(self._places, self._boxes, self._pairs, self.margins, self._near)
+        if not number:
+            return []
+        pairs: list[int] = self._near[:number].tolist()
+        return pairs
+
+
+def _places(data: pin.GeometryData) -> FloatArray:
+    """Return the places of all bodies as a view (G, 12): rotation, column by column, and translation.
+
+    Raises
+    ------
+    RuntimeError
+        If Pinocchio keeps them in memory otherwise than the view takes for granted.
+    """
+    number = len(data.oMg)
+    if not number:
+        return np.empty((0, 12))
+    view: FloatArray = as_strided(data.oMg[0].rotation, (number, 12), (12 * 8, 8))
+    kept = data.oMg[number - 1].copy()
+    data.oMg[number - 1] = _PROBE
+    as_read = view[-1].copy()
+    data.oMg[number - 1] = kept
+    if not np.array_equal(as_read, [*_PROBE.rotation.T.ravel(), *_PROBE.translation]):
+        raise RuntimeError("this version of Pinocchio keeps the places of bodies in another layout")
+    return view
+
+
+DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
+
+
+class Queries:
+    """Boolean queries over the pairs of one geometry model; any thread may ask.
+
+    Margins are an argument of every query; they are written to coal's requests where they are not those of the query
+    before. Coal is only asked about pairs whose boxes are near each other (`NearPairs`): Pinocchio's managers compare
+    obstacles with obstacles, too, and overlook bodies without volume.
+
+    Parameters
+    ----------
+    model : pin.Model
+        The robot.
+    geometry : pin.GeometryModel
+        The bodies and the P pairs.
+    changes : Changes
+        Of the places of the bodies.
+    """
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, changes: Changes) -> None:
+        self.model = model
+        self.geometry = geometry
+        self._changes = changes
+        pairs: IntArray = np.array(indices(geometry), dtype=np.intp).reshape(-1, 2)
+        self.no_margins: FloatArray = np.zeros(len(pairs))
+        self.no_margins.setflags(write=False)
+        self._all: WeakSet[_Memory] = WeakSet()
+        self._memory = PerThread(partial(_remembered, self._all, changes, model, geometry, pairs))
+
+    def take_shapes(self, bodies: Sequence[int]) -> None:
+        """Look at some bodies anew: their shapes, or the sizes of these, are others now."""
+        for memory in self._all:
+            memory.near.take_shapes(bodies)
+
+    def touching(self, q: FloatArray, margins: FloatArray) -> int | None:
+        """Return a pair that is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`, or None."""
+        own, changes = self._memory.own, self._changes
+        done, found = changes.done, None
+        if margins is not own.unchanging:
+            own.set_margins(margins)
+        pin.updateGeometryPlacements(self.model, own.kinematics, self.geometry, own.data, q)
+        for pair in own.near.found():
+            if pin.computeCollision(self.geometry, own.data, pair):
+                found = pair
+                break
+        if changes.begun == done:
+            return found
+        with changes.none():
+            return self.touching(q, margins)
+
+    def all_contacts(self, q: FloatArray, margins: FloatArray) -> BoolArray:
+        """Return for each pair (P,) whether it is nearer than its margin (P,) [m] at Pinocchio's `q: (nq,)`."""
+        own = self._memory.own
+        with self._changes.none():
+            own.set_margins(margins)
+            pin.computeCollisions(self.model, own.kinematics, self.geometry, own.data, q, False)
+        return np.array([result.isCollision() for result in own.data.collisionResults], dtype=bool)
+
+
+class _Memory:
+    """Working memory of queries: where bodies are, the margins that coal has, and what is near."""
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray) -> None:
+        # The margins that coal has: the array itself, where it cannot have changed since, or what was in it.
+        self.unchanging: FloatArray | None = None
+        self._written: bytes | None = None
+        self.kinematics = model.createData()
+        self.data = fresh_data(geometry)
+        self._geometry = geometry
+        # Pinocchio takes margins as a matrix over bodies; writing it is ten times faster than request by request.
+        bodies = len(geometry.geometryObjects)
+        self._margins: FloatArray = np.zeros((bodies, bodies), order="F")
+        self._margin_entries: FloatArray = self._margins.reshape(-1, order="F")  # a view
+        self._entries = pairs[:, 0] + bodies * pairs[:, 1]
+        self.near = NearPairs(geometry, self.data, pairs)
+        self._write(np.zeros(len(pairs)))
+
+    def set_margins(self, margins: FloatArray) -> None:
+        """Write margins (P,) [m] to coal's requests, unless they are there."""
+        # An array that owns its numbers and is read-only is known to be the same when it comes again.
+        if margins.base is None and not margins.flags.writeable:
+            if margins is not self.unchanging:
+                self._write(margins)
+                self.unchanging, self._written = margins, None
+        elif (content := margins.tobytes()) != self._written:
+            self._write(margins)
+            self.unchanging, self._written = None, content
+
+    def _write(self, margins: FloatArray) -> None:
+        # With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre
+        # apart, and calls them free: what is nearer than it can tell counts as touching.
+        self._margin_entries[self._entries] = margins + DISTANCE_ERROR
+        self.near.margins[:] = margins + 2 * DISTANCE_ERROR  # coal is as far off
+        self.data.setSecurityMargins(self._geometry, self._margins, True, False)
+
+
+def _remembered(
+    known: WeakSet[_Memory], changes: Changes, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray
+) -> _Memory:
+    """Return working memory that takes the shapes that bodies have from now on."""
+    with changes.none():
+        memory = _Memory(model, geometry, pairs)
+        known.add(memory)
+        return memory
+
+
+class Distances:
+    """Exact distances of the P pairs of one geometry model; any thread may ask. Parameters as of `Queries`.
+
+    Those of large point clouds are found faster where the query before was near (`TreeDistances`); this changes them
+    by rounding only.
+    """
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, changes: Changes) -> None:
+        self._model, self._geometry, self._changes = model, geometry, changes
+        self._memory = PerThread(partial(_DistanceMemory, model, geometry))
+
+    def at(self, q: FloatArray) -> FloatArray:
+        """Return the distances (P,) [m] at Pinocchio's `q: (nq,)`."""
+        memory = self._memory.own
+        with self._changes.none():
+            distances = self._measured(memory, q)
+            for pair in memory.trees.pairs:
+                distances[pair] = memory.trees.distance(memory.data, pair)
+        return distances
+
+    def nearest(self, Q: FloatArray) -> FloatArray:
+        """Return the same (B, P) at Pinocchio's `Q: (B, nq)`; infinity for some that are not the least to an obstacle.
+
+        It does not depend on what was asked before.
+        """
+        memory = self._memory.own
+        rows = np.empty((len(Q), len(memory.results)))
+        with self._changes.none():
+            memory.trees.forget()
+            for row, q in zip(rows, Q, strict=True):
+                row[:] = self._measured(memory, q)
+                for pair, distance in memory.trees.nearest(memory.data).items():
+                    row[pair] = distance
+        return rows
+
+    def _measured(self, memory: _DistanceMemory, q: FloatArray) -> FloatArray:
+        """Return the distances (P,) [m] as Pinocchio finds them, without those of trees."""
+        pin.computeDistances(self._model, memory.kinematics, self._geometry, memory.data, q)
+        return np.array([result.min_distance for result in memory.results])
+
+
+class _DistanceMemory:
+    """Where one thread measures distances."""
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel) -> None:
+        self.kinematics, self.data = model.createData(), fresh_data(geometry)
+        self.results = list(self.data.distanceResults)
+        self.trees = TreeDistances(geometry)
+        for pair in self.trees.pairs:
+            self.data.deactivateCollisionPair(pair)
+
+
+def fresh_data(geometry: pin.GeometryModel) -> pin.GeometryData:
+    """Return working memory in which a query does not start from the result of the one before.
+
+    That would change distances by micrometres, and with them, now and then, what a planner finds with the same seed.
+    """
+    data, template = pin.GeometryData(geometry), _fresh_pair()
+    pairs = len(geometry.collisionPairs)
+    data.collisionRequests[:] = [template.collisionRequests[0]] * pairs
+    data.distanceRequests[:] = [template.distanceRequests[0]] * pairs
+    return data
+
+
+@cache
+def _fresh_pair() -> pin.GeometryData:
+    """Return such memory of one pair; Pinocchio's requests are the same for every pair."""
+    geometry = pin.GeometryModel()
+    for name in "ab":
+        geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), coal.Sphere(1.0)))
+    geometry.addCollisionPair(pin.CollisionPair(0, 1))
+    data = pin.GeometryData(geometry)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # in favour of an option that Pinocchio overrides
+        for request in (*data.collisionRequests, *data.distanceRequests):
+            request.enable_cached_gjk_guess = False
+    return data
+
+
+def indices(geometry: pin.GeometryModel) -> list[tuple[int, int]]:
+    """Return the two bodies of each pair, the first one with the smaller index."""
+    return [(int(pair.first), int(pair.second)) for pair in geometry.collisionPairs]

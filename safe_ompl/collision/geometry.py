@@ -1,0 +1,194 @@
+"""The bodies of a robot and the parts of obstacles in one geometry model, and how obstacles move there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import coal
+import pinocchio as pin
+
+from safe_ompl.common import InputError
+from safe_ompl.geometry import Obstacle, Part
+from safe_ompl.robot import Hull, bounding_hull
+from safe_ompl.scene import Scene
+
+_KEPT = (coal.Capsule, coal.Sphere)  # stay the same objects when they are measured anew
+
+
+@dataclass
+class PlacedPart:
+    """One part of an obstacle where it is now.
+
+    Attributes
+    ----------
+    index : int
+        Of the geometry model.
+    shape : coal.CollisionGeometry
+        What it is.
+    local, world : pin.SE3
+        Where it is in the frame of its obstacle, and in the world.
+    """
+
+    index: int
+    shape: coal.CollisionGeometry
+    local: pin.SE3
+    world: pin.SE3
+
+    def __post_init__(self) -> None:
+        self._hull = bounding_hull(self.shape)
+
+    @property
+    def hull(self) -> Hull:
+        """Points and a radius that enclose it, in the world."""
+        return self._hull.moved(self.world)
+
+    def measure_anew(self, shape: coal.CollisionGeometry, local: pin.SE3) -> None:
+        """Take another shape of the same kind.
+
+        A capsule takes the other's length, so that whoever holds it sees that; anything else is replaced.
+        """
+        self.local = local
+        if not isinstance(self.shape, _KEPT):
+            self.shape = shape
+        elif isinstance(self.shape, coal.Capsule):
+            self.shape.halfLength = shape.halfLength
+            self.shape.computeLocalAABB()
+        self._hull = bounding_hull(self.shape)
+
+    def write(self, geometry: pin.GeometryModel) -> None:
+        """Put the part where it is into a geometry model, and what it is."""
+        entry = geometry.geometryObjects[self.index]
+        entry.placement = self.world
+        if not isinstance(self.shape, _KEPT):
+            entry.geometry = self.shape
+
+
+class PlacedBodies:
+    """The bodies of a robot and, after them, the parts of the obstacles of a scene.
+
+    Parameters
+    ----------
+    bodies : pin.GeometryModel
+        The robot's.
+    scene : Scene
+        The obstacles.
+    movable : sequence of str
+        Names of those that may move.
+
+    Attributes
+    ----------
+    names : list of str
+        Link or obstacle of each.
+    movable : frozenset of str
+        As given.
+
+    Raises
+    ------
+    UnknownNameError
+        If the scene has no obstacle of a name.
+    InputError
+        If the names are no list.
+    """
+
+    def __init__(self, bodies: pin.GeometryModel, scene: Scene, movable: Sequence[str]) -> None:
+        if isinstance(movable, str) or not isinstance(movable, Iterable):
+            raise InputError(f"movable must be a list of names of obstacles, got {movable!r}")
+        self.movable = frozenset(scene[name].name for name in movable)
+        self._own_pairs = bodies.copy()  # and all bodies
+        self.names = [body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects]
+        self._parts: list[list[PlacedPart]] = []  # of each obstacle
+        for obstacle in scene.obstacles:
+            parts = []
+            for part in obstacle.shape.parts():
+                world = obstacle.pose.se3 * part.placement
+                entry = pin.GeometryObject(f"obstacle:{obstacle.part_name(part)}", 0, world, part.geometry)
+                index = self._own_pairs.addGeometryObject(entry)
+                parts.append(PlacedPart(int(index), part.geometry, part.placement, world))
+                self.names.append(obstacle.name)
+            self._parts.append(parts)
+        self._models = [self._own_pairs]
+        self._scene = scene
+
+    def with_pairs(
+        self,
+        pairs: Iterable[tuple[int, int]],
+        geometry: pin.GeometryModel | None = None,
+        *,
+        own: bool = True,
+    ) -> pin.GeometryModel:
+        """Return all bodies with some pairs, and where they move that model follows.
+
+        Parameters
+        ----------
+        pairs : iterable of (int, int)
+            Bodies and parts, by their index.
+        geometry : pin.GeometryModel, optional
+            A model of this kind whose pairs come before them; default: one with the pairs of the robot's own.
+        own : bool
+            Whether there are such pairs.
+        """
+        model = (self._own_pairs if geometry is None else geometry).copy()
+        if not own:
+            model.removeAllCollisionPairs()
+        for first, second in pairs:
+            model.addCollisionPair(pin.CollisionPair(first, second))
+        self._models.append(model)
+        return model
+
+    @property
+    def parts(self) -> list[PlacedPart]:
+        """The parts of all obstacles."""
+        return [part for parts in self._parts for part in parts]
+
+    def move(self, scene: Scene) -> tuple[list[PlacedPart], list[int]]:
+        """Take the places of another scene; return what has moved, and the indices of what was measured anew.
+
+        Raises
+        ------
+        InputError
+            If anything but the place of a movable obstacle differs. Then nothing moves.
+        """
+        moves = self._moves(scene)
+        moved, measured = list[PlacedPart](), list[int]()
+        for k, obstacle, shapes in moves:
+            pose = obstacle.pose.se3
+            for part, shape in zip(self._parts[k], shapes, strict=False):
+                part.measure_anew(shape.geometry, shape.placement)
+                measured.append(part.index)
+            for part in self._parts[k]:
+                part.world = pose * part.local
+                moved.append(part)
+        for model in self._models:
+            for part in moved:
+                part.write(model)
+        self._scene = scene
+        return moved, measured
+
+    def _moves(self, scene: Scene) -> list[tuple[int, Obstacle, list[Part]]]:
+        """Return which obstacles are elsewhere, and their parts where these were measured anew, else none."""
+        if scene.names != self._scene.names:
+            raise InputError(
+                f"must have the same obstacles, {list(self._scene.names)}, got {list(scene.names)}"
+            )
+        moves: list[tuple[int, Obstacle, list[Part]]] = []
+        for k, (before, after) in enumerate(zip(self._scene, scene, strict=True)):
+            if after is before or after == before:
+                continue
+            if after.name not in self.movable:
+                raise InputError(f"{after.name!r} is not movable; those are: {sorted(self.movable)}")
+            if not before.same_but_for_place(after):
+                raise InputError(f"{after.name!r} may move, but not become another: {before!r} to {after!r}")
+            moves.append((k, after, [] if after.shape == before.shape else self._measured_anew(k, after)))
+        return moves
+
+    def _measured_anew(self, k: int, obstacle: Obstacle) -> list[Part]:
+        parts = obstacle.shape.parts()
+        before = [type(part.shape).__name__ for part in self._parts[k]]
+        after = [type(part.geometry).__name__ for part in parts]
+        if before != after:
+            raise InputError(
+                f"{obstacle.name!r} has other parts than before, {len(after)} × {after[0]} in the place of "
+                f"{len(before)} × {before[0]}: make a new checker"
+            )
+        return parts

@@ -1,0 +1,170 @@
+"""The decorator of the kernels: compiled once per installation, kept on disk, and said so on the console.
+
+Numba keeps what it has compiled beside the source, or in the user's cache folder where that cannot be written to, or
+where `NUMBA_CACHE_DIR` says; files are replaced as a whole, so that processes may share them. Where no folder can be
+written to, every process compiles for itself.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+import re
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from types import FrameType
+from typing import Any, TypeVar
+
+from numba import njit
+from numba.core import event
+from numba.core.types.misc import unliteral
+
+from safe_ompl.common.errors import warn_once
+
+_log = logging.getLogger(__name__)
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def compiled(function: _Function) -> _Function:
+    """Return a kernel: `function` compiled on its first call; free of the GIL, and x/0 is ±∞ as in NumPy."""
+    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    try:
+        kernel: Any = njit(cache=True, **options)(function)
+    except RuntimeError as error:  # Numba finds no folder that can be written to
+        _log.info("%s", error)
+        kernel = njit(**options)(function)
+    else:
+        _depend_on_all_kernels(kernel)
+    fast: _Function = _without_literals(kernel)
+    return fast
+
+
+def part(function: _Function) -> _Function:
+    """Return a part of kernels: `function`, compiled into the kernels that call it, for which Python cannot call it."""
+    inner: Any = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    fast: _Function = _without_literals(inner)
+    return fast
+
+
+def _without_literals(kernel: Any) -> Any:
+    """Return a kernel that other kernels call with the types of constants, and not with their values.
+
+    Numba would compile it once for calls with a variable, and anew for a 0, a 1 or a True in its place.
+    """
+    template = kernel.get_call_template
+    kernel.get_call_template = lambda args, kws: template(tuple(map(unliteral, args)), kws)
+    return kernel
+
+
+def clock() -> float:
+    """Return the time [s] of a clock that stands while kernels are compiled: no time limit should count that."""
+    return perf_counter() - _compilation.seconds
+
+
+def _depend_on_all_kernels(kernel: Any) -> None:
+    """Let what is kept of a kernel be out of date once any file with kernels changes, and not its own alone.
+
+    Numba looks at the file of the kernel only, although what other kernels do is compiled into it.
+    """
+    files: Any = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    if hasattr(files, "_source_stamp"):
+        files._source_stamp = files._source_stamp, _SOURCES
+
+
+def sources(package: Path) -> list[Path]:
+    """Return the files below a package's folder that may hold kernels: those that import a decorator of this file.
+
+    Their beginnings are read for that, which takes some 10 ms: less than importing a few of them.
+    """
+    found = []
+    for folder, _, names in os.walk(package):
+        for name in names:
+            if name.endswith(".py"):
+                with open(os.path.join(folder, name), "rb", buffering=0) as file:
+                    beginning = file.read(_BEGINNING)
+                if any(word in beginning for word in _WORDS) and _IMPORTED.search(beginning):
+                    found.append(Path(folder, name))
+    return sorted(found)
+
+
+def _stamps(package: Path) -> tuple[tuple[str, float, int], ...]:
+    """Return names, times and sizes of the files with kernels, and of this one."""
+    files = ((path, path.stat()) for path in (Path(__file__), *sources(package)))
+    return tuple((str(path.relative_to(package)), stat.st_mtime, stat.st_size) for path, stat in files)
+
+
+class _Compilation(event.Listener):  # type: ignore[misc]
+    """Says once that kernels are being compiled, adds up for how long, and sees to it that Ctrl-C is heard.
+
+    What comes from the disk causes no such event. Kernels that others call are compiled within these. Meanwhile there
+    is no collection of garbage: it would go through the millions of objects of a compiler again and again.
+
+    The compiler calls Python back from C, where an exception cannot pass: ctypes prints it and goes on. A Ctrl-C while
+    machine code is written is raised there, and lost. It is noted here, and raised again where a kernel begins or ends.
+    """
+
+    def __init__(self) -> None:
+        self.seconds, self._depth, self._begin = 0.0, 0, 0.0
+        self._collects = False
+        self._raised: BaseException | None = None
+        self._handler: Any = None
+
+    def on_start(self, event: Any) -> None:
+        if not event.data["dispatcher"].__module__.startswith(_PACKAGE):
+            return
+        warn_once(_log, "compiling kernels for this machine, which takes some seconds: once, they are kept")
+        if not self._depth:
+            self._begin = perf_counter()
+            self._collects = gc.isenabled()
+            gc.disable()
+            self._listen()
+        self._depth += 1
+        self._raise_again()
+
+    def on_end(self, event: Any) -> None:
+        if not event.data["dispatcher"].__module__.startswith(_PACKAGE):
+            return
+        self._depth -= 1
+        if not self._depth:
+            self.seconds += perf_counter() - self._begin
+            if self._collects:
+                gc.enable()
+            if self._handler is not None:
+                signal.signal(signal.SIGINT, self._handler)
+                self._handler = None
+        self._raise_again()
+
+    def _listen(self) -> None:
+        """Note from here on whether there is a Ctrl-C; only the main thread is told."""
+        self._raised = None
+        handler = signal.getsignal(signal.SIGINT)
+        if callable(handler) and threading.current_thread() is threading.main_thread():
+            self._handler = handler
+            signal.signal(signal.SIGINT, self._note)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        try:
+            self._handler(number, frame)
+        except BaseException as error:
+            self._raised = error
+            raise
+
+    def _raise_again(self) -> None:
+        error, self._raised = self._raised, None
+        if error is not None:
+            raise error
+
+
+_PACKAGE = __name__.partition(".")[0] + "."
+_BEGINNING = 8000  # bytes of a file that hold its imports
+_WORDS = b"compiled", b"part"
+_IMPORTED = re.compile(
+    rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:compiled|part)\b".encode(), re.MULTILINE
+)
+_SOURCES = _stamps(Path(__file__).parents[__name__.count(".") - 1])
+_compilation = _Compilation()
+event.register("numba:compile", _compilation)

@@ -1,0 +1,82 @@
+"""Errors, which carry the offending value and say what would be right; warnings that are logged once a process."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+
+class SafeOmplError(Exception):
+    """Base class of all errors that safe_ompl raises on purpose."""
+
+
+class InputError(SafeOmplError, ValueError):
+    """A value given by the user cannot be used.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, with the offending value, and what would be right.
+    source : str, optional
+        The file (and key) that the value came from; put before the message.
+    """
+
+    def __init__(self, message: str, source: str | None = None) -> None:
+        super().__init__(f"{source}: {message}" if source else message)
+
+
+class UnknownNameError(InputError):
+    """A name that does not exist, with the names that do.
+
+    Parameters
+    ----------
+    kind : str
+        What is named: "joint", "link", "planner", …
+    name : str
+        The name that was asked for.
+    known : iterable of str
+        The names that exist.
+    source : str, optional
+        The file (and key) that the name came from.
+    """
+
+    def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
+        known = tuple(known)
+        super().__init__(f"unknown {kind} {name!r}; known: {', '.join(known) or '(none)'}", source)
+        self._arguments = (kind, name, known, source)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._arguments
+
+
+class CollisionError(InputError):
+    """A start or goal configuration touches something, is nearer or more dangerous than allowed; says to what."""
+
+
+class StaleSceneError(SafeOmplError):
+    """Something that was made while obstacles were elsewhere, and cannot follow them; says what to make anew."""
+
+
+class PlanningError(SafeOmplError):
+    """A planner broke a promise, for example returned a path that the validator refuses."""
+
+
+class CertificateError(SafeOmplError):
+    """A certificate that does not hold; says where and why."""
+
+
+@cache
+def warn_once(log: logging.Logger, message: str) -> None:
+    """Log a warning, unless `log` has said the same before; `warn_once.cache_clear()` forgets what was said."""
+    log.warning("%s", message, extra={"once": True})
+
+
+def pass_on(record: logging.LogRecord) -> None:
+    """Log what another process has logged; what is said once was perhaps said by several."""
+    log = logging.getLogger(record.name)
+    if getattr(record, "once", False):
+        warn_once(log, record.getMessage())
+    else:
+        log.handle(record)

@@ -1,0 +1,188 @@
+"""Checks of what users give: numbers, whole numbers, flags, text and arrays, in one voice.
+
+Every function takes what people have (Python's and NumPy's scalars, lists, arrays), returns it as the plain type that
+it stands for, or raises an `InputError` that reads ``<name> must be <what would be right>, got <what was given>``.
+A bool is never taken for a number, and NaN never for a value.
+"""
+
+from __future__ import annotations
+
+import math
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from safe_ompl.common.errors import InputError
+
+_SHOWN = 200  # characters of a value in a message
+_LISTED = 12  # numbers of an array in a message
+_SEEDS = 2**32
+
+
+def number(
+    name: str,
+    value: Any,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    kind: str = "number",
+) -> float:
+    """Return `value` as a finite float within bounds.
+
+    Parameters
+    ----------
+    name : str
+        What the value is, for the message.
+    value : number
+        What the user gave.
+    above, at_least, at_most : float, optional
+        Bounds; of the lower ones at most one.
+    kind : str
+        What sort of number it is, for the message: "length", "number of seconds".
+
+    Raises
+    ------
+    InputError
+        If it is not a number, not finite, or out of bounds.
+    """
+    if type(value) is float and above is at_least is at_most is None and math.isfinite(value):
+        return value  # as nearly all are; the rest takes five times as long
+    plain = _scalar(value)
+    if isinstance(plain, Real) and not isinstance(plain, bool):
+        result = _float(plain)
+        if (
+            math.isfinite(result)
+            and (above is None or result > above)
+            and (at_least is None or result >= at_least)
+            and (at_most is None or result <= at_most)
+        ):
+            return result
+    right = _bounded("finite", kind, above, at_least, at_most)
+    raise InputError(f"{name} must be {right}, got {shown(value)}")
+
+
+def whole_number(name: str, value: Any, *, at_least: int | None = None, at_most: int | None = None) -> int:
+    """Return `value` as an int within bounds; a float is refused, even 3.0.
+
+    Raises
+    ------
+    InputError
+        If it is not a whole number, or out of bounds.
+    """
+    plain = _scalar(value)
+    if isinstance(plain, Integral) and not isinstance(plain, bool):
+        result = int(plain)
+        if (at_least is None or result >= at_least) and (at_most is None or result <= at_most):
+            return result
+    right = _bounded("whole", "number", None, at_least, at_most)
+    raise InputError(f"{name} must be {right}, got {shown(value)}")
+
+
+def fraction(name: str, value: Any) -> float:
+    """Return `value` as a float in [0, 1], or raise InputError."""
+    return number(name, value, at_least=0.0, at_most=1.0)
+
+
+def seed(value: Any, name: str = "seed") -> int:
+    """Return `value` as a seed of OMPL's and NumPy's generators, a whole number in [0, 2³²), or raise InputError."""
+    return whole_number(name, value, at_least=0, at_most=_SEEDS - 1)
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return `value` as a bool, or raise InputError; 0 and 1 are numbers."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} must be true or false, got {shown(value)}")
+    return bool(value)
+
+
+def text(name: str, value: Any) -> str:
+    """Return `value` as text that is not empty, or raise InputError."""
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(f"{name} must be text that is not empty, got {shown(value)}")
+    return str(value)
+
+
+def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> NDArray[np.float64]:
+    """Return `value` as a new float array of the given shape, free of NaN and infinity.
+
+    Parameters
+    ----------
+    value : array_like
+        What the user gave.
+    shape : tuple
+        Expected shape; None stands for any length.
+    name : str
+        What the value is, for the message.
+
+    Raises
+    ------
+    InputError
+        If it is not numeric, has another shape, or holds NaN or infinity.
+    """
+    array = float_array(value, shape, name)
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite, got {_not_finite(array)}")
+    return array
+
+
+def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> NDArray[np.float64]:
+    """Return `value` as `finite_array` does, but let NaN and infinity pass: for the data of sensors."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "fiu":
+            raise TypeError
+        array = np.array(given, dtype=np.float64)
+    except (OverflowError, TypeError, ValueError):
+        raise InputError(f"{name} must be numbers, got {shown(value)}") from None
+    if array.ndim != len(shape) or any(
+        n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
+    ):
+        wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raise InputError(f"{name} must have shape {wanted}, got {array.shape}")
+    return array
+
+
+def positive(value: Any, name: str, kind: str = "number") -> float:
+    """Return `value` as a finite float > 0, or raise InputError; the same as ``number(name, value, above=0)``."""
+    return number(name, value, above=0.0, kind=kind)
+
+
+def shown(value: Any) -> str:
+    """Return how a value reads in a message: its `repr`, cut where it is long."""
+    written = repr(value)
+    return written if len(written) <= _SHOWN else f"{written[:_SHOWN]}…"
+
+
+def _scalar(value: Any) -> Any:
+    """Return an array without dimensions as the number in it."""
+    return value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
+def _float(value: Real) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _bounded(sort: str, kind: str, above: float | None, at_least: float | None, at_most: float | None) -> str:
+    """Return what a number must be: "a finite number >= 0", "a positive number", "a whole number in [0, 9]"."""
+    if above == 0 and at_most is None:
+        return f"a positive {kind}"
+    lower = f"> {above:g}" if above is not None else f">= {at_least:g}" if at_least is not None else ""
+    if at_most is None:
+        return f"a {sort} {kind} {lower}".rstrip()
+    if not lower:
+        return f"a {sort} {kind} <= {at_most:g}"
+    opening, least = ("(", above) if above is not None else ("[", at_least)
+    return f"a {sort} {kind} in {opening}{least:g}, {at_most:.10g}]"
+
+
+def _not_finite(array: NDArray[np.float64]) -> str:
+    if array.size <= _LISTED:
+        return str(array.tolist())
+    first = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
+    return f"{array[first]} at {list(first)}"

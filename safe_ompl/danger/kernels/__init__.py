@@ -1,0 +1,16 @@
+"""Compiled danger fields."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.danger.kernels.kinetostatic_cells import cell_bounds
+
+__all__ = [
+    "cell_bounds",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -1,0 +1,360 @@
+"""The static danger field of one link and of a skeleton at points, and its gradients.
+
+A skeleton has the places (K, 3) of its key points and links (L, 2) between pairs of them; points are columns (3, M), so
+that runs of a coordinate lie side by side. With `by_length` a link weighs in proportion to its length ℓ.
+"""
+
+from __future__ import annotations
+
+from math import inf, nan, sqrt
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray, compiled, part
+
+ZERO = 1e-30  # [m] stands for a length of zero
+_ROUNDING = 8 * float(np.finfo(np.float64).eps)  # relative size of what is as good as zero
+_SERIES = 0.01  # (ℓ/S)² below which κ is summed as a series
+_LN2 = 0.6931471805599453
+
+
+@part
+def dot(u: FloatArray, v: FloatArray) -> float:
+    """Return u·v."""
+    return float(u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+
+
+@part
+def norm(u: FloatArray) -> float:
+    """Return ‖u‖."""
+    return sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+
+
+@part
+def cross_norm(u: FloatArray, v: FloatArray) -> float:
+    """Return ‖u × v‖."""
+    x = u[1] * v[2] - u[2] * v[1]
+    y = u[2] * v[0] - u[0] * v[2]
+    z = u[0] * v[1] - u[1] * v[0]
+    return sqrt(x * x + y * y + z * z)
+
+
+@part
+def half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
+    """Return (S² − ℓ²)/2 = ‖u‖‖v‖ + u·v = ‖u × v‖²/(‖u‖‖v‖ − u·v), without cancellation; zero on the segment."""
+    if min(d1, d2) <= _ROUNDING * max(d1, d2):
+        return 0.0
+    along, product = dot(u, v), d1 * d2
+    if not along < 0:
+        return product + along
+    area = cross_norm(u, v)
+    if area <= _ROUNDING * product:
+        return 0.0
+    return area * area / (product - along)
+
+
+@part
+def log1p_each(x: FloatArray, mantissa: FloatArray, bits: IntArray, power: FloatArray, number: int) -> None:
+    """Replace so many of `x: (N,)`, 0 ≤ x < ∞, by log(1 + x), in loops that processors run by lanes.
+
+    With 1 + x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, and s = f/(2 + f) it is k log 2 + 2 atanh s, for which a polynomial in s²
+    is good to the last digits (fdlibm's `e_log.c`). f is x itself where k = 0: small x lose nothing.
+
+    The rest is room (N,) for 1 + f and k; `bits` is the same memory as `mantissa`.
+    """
+    for j in range(number):
+        mantissa[j] = 1.0 + x[j]
+    for j in range(number):
+        k = (bits[j] - 0x3FE6A09E00000000) >> 52
+        bits[j] -= k << 52
+        power[j] = float(k)
+    for j in range(number):
+        f = x[j] if power[j] == 0.0 else mantissa[j] - 1.0
+        s = f / (2.0 + f)
+        z = s * s
+        series = 1.531383769920937332e-01 + z * 1.479819860511658591e-01
+        series = 2.222219843214978396e-01 + z * (1.818357216161805012e-01 + z * series)
+        series = 3.999999999940941908e-01 + z * (2.857142874366239149e-01 + z * series)
+        series = z * (6.666666666666735130e-01 + z * series)
+        x[j] = power[j] * _LN2 + s * (2.0 + series)
+
+
+@part
+def slopes(length: float, S: float, half: float) -> tuple[float, float, float]:
+    """Return φ = θ/ℓ, c = 2/(S² − ℓ²) and κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)²."""
+    if half <= 0.0:
+        return inf, inf, inf
+    c = 1.0 / half
+    phi = np.log1p(length * (S + length) * c) / length
+    y = (length / S) ** 2
+    if y > _SERIES:
+        return phi, c, (c * S - phi) / (length * length)
+    total, power = 0.0, 1.0
+    for k in range(1, 10):
+        total += 2.0 * k / (2 * k + 1) * power
+        power *= y
+    return phi, c, 2.0 * total / (S * S * S)
+
+
+_LANES = 16  # numbers that a processor works on at once, times what the compiler unrolls
+_BLOCK = 128  # points at once: what is known of them stays in the nearest cache
+_NEAR = 1e3  # 2ℓ/(S − ℓ) above which the difference has lost too many digits
+
+
+@part
+def potentials(
+    places: FloatArray,
+    links: IntArray,
+    points: FloatArray,
+    begin: int,
+    end: int,
+    by_length: bool,
+    levels: FloatArray,
+) -> None:
+    """Write the field at points[:, begin:end]: of each link into `levels: (L, ·)`, eq. (7), or their sum, eq. (5).
+
+    The sum is written where there is room for one row only. There may be room for more points than there are.
+    """
+    block, distances = np.empty((3, _BLOCK)), np.empty((len(places), _BLOCK))
+    theta, mantissa, power = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    bits = mantissa.view(np.int64)
+    for row in range(len(levels)):
+        for j in range(end - begin):
+            levels[row, j] = 0.0
+    for first in range(begin, end, _BLOCK):
+        number = min(_BLOCK, end - first)
+        lanes = _rays(places, points, first, number, block, distances)
+        for link in range(len(links)):
+            a, b = links[link, 0], links[link, 1]
+            length = _link_length(places, a, b)
+            _angles(places, a, b, length, block, distances, lanes, theta, mantissa, bits, power)
+            scale = 1.0 if by_length else 1.0 / length
+            row = link if len(levels) > 1 else 0
+            for j in range(number):
+                levels[row, first - begin + j] += scale * theta[j]
+
+
+@part
+def _rays(
+    places: FloatArray, points: FloatArray, begin: int, number: int, block: FloatArray, distances: FloatArray
+) -> int:
+    """Copy a block of points, and write their distances (K, ·) from all key points.
+
+    The last point is repeated up to a whole number of lanes, which is returned: loops over what is left after these
+    would take as long as many lanes together.
+    """
+    lanes = min(_BLOCK, (number + _LANES - 1) // _LANES * _LANES)
+    for x in range(3):
+        for j in range(number):
+            block[x, j] = points[x, begin + j]
+        for j in range(number, lanes):
+            block[x, j] = block[x, number - 1]
+    for k in range(len(places)):
+        x0, y0, z0 = places[k, 0], places[k, 1], places[k, 2]
+        for j in range(lanes):
+            dx, dy, dz = block[0, j] - x0, block[1, j] - y0, block[2, j] - z0
+            distances[k, j] = sqrt(dx * dx + dy * dy + dz * dz)
+    return lanes
+
+
+@part
+def _angles(
+    places: FloatArray,
+    start: int,
+    end: int,
+    length: float,
+    points: FloatArray,
+    distances: FloatArray,
+    number: int,
+    theta: FloatArray,
+    mantissa: FloatArray,
+    bits: IntArray,
+    power: FloatArray,
+) -> None:
+    """Write θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points; the last three are room for the logarithm."""
+    near = 0
+    for j in range(number):
+        ratio = 2.0 * length / (distances[start, j] + distances[end, j] - length)
+        theta[j] = ratio
+        near += 0 if 0.0 <= ratio <= _NEAR else 1
+    if near:
+        _restore_digits(places, start, end, length, points, distances, number, theta)
+    log1p_each(theta, mantissa, bits, power, number)
+    if near:
+        _mark_contacts(start, end, distances, number, theta)
+
+
+@part
+def _restore_digits(
+    places: FloatArray,
+    start: int,
+    end: int,
+    length: float,
+    points: FloatArray,
+    distances: FloatArray,
+    number: int,
+    ratios: FloatArray,
+) -> None:
+    """Replace what cancels in 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
+    u, v = np.empty(3), np.empty(3)
+    for j in range(number):
+        if not 0.0 <= ratios[j] <= _NEAR:
+            d1, d2 = distances[start, j], distances[end, j]
+            for x in range(3):
+                u[x], v[x] = points[x, j] - places[start, x], points[x, j] - places[end, x]
+            half = half_gap(u, v, d1, d2)
+            ratios[j] = length * (d1 + d2 + length) / half if half > 0.0 else 0.0
+
+
+@part
+def _mark_contacts(start: int, end: int, distances: FloatArray, number: int, theta: FloatArray) -> None:
+    """Let θ be infinite on the segment, and what is not a number stay none."""
+    for j in range(number):
+        S = distances[start, j] + distances[end, j]
+        if not S >= 0.0:
+            theta[j] = nan
+        elif theta[j] == 0.0 and inf > S:
+            theta[j] = inf
+
+
+@part
+def _link_length(places: FloatArray, start: int, end: int) -> float:
+    """Return ℓ > 0."""
+    x, y, z = (
+        places[end, 0] - places[start, 0],
+        places[end, 1] - places[start, 1],
+        places[end, 2] - places[start, 2],
+    )
+    return max(sqrt(x * x + y * y + z * z), ZERO)
+
+
+# ------------------------------------------------------------------------------------------------- gradients
+
+
+@part
+def add_pull(
+    places: FloatArray,
+    links: IntArray,
+    points: FloatArray,
+    m: int,
+    weight: float,
+    by_length: bool,
+    forces: FloatArray,
+) -> None:
+    """Add the gradient of weight·CDF(p_m) by the key points to `forces: (K, 3)`; nothing where p_m is on a segment.
+
+    ∂φ/∂a = c e₁ − κ (b − a),  ∂φ/∂b = c e₂ + κ (b − a); by arc length ℓ times that, and ∓φ (b − a)/ℓ.
+    """
+    L = len(links)
+    room = np.empty((L + 1, 2, 3))
+    pulls, u, v = room[:L], room[L, 0], room[L, 1]
+    for k in range(L):
+        start, end = links[k, 0], links[k, 1]
+        for x in range(3):
+            u[x], v[x] = points[x, m] - places[start, x], points[x, m] - places[end, x]
+        d1, d2, length = norm(u), norm(v), _link_length(places, start, end)
+        half = half_gap(u, v, d1, d2)
+        if half <= 0.0:
+            return
+        phi, c, kappa = slopes(length, d1 + d2, half)
+        scale = weight
+        if by_length:
+            scale *= length
+            kappa += phi / (length * length)
+        for x in range(3):
+            stretch = kappa * (places[end, x] - places[start, x])
+            pulls[k, 0, x] = scale * (c * u[x] / d1 - stretch)
+            pulls[k, 1, x] = scale * (c * v[x] / d2 + stretch)
+    for k in range(L):
+        for x in range(3):
+            forces[links[k, 0], x] += pulls[k, 0, x]
+            forces[links[k, 1], x] += pulls[k, 1, x]
+
+
+@part
+def _space_slope(
+    places: FloatArray, links: IntArray, points: FloatArray, m: int, by_length: bool, out: FloatArray
+) -> None:
+    """Write ∂CDF/∂p = −Σ_l c_l (e₁ + e₂) at p_m (3,); zero on a segment."""
+    u, v = np.empty(3), np.empty(3)
+    out[:] = 0.0
+    for k in range(len(links)):
+        start, end = links[k, 0], links[k, 1]
+        for x in range(3):
+            u[x], v[x] = points[x, m] - places[start, x], points[x, m] - places[end, x]
+        d1, d2 = norm(u), norm(v)
+        half = half_gap(u, v, d1, d2)
+        if half <= 0.0:
+            out[:] = 0.0
+            return
+        scale = _link_length(places, start, end) / half if by_length else 1.0 / half
+        for x in range(3):
+            out[x] -= scale * (u[x] / d1 + v[x] / d2)
+
+
+# -------------------------------------------------------------------------------------------------- batches
+
+
+@compiled
+def fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
+    """Return CDF(p) (B, M) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
+    out = np.empty((len(places), points.shape[2]))
+    for b in range(len(places)):
+        potentials(
+            places[b], links, points[b if len(points) > 1 else 0], 0, out.shape[1], by_length, out[b : b + 1]
+        )
+    return out
+
+
+@compiled
+def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
+    """Return the field of each link (B, L, M) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
+    out = np.empty((len(places), len(links), points.shape[2]))
+    for b in range(len(places)):
+        potentials(places[b], links, points[b if len(points) > 1 else 0], 0, out.shape[2], by_length, out[b])
+    return out
+
+
+@compiled
+def link_distances(places: FloatArray, links: IntArray, points: FloatArray) -> FloatArray:
+    """Return the distance of each point from each link (B, L, M) of skeletons (B, K, 3), points (1 or B, 3, M)."""
+    B, L, M = len(places), len(links), points.shape[2]
+    out, w = np.empty((B, L, M)), np.empty(3)
+    for b in range(B):
+        at = points[b if len(points) > 1 else 0]
+        for k in range(L):
+            a, end = places[b, links[k, 0]], places[b, links[k, 1]]
+            for x in range(3):
+                w[x] = end[x] - a[x]
+            squared = max(dot(w, w), ZERO)
+            for m in range(M):
+                ux, uy, uz = at[0, m] - a[0], at[1, m] - a[1], at[2, m] - a[2]
+                t = min(max((ux * w[0] + uy * w[1] + uz * w[2]) / squared, 0.0), 1.0)
+                ux, uy, uz = ux - t * w[0], uy - t * w[1], uz - t * w[2]
+                out[b, k, m] = sqrt(ux * ux + uy * uy + uz * uz)
+    return out
+
+
+@compiled
+def space_gradients(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
+    """Return ∂CDF/∂p (B, M, 3) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
+    out = np.empty((len(places), points.shape[2], 3))
+    for b in range(len(places)):
+        for m in range(points.shape[2]):
+            at = points[b if len(points) > 1 else 0]
+            _space_slope(places[b], links, at, m, by_length, out[b, m])
+    return out
+
+
+@compiled
+def pulls(
+    places: FloatArray, links: IntArray, points: FloatArray, weights: FloatArray, by_length: bool
+) -> FloatArray:
+    """Return the gradients (B, K, 3) of Σ_m w_m CDF(p_m) by the key points; points (1 or B, 3, M), weights (B, M)."""
+    out = np.zeros(places.shape)
+    for b in range(len(places)):
+        for m in range(points.shape[2]):
+            if weights[b, m] != 0.0:
+                at = points[b if len(points) > 1 else 0]
+                add_pull(places[b], links, at, m, weights[b, m], by_length, out[b])
+    return out

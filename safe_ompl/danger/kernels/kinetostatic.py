@@ -1,0 +1,253 @@
+"""The kinetostatic danger field of one moving link segment, in closed form (`docs/mathematics.md` §8).
+
+The link a → b has the end velocities v_a, v_b; its point t ∈ [0, 1] the velocity v(t) = v_a + tD, D = v_b − v_a, and
+ρ = p − a − tw is the ray to the field point p, w = b − a, ℓ = ‖w‖. Three integrals over the link make the field:
+
+    φ = ∫ dt/‖ρ‖,    φ̇ = ∫ ρ·v/‖ρ‖³ dt = ∂φ/∂a·v_a + ∂φ/∂b·v_b,    I = ∫ ‖v‖/‖ρ‖² dt.
+
+For I let ‖ρ‖² = ℓ²((t−s)² + h²) and ‖v‖² = c₀ + 2c₁t + c₂t² = c₂X², X² = (t−σ)² + g². With z = s + ih, m = σ − z,
+E² = m² + g² = (m + ig)(m − ig), and t − σ = (u − 1/u)g/2
+
+    A = ∫ dt/X = [log u]₀¹,    J = ∫ dt/(X(t−z)) = L/E,    L = [log(u − u₊) − log(u − u₋)]₀¹,    u± = (−m ± E)/g,
+    I = (√c₂/ℓ²)(A + Im(E²J)/h).
+
+u is real and u± is not, so that no logarithm crosses its branch cut; u₊u₋ = −1 gives the smaller root without
+cancellation. h, g and c₂ have floors so small that they change the integrals by less than 1e-8 of themselves: beyond
+the ends of a link's line, for a link that turns about a point of its own line, and for one that hardly turns.
+"""
+
+from __future__ import annotations
+
+from math import atan2, hypot, inf, log, log1p, sqrt
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.danger.kernels.field import cross_norm, dot, half_gap
+
+_ZERO = 1e-30  # [m] stands for a length of zero
+_BESIDE = 3e-5  # floor of h, in distances from the segment
+_TURNING = 1e-10  # floor of c₂, in squared speeds
+_SHARP = 1e-9  # floor of g
+_SERIES = 0.01  # (ℓ/S)² below which κ is summed as a series
+
+
+@part
+def _stretch(S: float, length: float, c: float, phi: float) -> tuple[float, float, float]:
+    """κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)², and ∂κ/∂S, ∂κ/∂ℓ."""
+    y = (length / S) ** 2
+    if y > _SERIES:
+        squared = length * length
+        kappa = (c * S - phi) / squared
+        # φ = (2/ℓ) atanh(ℓ/S): ∂φ/∂S = −c and ∂φ/∂ℓ = (cS − φ)/ℓ; ∂c/∂S = −c²S, ∂c/∂ℓ = c²ℓ
+        by_S = (c - c * c * S * S + c) / squared
+        by_length = (c * c * length * S - kappa * length) / squared - 2 * kappa / length
+        return kappa, by_S, by_length
+    total, slope, power = 0.0, 0.0, 1.0
+    for k in range(1, 10):
+        factor = 2.0 * k / (2 * k + 1)
+        total += factor * power
+        if k > 1:
+            slope += factor * (k - 1) * power / y if y > 0 else (factor if k == 2 else 0.0)
+        power *= y
+    cubed = 2 / (S * S * S)
+    return cubed * total, -cubed * (3 * total + 2 * y * slope) / S, cubed * slope * 2 * length / (S * S)
+
+
+@part
+def _isotropic(
+    u: FloatArray, w: FloatArray, va: FloatArray, D: FloatArray
+) -> tuple[float, float, float, float, float, float, float, float, float, float, float]:
+    """I, the moments M_k = ∫ t^k/(X·((t−s)²+h²)) dt for k = 0, 1, 2, and s, h, c₀, c₁, c₂, X(0), X(1)."""
+    squared = max(dot(w, w), _ZERO)
+    s = dot(u, w) / squared
+    h = cross_norm(u, w) / squared
+    beyond = max(-s, s - 1.0, 0.0)
+    h = max(h, _BESIDE * hypot(beyond, h), _ZERO)
+    c0, c1 = dot(va, va), dot(va, D)
+    turning = dot(D, D)
+    c2 = max(turning, _TURNING * c0)
+    if c2 <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, s, h, 0.0, 0.0, 0.0, 0.0, 0.0
+    sigma = -c1 / c2
+    area = cross_norm(va, D)
+    g = max(sqrt(area * area + c0 * (c2 - turning)) / c2, _SHARP)
+    x0, x1 = -sigma / g, (1.0 - sigma) / g
+    r0, r1 = sqrt(x0 * x0 + 1), sqrt(x1 * x1 + 1)
+    u0 = x0 + r0 if x0 > 0 else 1 / (r0 - x0)
+    u1 = x1 + r1 if x1 > 0 else 1 / (r1 - x1)
+    A = log(u1 / u0)
+    z = complex(s, h)
+    m = sigma - z
+    E = np.sqrt(m + 1j * g) * np.sqrt(m - 1j * g)
+    if (-m * E.conjugate()).real < 0:
+        E = -E
+    large = (E - m) / g
+    small = -1 / large
+    L = complex(
+        0.5 * log(_square(u1 - large) / _square(u0 - large) * (_square(u0 - small) / _square(u1 - small))),
+        _turn(u1 - large, u0 - large) - _turn(u1 - small, u0 - small),
+    )
+    J = L / E if E != 0 else 0j
+    ratio = sqrt(c2) / squared
+    value = ratio * (A + (E * L).imag / h)
+    M0, M1 = J.imag / h, (z * J).imag / h
+    M2 = A + 2 * s * M1 - (s * s + h * h) * M0
+    return value, M0, M1, M2, s, h, c0, c1, c2, g * r0, g * r1
+
+
+@part
+def _square(z: complex) -> float:
+    return z.real * z.real + z.imag * z.imag
+
+
+@part
+def _turn(z: complex, w: complex) -> float:
+    """Return the angle from w to z."""
+    return atan2(z.imag * w.real - z.real * w.imag, z.real * w.real + z.imag * w.imag)
+
+
+@compiled
+def link_parts(
+    u: FloatArray,
+    v: FloatArray,
+    w: FloatArray,
+    va: FloatArray,
+    vb: FloatArray,
+    D: FloatArray,
+    isotropic: bool,
+) -> tuple[float, float, float]:
+    """Return φ, φ̇ and I (0 unless wanted) of one link, u = p − a and v = p − b; +inf on the link."""
+    d1, d2 = sqrt(dot(u, u)), sqrt(dot(v, v))
+    half = half_gap(u, v, d1, d2)
+    if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
+        return inf, inf, inf
+    length = max(sqrt(dot(w, w)), _ZERO)
+    S, c = d1 + d2, 1 / half
+    phi = log1p(length * (S + length) * c) / length
+    kappa = _stretch(S, length, c, phi)[0]
+    rate = c * (dot(u, va) / d1 + dot(v, vb) / d2) + kappa * dot(w, D)
+    return phi, rate, _isotropic(u, w, va, D)[0] if isotropic else 0.0
+
+
+@compiled
+def link_terms(
+    keypoints: FloatArray,
+    velocities: FloatArray,
+    start: IntArray,
+    end: IntArray,
+    points: FloatArray,
+    by_length: bool,
+    isotropic: bool,
+) -> FloatArray:
+    """Return φ, φ̇ and I summed over the links, (3, B, M); points (1 or B, M, 3)."""
+    B, M = len(keypoints), points.shape[1]
+    out = np.zeros((3, B, M))
+    w, D, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for b in range(B):
+        fields = points[b if len(points) > 1 else 0]
+        for k in range(len(start)):
+            i, j = start[k], end[k]
+            va, vb = velocities[b, i], velocities[b, j]
+            for x in range(3):
+                w[x] = keypoints[b, j, x] - keypoints[b, i, x]
+                D[x] = vb[x] - va[x]
+            scale = max(sqrt(dot(w, w)), _ZERO) if by_length else 1.0
+            for p in range(M):
+                for x in range(3):
+                    u[x] = fields[p, x] - keypoints[b, i, x]
+                    v[x] = fields[p, x] - keypoints[b, j, x]
+                phi, rate, iso = link_parts(u, v, w, va, vb, D, isotropic)
+                out[0, b, p] += scale * phi
+                out[1, b, p] += scale * rate
+                if isotropic:
+                    out[2, b, p] += scale * iso
+    return out
+
+
+@compiled
+def pulls(
+    keypoints: FloatArray,
+    velocities: FloatArray,
+    start: IntArray,
+    end: IntArray,
+    points: FloatArray,
+    weights: FloatArray,
+    ahead: float,
+    spread: float,
+    by_length: bool,
+) -> FloatArray:
+    """Return the gradients of Σ_m w_m (φ + ahead·φ̇ + spread·I) by key points and by their velocities."""
+    B, M = weights.shape
+    out = np.zeros((2, B, keypoints.shape[1], 3))
+    w, D, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for b in range(B):
+        fields = points[b if len(points) > 1 else 0]
+        for k in range(len(start)):
+            i, j = start[k], end[k]
+            va, vb = velocities[b, i], velocities[b, j]
+            for x in range(3):
+                w[x] = keypoints[b, j, x] - keypoints[b, i, x]
+                D[x] = vb[x] - va[x]
+            length = max(sqrt(dot(w, w)), _ZERO)
+            scale = length if by_length else 1.0
+            for p in range(M):
+                for x in range(3):
+                    u[x] = fields[p, x] - keypoints[b, i, x]
+                    v[x] = fields[p, x] - keypoints[b, j, x]
+                d1, d2 = sqrt(dot(u, u)), sqrt(dot(v, v))
+                half = half_gap(u, v, d1, d2)
+                if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
+                    continue
+                weight = scale * weights[b, p]
+                S, c = d1 + d2, 1 / half
+                phi = log1p(length * (S + length) * c) / length
+                kappa, kappa_S, kappa_length = _stretch(S, length, c, phi)
+                # φ̇ and, as the Hessian is symmetric, its gradient: how ∂φ/∂a, ∂φ/∂b change while the ends move
+                speed1, speed2 = -dot(u, va) / d1, -dot(v, vb) / d2
+                growth = dot(w, D) / length
+                c_rate = -c * c * (S * (speed1 + speed2) - length * growth)
+                kappa_rate = kappa_S * (speed1 + speed2) + kappa_length * growth
+                rate = -c * (speed1 + speed2) + kappa * length * growth
+                iso = 0.0
+                if spread != 0.0:
+                    iso, M0, M1, M2, s, h, _, c1, c2, X0, X1 = _isotropic(u, w, va, D)
+                    root, squared = sqrt(c2), length * length
+                    if c2 > 0.0:
+                        # f = ‖v‖, f' = (c₁ + c₂t)/f; P_k = ∫ 2f (t−s)^k/((t−s)²+h²)² dt
+                        at0, at1 = root * X0 / (s * s + h * h), root * X1 / ((1 - s) * (1 - s) + h * h)
+                        G = iso * squared
+                        drift = (c1 * M0 + c2 * M1) / root
+                        P1 = at0 - at1 + drift
+                        swing = (c1 * M1 + c2 * M2) / root - s * drift
+                        P0 = (at1 * (1 - s) + at0 * s + G - swing) / (h * h)
+                        P2 = 2 * G - h * h * P0
+                        for x in range(3):
+                            n = u[x] - s * w[x]
+                            far = (n * (s * P0 + P1) - w[x] * (s * P1 + P2)) / (squared * squared)
+                            near = (n * P0 - w[x] * P1) / (squared * squared) - far
+                            by_c1 = M1 / root / squared
+                            push = (M0 / root * va[x]) / squared + by_c1 * D[x]
+                            swirl = by_c1 * va[x] + (M2 / root * D[x]) / squared
+                            out[0, b, i, x] += weight * spread * near
+                            out[0, b, j, x] += weight * spread * far
+                            out[1, b, i, x] += weight * spread * (push - swirl)
+                            out[1, b, j, x] += weight * spread * swirl
+                whole = phi + ahead * rate + spread * iso
+                for x in range(3):
+                    e1, e2 = u[x] / d1, v[x] / d2
+                    e1_rate = (-va[x] - e1 * speed1) / d1
+                    e2_rate = (-vb[x] - e2 * speed2) / d2
+                    stretch_rate = kappa_rate * w[x] + kappa * D[x]
+                    at_a, at_b = c * e1 - kappa * w[x], c * e2 + kappa * w[x]
+                    a_rate = c_rate * e1 + c * e1_rate - stretch_rate
+                    b_rate = c_rate * e2 + c * e2_rate + stretch_rate
+                    out[0, b, i, x] += weight * (at_a + ahead * a_rate)
+                    out[0, b, j, x] += weight * (at_b + ahead * b_rate)
+                    out[1, b, i, x] += weight * ahead * at_a
+                    out[1, b, j, x] += weight * ahead * at_b
+                    if by_length:
+                        grown = weights[b, p] * whole * w[x] / length
+                        out[0, b, i, x] -= grown
+                        out[0, b, j, x] += grown
+    return out

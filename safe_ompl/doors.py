@@ -1,0 +1,53 @@
+"""Doors: packages that list the public names of a room, and import a module only when one of its names is asked for."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from sys import modules
+
+Door = tuple[Callable[[str], object], Callable[[], list[str]]]
+
+
+def lazily(package: str, file: str) -> Door:
+    """Return `__getattr__` and `__dir__` of a package whose names are imported when they are first asked for (PEP 562).
+
+    Where a name comes from is read from the block `if TYPE_CHECKING:` of the package's own source, which type checkers
+    and readers see, so that there is no second list of modules. A name that is a module of the package stays a module.
+
+    Parameters
+    ----------
+    package : str
+        The package's `__name__`.
+    file : str
+        The package's `__file__`.
+    """
+    sources = _sources(Path(file).read_text(encoding="utf-8"))
+    return partial(_import, package, sources), partial(_names, package, sources)
+
+
+def _sources(text: str) -> dict[str, str]:
+    """Return the module of each name that is imported in the blocks `if TYPE_CHECKING:` of a source text."""
+    blocks = (node for node in ast.parse(text).body if isinstance(node, ast.If))
+    imports = (node for block in blocks for node in block.body if isinstance(node, ast.ImportFrom))
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+
+def _import(package: str, sources: dict[str, str], name: str) -> object:
+    """Import `name` of a package, and keep it there."""
+    if name not in sources:
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+    source, inner = sources[name], f"{package}.{name}"
+    found: object = (
+        import_module(inner) if source in (package, inner) else getattr(import_module(source), name)
+    )
+    setattr(modules[package], name, found)
+    return found
+
+
+def _names(package: str, sources: dict[str, str]) -> list[str]:
+    """Return the names of a package, those not yet imported too."""
+    return sorted({*vars(modules[package]), *sources})

@@ -1,0 +1,42 @@
+"""Geometry: poses, shapes, point clouds, hulls, and bounds of convex distances."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.geometry import surfaces
+    from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Part, Shape, Sphere
+    from safe_ompl.geometry.cloud import PointCloud
+    from safe_ompl.geometry.hulls import convex_hull
+    from safe_ompl.geometry.mesh import Mesh
+    from safe_ompl.geometry.obstacle import Obstacle, check_number
+    from safe_ompl.geometry.person import LIMBS, STANDING, Limb, Person
+    from safe_ompl.geometry.pose import Pose, placed
+    from safe_ompl.geometry.surfaces import Triangles
+
+__all__ = [
+    "LIMBS",
+    "STANDING",
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "Limb",
+    "Mesh",
+    "Obstacle",
+    "Part",
+    "Person",
+    "PointCloud",
+    "Pose",
+    "Shape",
+    "Sphere",
+    "Triangles",
+    "check_number",
+    "convex_hull",
+    "placed",
+    "surfaces",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

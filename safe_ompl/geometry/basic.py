@@ -1,0 +1,264 @@
+"""Shapes of obstacles: what they are for collision, for danger, and for pictures.
+
+Lengths are in metres. A shape is described in a frame of its own; the obstacle places it in the world.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, dataclass, fields
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import FloatArray, InputError, shown
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import surfaces
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.geometry.surfaces import Triangles
+
+LONGEST = 1e4  # [m] of a size: what is larger is a slip of unit
+
+
+class Part(NamedTuple):
+    """One piece of a shape: a convex solid, or a triangle mesh.
+
+    Attributes
+    ----------
+    name : str
+        Name within the shape; empty if the shape has one part only.
+    geometry : coal.CollisionGeometry
+        The piece.
+    placement : pin.SE3
+        Where it is in the frame of the shape.
+    """
+
+    name: str
+    geometry: coal.CollisionGeometry
+    placement: pin.SE3
+
+
+@dataclass(frozen=True)
+class Shape(ABC):
+    """What all shapes can do; the fields of a shape are its keys in YAML."""
+
+    kind: ClassVar[str]
+    default_weight: ClassVar[float] = 0.0  # danger weight of an obstacle that gives none
+
+    @abstractmethod
+    def parts(self) -> list[Part]:
+        """Return the collision geometry; at least one part, solid unless the class says otherwise."""
+
+    @abstractmethod
+    def danger_points(self, spacing: float) -> FloatArray:
+        """Return points on the surface, shape (M, 3); all of the surface is within `spacing` of them [m]."""
+
+    def kept_danger_points(self, spacing: float) -> FloatArray:
+        """Return `danger_points`, read-only; asked for the same spacing again, the same ones."""
+        known: tuple[float, FloatArray] | None = vars(self).get("_points")
+        if known is None or known[0] != spacing:
+            known = spacing, self.danger_points(spacing)
+            known[1].setflags(write=False)
+            self._set("_points", known)
+        return known[1]
+
+    @abstractmethod
+    def most_danger_points(self, spacing: float) -> float:
+        """Return how many `danger_points` there are at most, without making them."""
+
+    @abstractmethod
+    def triangles(self, resolution: int) -> Triangles:
+        """Return the surface for drawing, with `resolution` corners on every circle."""
+
+    def measured_anew(self, measured: Any, pose: Pose) -> Shape:
+        """Return the same shape as it was measured later, such as a person with other key points.
+
+        Parameters
+        ----------
+        measured : object
+            What the shape is known by, in the world frame.
+        pose : Pose
+            Where the frame of the shape is.
+
+        Raises
+        ------
+        InputError
+            If a shape of this kind never changes, or the measurement cannot be used.
+        """
+        raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(measured)}", "pose")
+
+    def same_body(self, other: Shape) -> bool:
+        """Return whether another shape is this one, or this one as it was measured at another time."""
+        return self == other
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path, pose: Pose) -> Shape:
+        """Build the shape from its keys in a document; its files are relative to `folder`.
+
+        Raises
+        ------
+        InputError
+            If a key is unknown or missing, or its value cannot be used; the message starts with the key.
+        """
+        document.check_keys(data, [field.name for field in fields(cls)])
+        for field in fields(cls):
+            if _default(field) is MISSING:
+                document.require(data, field.name)
+        if isinstance(data.get("file"), str):
+            data = {**data, "file": folder / data["file"]}
+        return cls(**data)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the fields that differ from their defaults."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {
+            field.name: values[field.name] for field in fields(self) if values[field.name] != _default(field)
+        }
+
+    def canonical(self) -> dict[str, Any]:
+        """Return what decides how the shape collides and looks, free of file names."""
+        return self.to_mapping()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave behind what is kept and can be made again, such as coal's trees, which do not pickle."""
+        return {key: value for key, value in vars(self).items() if not key.startswith("_")}
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+
+def _default(field: Field[Any]) -> Any:
+    return field.default if field.default_factory is MISSING else field.default_factory()
+
+
+@dataclass(frozen=True)
+class Box(Shape):
+    """A box, centred at its origin.
+
+    Parameters
+    ----------
+    size : sequence of 3 float
+        Edge lengths along x, y and z [m].
+    """
+
+    kind: ClassVar[str] = "box"
+    size: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        self._set("size", document.numbers("size", self.size, 3, above=0.0, at_most=LONGEST))
+
+    def parts(self) -> list[Part]:
+        return [Part("", coal.Box(*self.size), pin.SE3.Identity())]
+
+    def most_danger_points(self, spacing: float) -> float:
+        x, y, z = (size / spacing + 2 for size in self.size)
+        return 2 * (x * y + y * z + x * z)
+
+    def danger_points(self, spacing: float) -> FloatArray:
+        return surfaces.box_points(np.array(self.size), spacing)
+
+    def triangles(self, resolution: int) -> Triangles:
+        return surfaces.box_triangles(np.array(self.size))
+
+
+@dataclass(frozen=True)
+class _Revolved(Shape):
+    """A solid of revolution about its z axis, centred at its origin."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        self._set("radius", document.number("radius", self.radius, above=0.0, at_most=LONGEST))
+
+    @abstractmethod
+    def profile(self, arc_step: float, line_step: float) -> FloatArray:
+        """Return the rings of the surface: distance from the axis and height, shape (K, 2) [m]."""
+
+    def most_danger_points(self, spacing: float) -> float:
+        along = np.pi * self.radius + getattr(
+            self, "length", 0.0
+        )  # from pole to pole; a cylinder's is 2·radius
+        return (along / spacing + 4) * (2 * np.pi * self.radius / spacing + 1)
+
+    def danger_points(self, spacing: float) -> FloatArray:
+        return surfaces.revolved_points(self.profile(spacing, spacing), spacing)
+
+    def triangles(self, resolution: int) -> Triangles:
+        arc_step = 2 * np.pi * self.radius / resolution
+        return surfaces.revolved_triangles(self.profile(arc_step, np.inf), resolution)
+
+
+@dataclass(frozen=True)
+class Sphere(_Revolved):
+    """A sphere about its origin.
+
+    Parameters
+    ----------
+    radius : float
+        Radius [m].
+    """
+
+    kind: ClassVar[str] = "sphere"
+
+    def parts(self) -> list[Part]:
+        return [Part("", coal.Sphere(self.radius), pin.SE3.Identity())]
+
+    def profile(self, arc_step: float, line_step: float) -> FloatArray:
+        return surfaces.sphere_profile(self.radius, arc_step)
+
+
+@dataclass(frozen=True)
+class _Long(_Revolved):
+    """A solid of revolution with a length."""
+
+    length: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set("length", document.number("length", self.length, above=0.0, at_most=LONGEST))
+
+
+@dataclass(frozen=True)
+class Cylinder(_Long):
+    """A cylinder along z, centred at its origin.
+
+    Parameters
+    ----------
+    radius : float
+        Radius [m].
+    length : float
+        Length from one flat end to the other [m].
+    """
+
+    kind: ClassVar[str] = "cylinder"
+
+    def parts(self) -> list[Part]:
+        return [Part("", coal.Cylinder(self.radius, self.length), pin.SE3.Identity())]
+
+    def profile(self, arc_step: float, line_step: float) -> FloatArray:
+        return surfaces.cylinder_profile(self.radius, self.length, line_step)
+
+
+@dataclass(frozen=True)
+class Capsule(_Long):
+    """A capsule along z, centred at its origin: a cylinder with a half ball on each end.
+
+    Parameters
+    ----------
+    radius : float
+        Radius [m].
+    length : float
+        Length of the cylinder alone, that is, between the centres of the half balls [m].
+    """
+
+    kind: ClassVar[str] = "capsule"
+
+    def parts(self) -> list[Part]:
+        return [Part("", coal.Capsule(self.radius, self.length), pin.SE3.Identity())]
+
+    def profile(self, arc_step: float, line_step: float) -> FloatArray:
+        return surfaces.capsule_profile(self.radius, self.length, arc_step, line_step)

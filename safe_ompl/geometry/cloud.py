@@ -1,0 +1,263 @@
+"""Obstacles measured as points."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sized
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import FloatArray, InputError, float_array, shown, warn_once
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import surfaces
+from safe_ompl.geometry.basic import LONGEST, Part, Shape
+from safe_ompl.geometry.cells import cell_tree, occupied, one_per_cell, touched_cells
+from safe_ompl.geometry.mesh import array_digest, triangle_tree
+from safe_ompl.geometry.point_files import POINT_FILES, message_points, read_points
+from safe_ompl.geometry.pose import Pose, placed
+from safe_ompl.geometry.surfaces import Triangles
+
+_log = logging.getLogger(__name__)
+
+_MOST_BALLS = 32  # a larger cloud collides as one solid instead of one ball per point
+_LEAST_RADIUS = 1e-4  # [m]
+_UNLIKELY = 50.0  # [m] from the origin for half of the points
+_FINEST = 0.125  # of the radius: cells below it would be many, and hardly tighter
+_FEW_CELLS, _MANY_CELLS = (
+    5_000,
+    60_000,
+)  # cells with points in them: for half a radius, and for all coarser ones
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud(Shape):
+    """Points, each of which stands for a ball.
+
+    Points that are NaN or infinite, as cameras send them where they see nothing, are left out; the log says how many.
+
+    Parameters
+    ----------
+    radius : float
+        Radius of the ball about each point, from 0.0001 [m].
+    file : path-like, optional
+        A PLY file (ASCII or binary), an NPY file with an array of shape (N, 3), or a PCD file (ascii, binary or
+        binary_compressed).
+    points : array_like, shape (N, 3), optional
+        The points [m], instead of a file. Kept as a read-only array.
+    resolution : float or "off", optional
+        Edge of the cells that cover the balls [m], an eighth of the radius at least. Default: half the radius;
+        doubled as often as is needed to keep few cells, which is logged where it goes beyond the radius. "off": no
+        cells but an icosahedron about each ball, hollow and slow.
+
+    Raises
+    ------
+    InputError
+        If there is no finite point, a point is farther than 10 000 m away, or a value cannot be used.
+
+    Notes
+    -----
+    Up to 32 points collide as balls, exactly. A larger cloud collides as the solid of all cells of a grid that a ball
+    touches (a `coal.OcTree`). The cells contain the balls, so that nothing is missed, neither in a collision query
+    (with margin or without) nor in a distance query; every point of a cell is within √3·`resolution` of a ball, so that
+    distances come out smaller than they are by that much at most.
+
+    With "off" it is one bounding volume tree over an icosahedron about each ball. Distances come out at most 0.26 radii
+    too small; but its triangles are hollow: a link wholly inside *one* icosahedron would not be seen.
+
+    The danger points are points of the cloud, thinned to the spacing.
+    """
+
+    kind: ClassVar[str] = "pointcloud"
+    radius: float
+    file: Path | None = None
+    points: ArrayLike | None = None
+    resolution: float | str | None = None
+
+    def __post_init__(self) -> None:
+        self._set("radius", document.number("radius", self.radius, at_least=_LEAST_RADIUS, at_most=LONGEST))
+        if (self.points is None) == (self.file is None):
+            raise InputError("give either points or file, one of the two", "points")
+        if self.file is not None:
+            self._set("file", document.file("file", self.file, POINT_FILES))
+        self._set("points", None if self.points is None else _finite(_array(self.points), "points"))
+        self.centres  # noqa: B018 (reads and checks the file now, so that it is needed no more)
+        self._set("resolution", self._checked_resolution())
+
+    @classmethod
+    def from_message(
+        cls, message: Any, radius: float, *, resolution: float | str | None = None
+    ) -> PointCloud:
+        """Return the cloud of a ROS `sensor_msgs/PointCloud2` message, or of a mapping with its keys.
+
+        Points are in the frame of the message: the obstacle's pose is where that frame is in the world. ROS is not
+        needed; see `safe_ompl.geometry.point_files.message_points`.
+
+        Raises
+        ------
+        InputError
+            If the message has no x, y and z, its sizes contradict each other, or no point is finite.
+        """
+        return cls(radius, points=message_points(message), resolution=resolution)
+
+    @cached_property
+    def centres(self) -> FloatArray:
+        """The points that are finite, shape (N, 3) [m]; read-only."""
+        return np.asarray(self.points) if self.file is None else _finite(read_points(self.file), "file")
+
+    def _checked_resolution(self) -> float | str | None:
+        if self.resolution is None:
+            return None
+        if isinstance(self.resolution, str):
+            if self.resolution != "off":
+                raise InputError(f"must be a length [m] or 'off', got {shown(self.resolution)}", "resolution")
+            return "off"
+        least = _FINEST * self.radius
+        return document.number("resolution", self.resolution, at_least=least, at_most=LONGEST)
+
+    def __repr__(self) -> str:
+        source = f"points=<{len(self.centres)} points>" if self.file is None else f"file={str(self.file)!r}"
+        resolution = "" if self.resolution is None else f", resolution={self.resolution!r}"
+        return f"PointCloud(radius={self.radius:g}, {source}{resolution})"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, PointCloud):
+            return NotImplemented
+        mine, its = ((c.radius, c.file, c.resolution) for c in (self, other))
+        return mine == its and np.array_equal(self.centres, other.centres)
+
+    def __hash__(self) -> int:
+        return hash((self.radius, self.file, self.resolution, self.centres.tobytes()))
+
+    def measured_anew(self, measured: Any, pose: Pose) -> PointCloud:
+        """Return the cloud of other points (N, 3) [m], given in the world frame."""
+        points = _finite(_array(measured), "points")
+        own = placed(pose.se3.inverse(), points) if pose != Pose() else points
+        return PointCloud(self.radius, points=own, resolution=self.resolution)
+
+    def same_body(self, other: Shape) -> bool:
+        """Return whether another cloud is this one, or has other points with the same radius and resolution."""
+        sizes = self.radius, self.resolution
+        return isinstance(other, PointCloud) and (other.radius, other.resolution) == sizes
+
+    def parts(self) -> list[Part]:
+        count = len(self.centres)
+        if count > _MOST_BALLS:
+            return [self._solid]
+        return [
+            Part(str(k) if count > 1 else "", coal.Sphere(self.radius), pin.SE3(np.eye(3), centre))
+            for k, centre in enumerate(self.centres)
+        ]
+
+    @cached_property
+    def _solid(self) -> Part:
+        """The balls as one geometry; kept, as building it takes a while."""
+        if self.resolution == "off":
+            return Part("", triangle_tree(*_icosahedra(self.centres, self.radius)), pin.SE3.Identity())
+        edge = self.cell_edge
+        return Part("", *cell_tree(touched_cells(self.centres, self.radius, edge), edge))
+
+    @cached_property
+    def cell_edge(self) -> float:
+        """Edge of the cells that cover a large cloud [m]: `resolution`, or what is right for the number of points."""
+        if isinstance(self.resolution, float):
+            return self.resolution
+        edge = self.radius / 2
+        while occupied(self.centres, edge) > (_FEW_CELLS if edge < self.radius else _MANY_CELLS):
+            edge *= 2
+        if edge > self.radius:
+            _log.info(
+                "cloud of %d points, radius %g m: collides as cells of %g m; give a resolution for others",
+                *(len(self.centres), self.radius, edge),
+            )
+        return edge
+
+    def most_danger_points(self, spacing: float) -> float:
+        return float(len(self.centres))
+
+    def danger_points(self, spacing: float) -> FloatArray:
+        """Return points of the cloud, shape (M, 3), such that all others are within `spacing` of them [m]."""
+        return surfaces.thinned(self.centres, spacing)
+
+    def triangles(self, resolution: int) -> Triangles:
+        """Return icosahedra about the balls, in a large cloud about one for each cell of a radius."""
+        few = len(self.centres) <= _MOST_BALLS
+        return _icosahedra(self.centres if few else one_per_cell(self.centres, self.radius), self.radius)
+
+    def to_mapping(self) -> dict[str, Any]:
+        points = {"points": self.centres.tolist()} if self.file is None else {"file": self.file}
+        resolution = {} if self.resolution is None else {"resolution": self.resolution}
+        return {"radius": self.radius, **points, **resolution}
+
+    def canonical(self) -> dict[str, Any]:
+        resolution = {} if self.resolution is None else {"resolution": self.resolution}
+        return {"radius": self.radius, "points": array_digest(self.centres), **resolution}
+
+
+def _array(points: ArrayLike) -> FloatArray:
+    if isinstance(points, Sized) and not len(points):
+        raise InputError("the point cloud is empty", "points")
+    return float_array(points, (None, 3), "points:")
+
+
+def _finite(points: FloatArray, key: str) -> FloatArray:
+    """Return the points that are finite, read-only; log how many are not."""
+    finite = np.isfinite(points).all(axis=1)
+    dropped = len(points) - int(finite.sum())
+    if dropped == len(points):
+        raise InputError(
+            f"the point cloud is empty: none of {len(points)} points is finite"
+            if dropped
+            else "the point cloud is empty",
+            key,
+        )
+    if dropped:
+        _log.info("%s: %d of %d points are NaN or infinite, and left out", key, dropped, len(points))
+    kept = points[finite]
+    far = np.abs(kept).max(axis=1)
+    if far.max() > LONGEST:
+        worst = int(far.argmax())
+        raise InputError(
+            f"point {kept[worst].tolist()} is farther than {LONGEST:g} m away; are they in metres?", key
+        )
+    middle = float(np.median(far))
+    if middle > _UNLIKELY:
+        warn_once(
+            _log,
+            f"{key}: half of {len(kept)} points are more than {middle:.0f} m from the origin: points are in metres; "
+            "those of a cloud in millimetres are to be multiplied by 0.001",
+        )
+    kept.flags.writeable = False
+    return kept
+
+
+def _icosahedra(centres: FloatArray, radius: float) -> Triangles:
+    """Return around each centre an icosahedron that contains the ball of the given radius."""
+    vertices = (centres[:, None] + radius * _CORNERS).reshape(-1, 3)
+    first = len(_CORNERS) * np.arange(len(centres), dtype=np.intp)
+    return vertices, (first[:, None, None] + _FACES).reshape(-1, 3)
+
+
+# The regular icosahedron: corners at (0, ±1, ±g) and their cyclic permutations, scaled so that its faces
+# touch the unit ball from outside (a hair further, for rounding).
+_G = (1 + 5**0.5) / 2
+_CORNERS = np.array(
+    [
+        *((-1, _G, 0), (1, _G, 0), (-1, -_G, 0), (1, -_G, 0), (0, -1, _G), (0, 1, _G)),
+        *((0, -1, -_G), (0, 1, -_G), (_G, 0, -1), (_G, 0, 1), (-_G, 0, -1), (-_G, 0, 1)),
+    ]
+) * (3**0.5 / _G**2 * (1 + 1e-9))
+_FACES = np.array(
+    [
+        *((0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2)),
+        *((10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5)),
+        *((2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1)),
+    ],
+    dtype=np.intp,
+)

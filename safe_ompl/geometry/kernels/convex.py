@@ -1,0 +1,269 @@
+"""Bounds of the distance of two convex bodies, from their supports along an axis, and the nearest point of a simplex.
+
+A body is the Minkowski sum of the convex hull of vertices, a box, a disc about its z axis and a ball, in a frame of its
+own: so are boxes, spheres, capsules, cylinders and polytopes. Its support in a direction n is the sum of theirs,
+
+    h(n) = max_k n·v_k + Σ_i |n_i| b_i + ρ √(n_x² + n_y²) + r.
+
+For any unit axis n that points from body B to body A their distance is at least −h_A(−n) − h_B(n), the width of the
+slab that separates them. A search only decides how good that bound is, never whether it holds.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray, compiled, part
+from safe_ompl.geometry.kernels.vertex_grids import cell_of
+
+Found = tuple[float, float, float, int]
+
+_FLAT = 1e-12  # squared sine of an angle of triangles that count as segments
+
+
+@part
+def _in_segment(S: FloatArray, i: int, j: int) -> Found:
+    """Return the nearest point of the segment of corners i and j, and the corners it lies between as bits."""
+    x, y, z = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
+    square = x * x + y * y + z * z
+    along = -(S[i, 0] * x + S[i, 1] * y + S[i, 2] * z)
+    if along <= 0.0:
+        return S[i, 0], S[i, 1], S[i, 2], 1 << i
+    if along >= square:
+        return S[j, 0], S[j, 1], S[j, 2], 1 << j
+    t = along / square
+    return S[i, 0] + t * x, S[i, 1] + t * y, S[i, 2] + t * z, (1 << i) | (1 << j)
+
+
+@part
+def _in_triangle(S: FloatArray, i: int, j: int, k: int) -> Found:
+    """Return the nearest point of the triangle of corners i, j and k, and the corners it lies between as bits."""
+    ux, uy, uz = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
+    vx, vy, vz = S[k, 0] - S[i, 0], S[k, 1] - S[i, 1], S[k, 2] - S[i, 2]
+    uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
+    pu = S[i, 0] * ux + S[i, 1] * uy + S[i, 2] * uz
+    pv = S[i, 0] * vx + S[i, 1] * vy + S[i, 2] * vz
+    area = uu * vv - uv * uv
+    if area > _FLAT * uu * vv:
+        s, t = (uv * pv - vv * pu) / area, (uv * pu - uu * pv) / area
+        if s > 0.0 and t > 0.0 and s + t < 1.0:
+            x, y, z = S[i, 0] + s * ux + t * vx, S[i, 1] + s * uy + t * vy, S[i, 2] + s * uz + t * vz
+            return x, y, z, (1 << i) | (1 << j) | (1 << k)
+    best: Found = _in_segment(S, i, j)
+    least = np.inf
+    for n in range(3):
+        found = best if n == 0 else (_in_segment(S, i, k) if n == 1 else _in_segment(S, j, k))
+        square = found[0] ** 2 + found[1] ** 2 + found[2] ** 2
+        if square < least:
+            best, least = found, square
+    return best
+
+
+@part
+def _hides(S: FloatArray, i: int, j: int, k: int, opposite: int) -> bool:
+    """Return whether the origin is not on the same side of the face of corners i, j and k as the fourth corner."""
+    ux, uy, uz = S[j, 0] - S[i, 0], S[j, 1] - S[i, 1], S[j, 2] - S[i, 2]
+    vx, vy, vz = S[k, 0] - S[i, 0], S[k, 1] - S[i, 1], S[k, 2] - S[i, 2]
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    to_origin = -(x * S[i, 0] + y * S[i, 1] + z * S[i, 2])
+    to_corner = x * S[opposite, 0] + y * S[opposite, 1] + z * S[opposite, 2] + to_origin
+    return not to_origin * to_corner > 0.0
+
+
+@compiled
+def nearest_in_simplex(S: FloatArray, corners: int) -> Found:
+    """Return the point of a simplex that is nearest to the origin, and how many corners it lies between.
+
+    Parameters
+    ----------
+    S : (4, 3)
+        The corners; those that the point lies between are moved to the front.
+    corners : int
+        How many there are.
+    """
+    if corners == 1:
+        return S[0, 0], S[0, 1], S[0, 2], 1
+    if corners == 2:
+        x, y, z, between = _in_segment(S, 0, 1)
+    elif corners == 3:
+        x, y, z, between = _in_triangle(S, 0, 1, 2)
+    else:
+        x, y, z, between = 0.0, 0.0, 0.0, 15
+        nearest = np.inf
+        for opposite in range(4):
+            i, j, k = (opposite + 1) % 4, (opposite + 2) % 4, (opposite + 3) % 4
+            if _hides(S, i, j, k, opposite):
+                a, b, c, found = _in_triangle(S, i, j, k)
+                if a * a + b * b + c * c < nearest:
+                    x, y, z, between, nearest = a, b, c, found, a * a + b * b + c * c
+    count = 0
+    for i in range(corners):
+        if between >> i & 1:
+            S[count, 0], S[count, 1], S[count, 2] = S[i, 0], S[i, 1], S[i, 2]
+            count += 1
+    return x, y, z, count
+
+
+Records: TypeAlias = Any  # a structured array, or a row of one
+Vector = tuple[float, float, float]
+
+_NO_LENGTH = 1e-9  # [m]
+
+BODY = np.dtype(
+    [
+        ("joint", np.intp),  # number of the joint that carries it; 0: the world
+        ("rotation", np.float64, (3, 3)),  # of its frame in that of the joint
+        ("translation", np.float64, (3,)),
+        ("centre", np.float64, (3,)),  # in its frame, of a ball that holds it,
+        ("reach", np.float64),  # of this radius,
+        ("extent", np.float64, (3,)),  # and of a box that holds it, of these half sides
+        ("box", np.float64, (3,)),  # b
+        ("disc", np.float64),  # ρ
+        ("ball", np.float64),  # r
+        ("grid", np.intp),  # of the lists of its vertices: see `extreme_vertices`
+        ("first_cell", np.intp),  # its first list
+    ],
+    align=True,
+)
+POSE = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),  # of a body in the world
+        ("origin", np.float64, (3,)),
+        ("centre", np.float64, (3,)),  # of the ball that holds it
+    ],
+    align=True,
+)
+
+_STEPS = 32  # of the search for an axis
+_TIGHT = 0.9  # of the distance: a bound as good as this is not improved any more
+_OVERLAPPING = 1e-12  # [m] between bodies that count as overlapping
+
+
+@part
+def place_bodies(
+    bodies: Records, poses: Records, rotations: FloatArray, origins: FloatArray, moving: bool
+) -> None:
+    """Write the poses of the bodies that joints with these frames carry, or of those that none does."""
+    for g in range(len(bodies)):
+        joint = bodies[g].joint - 1
+        if (joint >= 0) != moving:
+            continue
+        R, o, c = poses[g].rotation, poses[g].origin, poses[g].centre
+        own, t, centre = bodies[g].rotation, bodies[g].translation, bodies[g].centre
+        for x in range(3):
+            if moving:
+                r, s, u = rotations[joint, x, 0], rotations[joint, x, 1], rotations[joint, x, 2]
+                for y in range(3):
+                    R[x, y] = r * own[0, y] + s * own[1, y] + u * own[2, y]
+                o[x] = origins[joint, x] + r * t[0] + s * t[1] + u * t[2]
+            else:
+                for y in range(3):
+                    R[x, y] = own[x, y]
+                o[x] = t[x]
+            c[x] = o[x] + R[x, 0] * centre[0] + R[x, 1] * centre[1] + R[x, 2] * centre[2]
+
+
+@compiled
+def support(
+    body: Records, pose: Records, starts: IntArray, vertices: FloatArray, x: float, y: float, z: float
+) -> Vector:
+    """Return the point of a body, without its ball, that is farthest in the direction (x, y, z) of the world."""
+    R = pose.rotation
+    a = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+    b = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+    c = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+    cell = body.first_cell + cell_of(a, b, c, body.grid)
+    best = starts[cell]
+    most = a * vertices[best, 0] + b * vertices[best, 1] + c * vertices[best, 2]
+    for k in range(best + 1, starts[cell + 1]):
+        height = a * vertices[k, 0] + b * vertices[k, 1] + c * vertices[k, 2]
+        if height > most:
+            best, most = k, height
+    box, disc = body.box, body.disc
+    u = vertices[best, 0] + (box[0] if a >= 0 else -box[0])
+    v = vertices[best, 1] + (box[1] if b >= 0 else -box[1])
+    w = vertices[best, 2] + (box[2] if c >= 0 else -box[2])
+    if disc > 0:
+        across = sqrt(a * a + b * b)
+        if across > 0:
+            u += disc * a / across
+            v += disc * b / across
+    o = pose.origin
+    return (
+        R[0, 0] * u + R[0, 1] * v + R[0, 2] * w + o[0],
+        R[1, 0] * u + R[1, 1] * v + R[1, 2] * w + o[1],
+        R[2, 0] * u + R[2, 1] * v + R[2, 2] * w + o[2],
+    )
+
+
+@part
+def from_box(body: Records, pose: Records, point: FloatArray) -> Vector:
+    """Return the way, in the world, from the box that holds a body to a point (3,)."""
+    R, o, half = pose.rotation, pose.centre, body.extent
+    x, y, z = point[0] - o[0], point[1] - o[1], point[2] - o[2]
+    a = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+    b = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+    c = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+    a -= min(max(a, -half[0]), half[0])
+    b -= min(max(b, -half[1]), half[1])
+    c -= min(max(c, -half[2]), half[2])
+    return (
+        R[0, 0] * a + R[0, 1] * b + R[0, 2] * c,
+        R[1, 0] * a + R[1, 1] * b + R[1, 2] * c,
+        R[2, 0] * a + R[2, 1] * b + R[2, 2] * c,
+    )
+
+
+@part
+def begin_axis(axis: FloatArray, u: float, v: float, w: float, x: float, y: float, z: float) -> None:
+    """Write a first separating axis (3,): the way (u, v, w) between box and ball, or else that between the centres."""
+    if u * u + v * v + w * w < _NO_LENGTH**2:
+        u, v, w = x, y, z + _NO_LENGTH
+    axis[0], axis[1], axis[2] = u, v, w
+
+
+@compiled
+def distance_bounds(
+    body_a: Records,
+    pose_a: Records,
+    body_b: Records,
+    pose_b: Records,
+    starts: IntArray,
+    vertices: FloatArray,
+    axis: FloatArray,
+    simplex: FloatArray,
+    enough: float,
+    least: float,
+) -> tuple[float, float]:
+    """Return a lower and an upper bound of the distance [m] of bodies a and b; −∞ as the upper one if they overlap.
+
+    The algorithm of Gilbert, Johnson and Keerthi. It begins with an `axis: (3,)` from b to a, and ends as soon as the
+    lower bound is `enough`, or tight, or the upper one shows that `least` cannot be reached; the best axis is left in
+    `axis`. `simplex: (4, 3)` is working memory.
+    """
+    balls = body_a.ball + body_b.ball
+    x, y, z = axis[0], axis[1], axis[2]
+    lower, upper = -inf, inf
+    corners = 0
+    for _ in range(_STEPS):
+        p = support(body_a, pose_a, starts, vertices, -x, -y, -z)
+        q = support(body_b, pose_b, starts, vertices, x, y, z)
+        u, v, w = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+        bound = (u * x + v * y + w * z) / sqrt(x * x + y * y + z * z) - balls
+        if bound > lower:
+            lower = bound
+            axis[0], axis[1], axis[2] = x, y, z
+        if lower >= enough or lower >= _TIGHT * upper:
+            break
+        simplex[corners, 0], simplex[corners, 1], simplex[corners, 2] = u, v, w
+        x, y, z, corners = nearest_in_simplex(simplex, corners + 1)
+        between = sqrt(x * x + y * y + z * z)
+        if corners == 4 or between < _OVERLAPPING:
+            return lower, -inf
+        upper = between - balls
+        if upper <= least:
+            break
+    return lower, upper

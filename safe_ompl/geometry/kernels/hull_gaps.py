@@ -1,0 +1,244 @@
+"""Proven lower bounds of the distance between convex hulls of points, and of whole motions among moving ones.
+
+For any unit vector u the distance of two hulls A and B is at least min_A a·u − max_B b·u, whatever u is. Gilbert's
+algorithm finds a good one: z is a point of A − B, w the point of A − B that lies farthest back along z; z then goes to
+the point of the segment from z to w that is nearest to the origin. Every z bounds the distance from above, every
+z·w/‖z‖ from below, so that most questions whether a distance is larger than some length end after one or two steps.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray, compiled, part
+
+_STEPS = 60
+_CLOSE = 1e-5  # [m] nearer bounds than this are not looked for
+
+
+@compiled
+def hull_gap(
+    first: FloatArray, second: FloatArray, start: FloatArray, wanted: float, close: float, decide: bool
+) -> float:
+    """Return a lower bound of the distance between the hulls of two sets of points, at least 0.
+
+    Parameters
+    ----------
+    first, second : (A, 3), (B, 3)
+        The points [m].
+    start : (3,)
+        A point of first − second to begin from.
+    wanted : float
+        Enough is known once the distance is proven to be as large as this [m].
+    close : float
+        How near the bounds must come otherwise [m].
+    decide : bool
+        Whether enough is known, too, once the distance is found to be less than `wanted`.
+    """
+    z0, z1, z2 = start[0], start[1], start[2]
+    best = 0.0
+    for _ in range(_STEPS):
+        squared = z0 * z0 + z1 * z1 + z2 * z2
+        length = sqrt(squared)
+        if length <= close or (decide and length < wanted) or length - best <= close:
+            return best
+        least, i = inf, 0
+        for k in range(len(first)):
+            along = first[k, 0] * z0 + first[k, 1] * z1 + first[k, 2] * z2
+            if along < least:
+                least, i = along, k
+        most, j = -inf, 0
+        for k in range(len(second)):
+            along = second[k, 0] * z0 + second[k, 1] * z1 + second[k, 2] * z2
+            if along > most:
+                most, j = along, k
+        best = max(best, (least - most) / length)
+        if best >= wanted:
+            return best
+        d0 = first[i, 0] - second[j, 0] - z0
+        d1 = first[i, 1] - second[j, 1] - z1
+        d2 = first[i, 2] - second[j, 2] - z2
+        across = d0 * d0 + d1 * d1 + d2 * d2
+        if across <= 0.0:
+            return best
+        step = min(1.0, -(z0 * d0 + z1 * d1 + z2 * d2) / across)
+        if step <= 0.0:
+            return best
+        z0, z1, z2 = z0 + step * d0, z1 + step * d1, z2 + step * d2
+    return best
+
+
+@part
+def _ball(points: FloatArray) -> tuple[float, float, float, float]:
+    """Return the mean of the points, and how far the farthest of them is from it."""
+    m0, m1, m2, far = 0.0, 0.0, 0.0, 0.0
+    count = len(points)
+    for k in range(count):
+        m0, m1, m2 = m0 + points[k, 0] / count, m1 + points[k, 1] / count, m2 + points[k, 2] / count
+    for k in range(count):
+        far = max(far, (points[k, 0] - m0) ** 2 + (points[k, 1] - m1) ** 2 + (points[k, 2] - m2) ** 2)
+    return m0, m1, m2, sqrt(far)
+
+
+@compiled
+def gaps(
+    at: IntArray,
+    begin: FloatArray,
+    end: FloatArray,
+    rotations: FloatArray,
+    origins: FloatArray,
+    travel: FloatArray,
+    carriers: IntArray,
+    vertices: FloatArray,
+    first_vertex: IntArray,
+    pads: FloatArray,
+    middles: FloatArray,
+    extents: FloatArray,
+    owners: IntArray,
+    points: FloatArray,
+    velocities: FloatArray,
+    first_point: IntArray,
+    radii: FloatArray,
+    growth: FloatArray,
+    left: float,
+    enough: float,
+    close: float,
+    stop_at_first: bool,
+) -> tuple[float, int, int, int]:
+    """Return the least that is left between a robot and what moves, over the windows of a motion, and where that is.
+
+    Parameters
+    ----------
+    at, begin, end : (W,)
+        Cells of a path, and the first and the last instant [s] in which the robot is in each.
+    rotations, origins : (N, m, 3, 3), (N, m, 3)
+        Frames of the joints at the centres of the N cells.
+    travel : (N, G)
+        How far the bodies get away from where they are at the centre of a cell [m].
+    carriers, vertices, first_vertex, pads, middles, extents : (G,), (V, 3), (G + 1,), (G,), (G, 3), (G,)
+        The bodies: their joints; their hulls in the frames of these, grown by pads; balls about the means of their
+        vertices.
+    owners, points, velocities, first_point, radii, growth : (S,), (P, 3), (P, 3), (S + 1,), (S,), (S, 3)
+        The sets in which what moves may be; see `people.reach.ReachSets`. Sets of the same owner come one after the
+        other: the owner is in all of them.
+    left : float
+        Distance that must be left [m].
+    enough : float
+        Margins above this need not be known [m].
+    close : float
+        How near to it the least margin is found [m]; 0: only whether it is negative.
+    stop_at_first : bool
+        Whether to return the first negative one.
+
+    Returns
+    -------
+    margin : float
+        min (distance − growth − travel − left) [m]: a lower bound; negative where nothing is proven.
+    window, body, owner : int
+        Where; −1 if there is nothing.
+    """
+    worst, window, body, who = inf, -1, -1, -1
+    G, S = len(carriers), len(owners)
+    local = np.empty((len(points), 3))
+    now = np.empty((len(points), 3))
+    balls = np.empty((S, 4))
+    grown = np.empty(S)
+    delta = np.empty(3)
+    for w in range(len(at)):
+        k = at[w]
+        middle = 0.5 * (begin[w] + end[w])
+        half = 0.5 * (end[w] - begin[w])
+        for s in range(S):
+            fastest = 0.0
+            for p in range(first_point[s], first_point[s + 1]):
+                squared = 0.0
+                for x in range(3):
+                    now[p, x] = points[p, x] + middle * velocities[p, x]
+                    squared += velocities[p, x] * velocities[p, x]
+                fastest = max(fastest, squared)
+            b0, b1, b2, r = _ball(now[first_point[s] : first_point[s + 1]])
+            balls[s, 0], balls[s, 1], balls[s, 2], balls[s, 3] = b0, b1, b2, r
+            t = end[w]
+            grown[s] = (
+                radii[s] + growth[s, 0] + t * (growth[s, 1] + 0.5 * t * growth[s, 2]) + half * sqrt(fastest)
+            )
+        for g in range(G):
+            R, o = rotations[k, carriers[g]], origins[k, carriers[g]]
+            c0 = o[0] + R[0, 0] * middles[g, 0] + R[0, 1] * middles[g, 1] + R[0, 2] * middles[g, 2]
+            c1 = o[1] + R[1, 0] * middles[g, 0] + R[1, 1] * middles[g, 1] + R[1, 2] * middles[g, 2]
+            c2 = o[2] + R[2, 0] * middles[g, 0] + R[2, 1] * middles[g, 1] + R[2, 2] * middles[g, 2]
+            s = 0
+            while s < S:
+                owner, kept = owners[s], -inf
+                while s < S and owners[s] == owner:
+                    if kept < worst or kept < 0.0:
+                        need = grown[s] + travel[k, g] + left + pads[g]
+                        far = sqrt(
+                            (c0 - balls[s, 0]) ** 2 + (c1 - balls[s, 1]) ** 2 + (c2 - balls[s, 2]) ** 2
+                        )
+                        apart = far - balls[s, 3] - extents[g] - need
+                        if apart < min(worst, enough):
+                            a, b = first_point[s], first_point[s + 1]
+                            for p in range(a, b):
+                                v0, v1, v2 = now[p, 0] - o[0], now[p, 1] - o[1], now[p, 2] - o[2]
+                                for x in range(3):
+                                    local[p, x] = R[0, x] * v0 + R[1, x] * v1 + R[2, x] * v2
+                            for x in range(3):
+                                delta[x] = middles[g, x] - (
+                                    R[0, x] * (balls[s, 0] - o[0])
+                                    + R[1, x] * (balls[s, 1] - o[1])
+                                    + R[2, x] * (balls[s, 2] - o[2])
+                                )
+                            decide = close == 0.0
+                            wanted = max(need, 0.0) if decide else min(worst, enough) + need
+                            hull = vertices[first_vertex[g] : first_vertex[g + 1]]
+                            apart = max(
+                                apart,
+                                hull_gap(hull, local[a:b], delta, wanted, max(close, _CLOSE), decide) - need,
+                            )
+                        kept = max(kept, apart)
+                    s += 1
+                if kept < worst:
+                    worst, window, body, who = kept, w, g, owner
+                    if stop_at_first and worst < 0.0:
+                        return worst, window, body, who
+    return worst, window, body, who
+
+
+@compiled
+def cell_gaps(
+    at: IntArray,
+    rotations: FloatArray,
+    origins: FloatArray,
+    travel: FloatArray,
+    carriers: IntArray,
+    vertices: FloatArray,
+    first_vertex: IntArray,
+    pads: FloatArray,
+    middles: FloatArray,
+    extents: FloatArray,
+    owners: IntArray,
+    points: FloatArray,
+    velocities: FloatArray,
+    first_point: IntArray,
+    radii: FloatArray,
+    growth: FloatArray,
+    left: float,
+    far: float,
+    close: float,
+) -> FloatArray:
+    """Return for each of the cells (W,) the least that is left at the instant of the measurement [m]; as `gaps`.
+
+    More than `far` need not be known, and what is less but within `close` [m].
+    """
+    found = np.empty(len(at))
+    now = np.zeros(1)
+    for w in range(len(at)):
+        margin = gaps(
+            at[w : w + 1], now, now, rotations, origins, travel, carriers, vertices, first_vertex, pads, middles,
+            extents, owners, points, velocities, first_point, radii, growth, left + far, 0.0, close, False,
+        )[0]  # fmt: skip
+        found[w] = min(margin, 0.0) + far
+    return found

@@ -1,0 +1,212 @@
+"""One obstacle: a shape at a place in the world, with a danger weight."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import FloatArray, InputError, shown
+from safe_ompl.common import documents as document
+from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Part, Shape, Sphere
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.mesh import Mesh
+from safe_ompl.geometry.person import Person
+from safe_ompl.geometry.pose import Pose, placed
+from safe_ompl.geometry.surfaces import Triangles
+
+SHAPES: dict[str, type[Shape]] = {
+    shape.kind: shape for shape in (Box, Sphere, Cylinder, Capsule, Mesh, PointCloud, Person)
+}
+MOST_DANGER_POINTS = 1_000_000  # of a scene; a setup takes seconds for as many
+_POSE_KEYS = ("position", "quaternion_xyzw", "rpy", "yaw")
+_KEYS = ("name", *SHAPES, *_POSE_KEYS, "weight", "color")
+
+
+@dataclass(frozen=True, init=False)
+class Obstacle:
+    """A body that the robot must not touch, and may have to keep away from.
+
+    Parameters
+    ----------
+    name : str
+        Name, unique in its scene.
+    shape : Shape
+        What it is: `Box`, `Sphere`, `Cylinder`, `Capsule`, `Mesh`, `PointCloud` or `Person`.
+    pose : Pose, pin.SE3 or array_like of shape (4, 4), optional
+        Where it is; default: at the origin of the world.
+    weight : float, optional
+        How dangerous it is to approach, ≥ 0; 0: not at all. Default: 1 for people, 0 for everything else.
+    color : str or sequence of 3 float, optional
+        For pictures: "#rrggbb", or red, green and blue from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used; the message starts with its name.
+    """
+
+    name: str
+    shape: Shape
+    pose: Pose
+    weight: float
+    color: tuple[float, ...] | None
+
+    def __init__(
+        self,
+        name: str,
+        shape: Shape,
+        pose: Pose | pin.SE3 | ArrayLike | None = None,
+        weight: float | None = None,
+        color: str | Sequence[float] | None = None,
+    ) -> None:
+        if not isinstance(shape, Shape):
+            kinds = ", ".join(kind.__name__ for kind in SHAPES.values())
+            raise InputError(f"must be a shape ({kinds}), got {shown(shape)}", "shape")
+        values = {
+            "name": document.text("name", name),
+            "shape": shape,
+            "pose": Pose() if pose is None else Pose.of(pose),
+            "weight": shape.default_weight
+            if weight is None
+            else document.number("weight", weight, at_least=0.0),
+            "color": None if color is None else _rgb(color),
+        }
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    def moved(self, place: Any) -> Obstacle:
+        """Return the same obstacle elsewhere.
+
+        Parameters
+        ----------
+        place : Pose, pin.SE3, array_like of shape (4, 4), mapping or array_like of shape (N, 3)
+            Its pose; or, in the world frame [m], the key points of a `Person` by name, or the points of a
+            `PointCloud`. Key points that are not given follow from those that are, as `Person` has it.
+
+        Raises
+        ------
+        InputError
+            If it is none of them.
+        """
+        shape, pose = self.shape, self.pose
+        if _is_pose(place):
+            pose = Pose.of(place)
+        else:
+            shape = shape.measured_anew(place, pose)
+        return Obstacle(self.name, shape, pose, self.weight, self.color)
+
+    def same_but_for_place(self, other: Obstacle) -> bool:
+        """Return whether another obstacle is this one, here or elsewhere."""
+        mine, its = ((o.name, o.weight, o.color) for o in (self, other))
+        return mine == its and self.shape.same_body(other.shape)
+
+    def __repr__(self) -> str:
+        given = [repr(self.name), repr(self.shape)]
+        given += [repr(self.pose)] if self.pose != Pose() else []
+        given += [f"weight={self.weight:g}"] if self.weight != self.shape.default_weight else []
+        given += [f"color={self.color}"] if self.color is not None else []
+        return f"Obstacle({', '.join(given)})"
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path) -> Obstacle:
+        """Read an obstacle from a document; its files are relative to `folder`."""
+        document.check_keys(data, _KEYS)
+        kinds = [key for key in SHAPES if key in data]
+        if len(kinds) != 1:
+            found = f"found {' and '.join(kinds)}" if kinds else "found none"
+            raise InputError(f"give exactly one of {', '.join(SHAPES)}; {found}", "shape")
+        kind = kinds[0]
+        pose = Pose.from_mapping(data)
+        fields = document.mapping(kind, data[kind] if data[kind] is not None else {})
+        with document.within(kind):
+            shape = SHAPES[kind].from_mapping(fields, folder, pose)
+        return cls(document.require(data, "name"), shape, pose, data.get("weight"), data.get("color"))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what `from_mapping` reads; files are `Path` objects."""
+        data = {"name": self.name, self.shape.kind: self.shape.to_mapping(), **self.pose.to_mapping()}
+        if self.weight != self.shape.default_weight:
+            data["weight"] = self.weight
+        if self.color is not None:
+            data["color"] = self.color
+        return data
+
+    def canonical(self) -> dict[str, Any]:
+        """Return what decides what the obstacle is, free of file names."""
+        return {**self.to_mapping(), self.shape.kind: self.shape.canonical(), "weight": self.weight}
+
+    def geometries(self) -> list[tuple[str, coal.CollisionGeometry, pin.SE3]]:
+        """Return name, geometry and world placement of every part, for collision."""
+        world = self.pose.se3
+        return [(self.part_name(part), part.geometry, world * part.placement) for part in self.shape.parts()]
+
+    def part_name(self, part: Part) -> str:
+        """Return the name of the obstacle, followed by "/" and that of one of its parts where there are several."""
+        return f"{self.name}/{part.name}" if part.name else self.name
+
+    def danger_points(self, spacing: float) -> FloatArray:
+        """Return points on the surface in the world frame, shape (M, 3) [m]; always the same ones.
+
+        Every point of the surface is within `spacing` of one of them.
+        """
+        step = document.number("spacing", spacing, above=0.0)
+        check_number(self.most_danger_points(step), step, repr(self.name))
+        return placed(self.pose.se3, self.shape.kept_danger_points(step))
+
+    def most_danger_points(self, spacing: float) -> float:
+        """Return how many `danger_points` there are at most, without making them."""
+        return self.shape.most_danger_points(spacing)
+
+    def triangles(self, resolution: int = 24) -> Triangles:
+        """Return the surface in the world frame for drawing, with `resolution` corners on every circle.
+
+        Returns
+        -------
+        vertices : ndarray, shape (V, 3)
+            [m]
+        faces : ndarray of int, shape (F, 3)
+            Vertices of each triangle, anticlockwise seen from outside.
+        """
+        vertices, faces = self.shape.triangles(resolution)
+        return placed(self.pose.se3, vertices), faces
+
+
+def _is_pose(place: Any) -> bool:
+    rows = place if isinstance(place, (np.ndarray, list, tuple)) else ()
+    return isinstance(place, (Pose, pin.SE3)) or (len(rows) == 4 and np.shape(rows[0]) == (4,))
+
+
+def check_number(most: float, spacing: float, what: str) -> None:
+    """Raise InputError if there may be too many danger points; none are made before it is known.
+
+    Raises
+    ------
+    InputError
+        If `most` exceeds a million; says which spacing would do.
+    """
+    if most > MOST_DANGER_POINTS:
+        enough = spacing * (most / MOST_DANGER_POINTS) ** 0.5
+        raise InputError(
+            f"{spacing:g} m makes about {most:.2g} danger points of {what}, at most {MOST_DANGER_POINTS:g} are "
+            f"taken; give at least {enough:.2g} m",
+            "spacing",
+        )
+
+
+def _rgb(color: str | Sequence[float]) -> tuple[float, ...]:
+    if isinstance(color, str):
+        if not re.fullmatch("#[0-9a-fA-F]{6}", color):
+            raise InputError(f"must be '#rrggbb' or three numbers from 0 to 1, not {color!r}", "color")
+        return tuple(int(color[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    levels = document.numbers("color", color, 3)
+    if not all(0 <= level <= 1 for level in levels):
+        raise InputError(f"must be '#rrggbb' or three numbers from 0 to 1, not {list(levels)}", "color")
+    return levels

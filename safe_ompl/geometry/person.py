@@ -1,0 +1,324 @@
+"""People as obstacles: capsules between the key points of the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import dist
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import surfaces
+from safe_ompl.geometry.basic import Capsule, Part, Shape, Sphere
+from safe_ompl.geometry.kernels.boxes_and_capsules import surface_points
+from safe_ompl.geometry.pose import Pose, placed
+from safe_ompl.geometry.surfaces import Triangles
+
+# Key points of a standing body, arms down, as fractions of its height: x forward, y to the left, z up, the
+# origin on the floor between the feet. After the segment lengths of Drillis and Contini (1966).
+_MIDDLE = {"head": (0.01, 0.0, 0.935)}
+_LEFT = {
+    "shoulder": (0.0, 0.110, 0.812),
+    "elbow": (-0.01, 0.132, 0.628),
+    "wrist": (0.02, 0.136, 0.482),
+    "hand": (0.036, 0.136, 0.400),
+    "hip": (0.0, 0.055, 0.525),
+    "knee": (0.01, 0.058, 0.285),
+    "ankle": (0.0, 0.060, 0.045),
+    "toe": (0.095, 0.070, 0.022),
+}
+_SIDES = {"left": 1.0, "right": -1.0}
+STANDING: dict[str, FloatArray] = {
+    **{name: np.array(point) for name, point in _MIDDLE.items()},
+    **{
+        f"{side}_{name}": np.array([x, y * sign, z])
+        for side, sign in _SIDES.items()
+        for name, (x, y, z) in _LEFT.items()
+    },
+}
+_PARENT = {
+    "elbow": "shoulder",
+    "wrist": "elbow",
+    "hand": "wrist",
+    "knee": "hip",
+    "ankle": "knee",
+    "toe": "ankle",
+}
+
+# Capsules: from one key point to another, with a radius as a fraction of the height.
+_TRUNK_LIMBS = {
+    "head": ("head", "head", 0.062),
+    "neck": ("shoulders", "head", 0.036),
+    "shoulders": ("left_shoulder", "right_shoulder", 0.042),
+    "torso": ("chest", "pelvis", 0.074),
+    "hips": ("left_hip", "right_hip", 0.066),
+}
+_SIDE_LIMBS = {
+    "flank": ("shoulder", "hip", 0.052),
+    "upper_arm": ("shoulder", "elbow", 0.028),
+    "forearm": ("elbow", "wrist", 0.024),
+    "hand": ("wrist", "hand", 0.024),
+    "thigh": ("hip", "knee", 0.045),
+    "shank": ("knee", "ankle", 0.032),
+    "foot": ("ankle", "toe", 0.022),
+}
+LIMBS: dict[str, tuple[str, str, float]] = {
+    **_TRUNK_LIMBS,
+    **{
+        f"{side}_{name}": (f"{side}_{start}", f"{side}_{end}", radius)
+        for side in _SIDES
+        for name, (start, end, radius) in _SIDE_LIMBS.items()
+    },
+}
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body of which some key points are given and the others follow.
+
+    The frame of the body has its origin on the floor between the feet, x forward, y to the left, z up. A key
+    point that is not given moves along with the one that it hangs on. Given the hand or the wrist, the elbow
+    bends downwards so that the lengths of upper arm and forearm stay.
+
+    Parameters
+    ----------
+    height : float
+        Body height [m]; all lengths follow from it.
+    given : mapping of str to 3 float
+        Key points that are known [m]: names as in `STANDING`.
+    """
+
+    height: float
+    given: Mapping[str, Sequence[float]]
+
+    def point(self, name: str) -> FloatArray:
+        """Return a key point (3,) [m] in the frame of the body.
+
+        Besides the names above there are ``shoulders`` and ``pelvis``, midway between left and right, and
+        ``chest``, on the line between them.
+        """
+        if name in self.given:
+            return np.array(self.given[name])
+        if name == "shoulders":
+            return (self.point("left_shoulder") + self.point("right_shoulder")) / 2
+        if name == "pelvis":
+            return (self.point("left_hip") + self.point("right_hip")) / 2
+        if name == "chest":
+            return 0.72 * self.point("shoulders") + 0.28 * self.point("pelvis")
+        side, _, joint = name.partition("_")
+        if joint == "elbow" and {f"{side}_wrist", f"{side}_hand"} & set(self.given):
+            return self._bent_elbow(side)
+        if joint == "wrist" and f"{side}_hand" in self.given:
+            return self._wrist_before_hand(side)
+        if joint == "hand":
+            return self._hand_beyond_wrist(side)
+        if joint not in _PARENT:
+            return self.height * STANDING[name]
+        parent = f"{side}_{_PARENT[joint]}"
+        return self.point(parent) + self.height * (STANDING[name] - STANDING[parent])
+
+    def _segment(self, side: str, start: str, end: str) -> float:
+        return self.height * float(np.linalg.norm(STANDING[f"{side}_{end}"] - STANDING[f"{side}_{start}"]))
+
+    def _bent_elbow(self, side: str) -> FloatArray:
+        """Elbow of a two-segment arm from shoulder to wrist that hangs as low as it can."""
+        upper, fore = self._segment(side, "shoulder", "elbow"), self._segment(side, "elbow", "wrist")
+        shoulder, wrist = self.point(f"{side}_shoulder"), self.point(f"{side}_wrist")
+        reach = float(np.linalg.norm(wrist - shoulder))
+        if not abs(upper - fore) < reach <= upper + fore:
+            raise InputError(
+                f"the wrist is {reach:.3g} m from the shoulder, but the arm spans {abs(upper - fore):.3g} to "
+                f"{upper + fore:.3g} m: move the person, or give {side}_elbow too",
+                f"{side}_wrist" if f"{side}_wrist" in self.given else f"{side}_hand",
+            )
+        forward = (wrist - shoulder) / reach
+        down = _perpendicular(np.array([0.0, 0.0, -1.0]), forward)
+        along = (reach**2 + upper**2 - fore**2) / (2 * reach)
+        bent: FloatArray = shoulder + along * forward + np.sqrt(max(upper**2 - along**2, 0.0)) * down
+        return bent
+
+    def _wrist_before_hand(self, side: str) -> FloatArray:
+        hand = np.array(self.given[f"{side}_hand"])
+        towards = self.point(f"{side}_shoulder") - hand
+        distance = max(float(np.linalg.norm(towards)), 1e-9)
+        wrist: FloatArray = hand + self._segment(side, "wrist", "hand") * towards / distance
+        return wrist
+
+    def _hand_beyond_wrist(self, side: str) -> FloatArray:
+        elbow, wrist = self.point(f"{side}_elbow"), self.point(f"{side}_wrist")
+        distance = max(float(np.linalg.norm(wrist - elbow)), 1e-9)
+        hand: FloatArray = wrist + self._segment(side, "wrist", "hand") * (wrist - elbow) / distance
+        return hand
+
+
+def _perpendicular(vector: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return the unit vector nearest to `vector` among those at right angles to the unit vector `axis`."""
+    for candidate in (vector, np.array([-1.0, 0.0, 0.0])):
+        rest = candidate - (candidate @ axis) * axis
+        if np.linalg.norm(rest) > 1e-6:
+            break
+    unit: FloatArray = rest / np.linalg.norm(rest)
+    return unit
+
+
+_DEFAULT_HEIGHT = 1.75  # [m]
+_HEIGHTS = (0.3, 2.8)  # [m] of people
+_UP = np.array([0.0, 0.0, 1.0])
+_SHORTEST = 1e-9  # [m] of a limb
+
+
+class Limb(NamedTuple):
+    """One capsule of a body, or a ball if both its ends are the same key point."""
+
+    name: str
+    start: FloatArray
+    end: FloatArray
+    radius: float
+
+    @property
+    def length(self) -> float:
+        """Distance between the ends [m]."""
+        return dist(self.start, self.end)
+
+    @property
+    def shape(self) -> Shape:
+        """The capsule or ball, centred at its origin, along z."""
+        return Capsule(self.radius, self.length) if self.length > 0 else Sphere(self.radius)
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Where the shape is in the frame of the person."""
+        axis = self.end - self.start
+        turn = pin.Quaternion.FromTwoVectors(_UP, axis if axis.any() else _UP)
+        return pin.SE3(turn.toRotationMatrix(), (self.start + self.end) / 2)
+
+    @property
+    def geometry(self) -> coal.CollisionGeometry:
+        """The same for collision. A capsule stays one, wherever its ends go."""
+        start, end, _ = LIMBS[self.name]
+        if start == end:
+            return coal.Sphere(self.radius)
+        return coal.Capsule(self.radius, max(self.length, _SHORTEST))
+
+
+@dataclass(frozen=True)
+class Person(Shape):
+    """A person, or part of one: standing upright with the arms down unless key points say otherwise.
+
+    The frame of the person has its origin on the floor between the feet, x forward, y to the left, z up.
+
+    Parameters
+    ----------
+    height : float, optional
+        Body height, from 0.3 to 2.8 [m]; all sizes follow from it.
+    keypoints : mapping of str to 3 float, optional
+        Where key points are instead, in the frame of the person [m]: ``head``, and ``left_`` or ``right_``
+        with ``shoulder``, ``elbow``, ``wrist``, ``hand`` (the outer finger joints), ``hip``, ``knee``,
+        ``ankle``, ``toe``. The other key points follow, see `safe_ompl.geometry.person.Body`.
+    only : sequence of str, optional
+        Names of the limbs that there are, for example ``("right_hand", "right_forearm")``; default: all.
+
+    Raises
+    ------
+    InputError
+        If the height is not a person's, a name is unknown, or a hand is out of the arm's reach.
+
+    Notes
+    -----
+    The danger points lie on the surface: the field of a robot outside is harmonic inside the body, so its
+    largest value over the body is on the surface. Those deep inside another limb are left out.
+    """
+
+    kind: ClassVar[str] = "person"
+    default_weight: ClassVar[float] = 1.0
+    height: float = _DEFAULT_HEIGHT
+    keypoints: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    only: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self._set("height", document.number("height", self.height, at_least=_HEIGHTS[0], at_most=_HEIGHTS[1]))
+        points = document.mapping("keypoints", self.keypoints)
+        with document.within("keypoints"):
+            document.check_keys(points, STANDING)
+            self._set("keypoints", {name: document.numbers(name, point, 3) for name, point in points.items()})
+        self._set("only", tuple(document.sequence("only", self.only)))
+        for name in self.only:
+            if name not in LIMBS:
+                raise UnknownNameError("limb", name, LIMBS, "only")
+        with document.within("keypoints"):
+            self.limbs()
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path, pose: Pose) -> Shape:
+        """Read a person; `world_keypoints` are given in the world frame and win over `keypoints`."""
+        own = dict(data)
+        world = document.mapping("world_keypoints", own.pop("world_keypoints", {}), STANDING)
+        with document.within("world_keypoints"):
+            moved = _in_frame(pose, world)
+        if moved:
+            own["keypoints"] = {**document.mapping("keypoints", own.get("keypoints", {})), **moved}
+        return super().from_mapping(own, folder, pose)
+
+    def measured_anew(self, measured: Any, pose: Pose) -> Person:
+        """Return the person with these key points, in the world frame, in the place of those known before."""
+        points = document.mapping("keypoints", measured, STANDING)
+        return Person(self.height, _in_frame(pose, points), self.only)
+
+    def same_body(self, other: Shape) -> bool:
+        """Return whether another person is as tall, and has the same limbs."""
+        if not isinstance(other, Person) or other.height != self.height:
+            return False
+        return [limb.name for limb in other.limbs()] == [limb.name for limb in self.limbs()]
+
+    def limbs(self) -> tuple[Limb, ...]:
+        """Return the capsules that make up the person, in its own frame."""
+        return self._limbs
+
+    @cached_property
+    def _limbs(self) -> tuple[Limb, ...]:
+        body = Body(self.height, self.keypoints)
+        return tuple(
+            Limb(name, body.point(start), body.point(end), radius * self.height)
+            for name, (start, end, radius) in LIMBS.items()
+            if not self.only or name in self.only
+        )
+
+    @cached_property
+    def _capsules(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Starts (L, 3), ends (L, 3) and radii (L,) of the limbs [m]."""
+        _, starts, ends, radii = zip(*self.limbs(), strict=True)
+        return np.array(starts), np.array(ends), np.array(radii)
+
+    def parts(self) -> list[Part]:
+        several = len(self.limbs()) > 1
+        return [Part(limb.name if several else "", limb.geometry, limb.placement) for limb in self.limbs()]
+
+    def most_danger_points(self, spacing: float) -> float:
+        starts, ends, radii = self._capsules
+        along = np.pi * radii + np.linalg.norm(ends - starts, axis=1)  # from pole to pole
+        return float(((along / spacing + 4) * (2 * np.pi * radii / spacing + 1)).sum())
+
+    def danger_points(self, spacing: float) -> FloatArray:
+        """Return points on the surface, shape (M, 3); all of it is within `spacing` of them [m]."""
+        points: FloatArray = surface_points(*self._capsules, spacing)
+        return points
+
+    def triangles(self, resolution: int) -> Triangles:
+        pieces = [(limb.placement, limb.shape.triangles(resolution)) for limb in self.limbs()]
+        return surfaces.joined(
+            [(placed(placement, vertices), faces) for placement, (vertices, faces) in pieces]
+        )
+
+
+def _in_frame(pose: Pose, points: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    """Return where key points of the world are in the frame of the person [m]."""
+    world = [document.numbers(name, point, 3) for name, point in points.items()]
+    own = placed(pose.se3.inverse(), np.reshape(world, (-1, 3))).tolist()
+    return {name: tuple(point) for name, point in zip(points, own, strict=True)}

@@ -1,0 +1,148 @@
+"""Poses: position and orientation in the world."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import FloatArray, InputError, finite_array, shown, warn_once
+from safe_ompl.common import documents as document
+
+_log = logging.getLogger(__name__)
+
+UNLIKELY = 100.0  # [m] from the origin of a robot's world: more is taken for millimetres, and said
+_FULL_TURN = 6.3  # [rad] more is taken for degrees, and said
+_ROUNDING = 1e-12  # a quaternion this close to unit length is left as it is
+_NORM_TOLERANCE = 1e-3  # one this close is brought to unit length; one farther off is a mistake
+_NO_TURN = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Position and orientation.
+
+    Parameters
+    ----------
+    position : sequence of 3 float, optional
+        Origin in the world frame [m].
+    quaternion_xyzw : sequence of 4 float, optional
+        Orientation, the scalar last; a `pin.Quaternion` will do. Brought to unit length if its norm
+        is within 0.001 of 1.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the quaternion is not of unit length.
+    """
+
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    quaternion_xyzw: tuple[float, ...] = _NO_TURN
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", document.numbers("position", self.position, 3))
+        farthest = max(self.position, key=abs)
+        if abs(farthest) > UNLIKELY:
+            warn_once(
+                _log,
+                f"position: {farthest:g} m is far away: positions are in metres "
+                f"({farthest:g} mm are {farthest / 1e3:g})",
+            )
+        object.__setattr__(self, "quaternion_xyzw", _unit_quaternion(self.quaternion_xyzw))
+
+    def __repr__(self) -> str:
+        turn = "" if self.quaternion_xyzw == _NO_TURN else f", quaternion_xyzw={self.quaternion_xyzw}"
+        return f"Pose({self.position}{turn})"
+
+    @classmethod
+    def of(cls, value: Pose | pin.SE3 | ArrayLike) -> Pose:
+        """Return a pose given as one, as Pinocchio's transform, or as a homogeneous matrix of shape (4, 4) [m].
+
+        Raises
+        ------
+        InputError
+            If it is none of them, or the matrix is no rigid transform.
+        """
+        if isinstance(value, Pose):
+            return value
+        if isinstance(value, pin.SE3):
+            matrix = np.array(value.homogeneous)
+        elif isinstance(value, (np.ndarray, list, tuple)):
+            matrix = finite_array(value, (4, 4), "pose:")
+        else:
+            raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(value)}", "pose")
+        rotation = matrix[:3, :3]
+        turned = np.abs(rotation @ rotation.T - np.eye(3)).max() <= _NORM_TOLERANCE
+        if not turned or np.linalg.det(rotation) < 0 or (matrix[3] != [0.0, 0.0, 0.0, 1.0]).any():
+            raise InputError(f"must be a rigid transform, got {matrix.round(4).tolist()}", "pose")
+        quaternion = pin.Quaternion(rotation)
+        quaternion.normalize()
+        return cls(tuple(matrix[:3, 3].tolist()), tuple(quaternion.coeffs().tolist()))
+
+    @classmethod
+    def from_rpy(cls, position: Sequence[float], rpy: Sequence[float]) -> Pose:
+        """Return the pose turned by roll, pitch and yaw [rad] about the world's x, y and z, in this order."""
+        return cls(tuple(position), _turned(_angles("rpy", document.numbers("rpy", rpy, 3))))
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> Pose:
+        """Read `position` and at most one of `quaternion_xyzw`, `rpy` and `yaw` from a document."""
+        turns = [key for key in ("quaternion_xyzw", "rpy", "yaw") if key in data]
+        if len(turns) > 1:
+            raise InputError(f"give only one of {' and '.join(turns)}", turns[1])
+        position = document.numbers("position", data.get("position", (0.0, 0.0, 0.0)), 3)
+        if "rpy" in data:
+            return cls.from_rpy(position, data["rpy"])
+        if "yaw" in data:
+            (yaw,) = _angles("yaw", (document.number("yaw", data["yaw"]),))
+            return cls(position, _turned((0.0, 0.0, yaw)))
+        return cls(position, data.get("quaternion_xyzw", _NO_TURN))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what `from_mapping` reads, without a turn that is none."""
+        data = {"position": self.position}
+        if self.quaternion_xyzw != _NO_TURN:
+            data["quaternion_xyzw"] = self.quaternion_xyzw
+        return data
+
+    @property
+    def se3(self) -> pin.SE3:
+        """The pose as Pinocchio's rigid transform."""
+        return pin.XYZQUATToSE3(np.array(self.position + self.quaternion_xyzw))
+
+
+def placed(transform: pin.SE3, points: FloatArray) -> FloatArray:
+    """Return `points`, shape (M, 3), moved by a rigid transform."""
+    moved: FloatArray = points @ transform.rotation.T + transform.translation
+    return moved
+
+
+def _turned(rpy: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(pin.Quaternion(pin.rpy.rpyToMatrix(np.array(rpy))).coeffs().tolist())
+
+
+def _angles(key: str, angles: tuple[float, ...]) -> tuple[float, ...]:
+    """Return angles [rad]; warn where one seems to be in degrees."""
+    largest = max(angles, key=abs)
+    if abs(largest) > _FULL_TURN:
+        warn_once(
+            _log,
+            f"{key}: {largest:g} rad is more than a turn: angles are in radians "
+            f"({largest:g} degrees are {np.radians(largest):.5g})",
+        )
+    return angles
+
+
+def _unit_quaternion(value: Any) -> tuple[float, ...]:
+    if isinstance(value, pin.Quaternion):
+        value = value.coeffs()
+    quaternion = np.array(document.numbers("quaternion_xyzw", value, 4))
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1) > _NORM_TOLERANCE:
+        raise InputError(f"{quaternion.tolist()} must have length 1, not {norm:.4g}", "quaternion_xyzw")
+    return tuple((quaternion if abs(norm - 1) <= _ROUNDING else quaternion / norm).tolist())

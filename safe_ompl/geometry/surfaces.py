@@ -1,0 +1,184 @@
+"""Points and triangles on surfaces: boxes, solids of revolution, triangle meshes. Pure NumPy."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray
+
+Triangles = tuple[FloatArray, IntArray]
+"""Vertices, shape (V, 3) [m], and for each triangle the indices of its vertices, shape (F, 3)."""
+
+
+def box_points(size: FloatArray, spacing: float) -> FloatArray:
+    """Return grid points on the faces of a box, edges and corners included.
+
+    Parameters
+    ----------
+    size : ndarray, shape (3,)
+        Edge lengths; the box is centred at the origin [m].
+    spacing : float
+        Largest step between neighbours along x, y and z [m].
+
+    Returns
+    -------
+    ndarray, shape (M, 3)
+        Every point of the surface is within ``spacing / √2`` of one of them.
+    """
+    ticks = [np.linspace(-s / 2, s / 2, _steps(s, spacing) + 1) for s in size]
+    faces = []
+    for axis in range(3):
+        sides = [ticks[k] if k != axis else ticks[k][[0, -1]] for k in range(3)]
+        faces.append(np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3))
+    return np.unique(np.concatenate(faces), axis=0)
+
+
+def box_triangles(size: FloatArray) -> Triangles:
+    """Return the twelve triangles of a box centred at the origin, seen from outside."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
+    quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return corners, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def sphere_profile(radius: float, step: float) -> FloatArray:
+    """Return the half circle whose revolution about z is a sphere; see `revolved_points`."""
+    return _arc(radius, 0.0, -np.pi / 2, np.pi / 2, step)
+
+
+def cylinder_profile(radius: float, length: float, step: float) -> FloatArray:
+    """Return the polyline whose revolution about z is a cylinder with flat ends; see `revolved_points`."""
+    corners = np.array([[0.0, -length / 2], [radius, -length / 2], [radius, length / 2], [0.0, length / 2]])
+    pieces = [
+        np.linspace(a, b, _steps(float(np.linalg.norm(b - a)), step), endpoint=False)
+        for a, b in itertools.pairwise(corners)
+    ]
+    return np.concatenate([*pieces, corners[-1:]])
+
+
+def capsule_profile(radius: float, length: float, arc_step: float, line_step: float) -> FloatArray:
+    """Return the polyline whose revolution about z is a capsule; see `revolved_points`."""
+    bottom = _arc(radius, -length / 2, -np.pi / 2, 0.0, arc_step)
+    top = _arc(radius, length / 2, 0.0, np.pi / 2, arc_step)
+    side = np.linspace(bottom[-1], top[0], _steps(length, line_step) + 1)[1:-1]
+    return np.concatenate([bottom, side, top])
+
+
+def revolved_points(profile: FloatArray, spacing: float) -> FloatArray:
+    """Return points on the surface of a solid of revolution about z.
+
+    Parameters
+    ----------
+    profile : ndarray, shape (K, 2)
+        Distance from the axis and height of the rings, from the bottom pole to the top pole, at most
+        `spacing` apart along the surface [m].
+    spacing : float
+        Largest arc between neighbours on a ring [m].
+
+    Returns
+    -------
+    ndarray, shape (M, 3)
+        Every point of the surface is within `spacing` of one of them.
+    """
+    rings = []
+    for radius, height in profile:
+        count = _steps(2 * np.pi * radius, spacing)
+        angle = 2 * np.pi * np.arange(count) / count
+        rings.append(
+            np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, height)])
+        )
+    return np.concatenate(rings)
+
+
+def revolved_triangles(profile: FloatArray, segments: int) -> Triangles:
+    """Return the surface of a solid of revolution about z as triangles, seen from outside.
+
+    Parameters
+    ----------
+    profile : ndarray, shape (K, 2)
+        Distance from the axis and height, from the bottom pole to the top pole [m].
+    segments : int
+        Corners of every ring.
+    """
+    angle = 2 * np.pi * np.arange(segments) / segments
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    rings = [np.column_stack([r * ring, np.full(segments, z)]) for r, z in profile[1:-1]]
+    poles = np.array([[0.0, 0.0, profile[0, 1]], [0.0, 0.0, profile[-1, 1]]])
+    vertices = np.concatenate([*rings, poles])
+
+    here = np.arange(segments)
+    after = np.roll(here, -1)
+    faces = []
+    for k in range(len(rings) - 1):
+        low, high = k * segments, (k + 1) * segments
+        faces.append(np.column_stack([low + here, low + after, high + after]))
+        faces.append(np.column_stack([low + here, high + after, high + here]))
+    bottom, top, last = len(vertices) - 2, len(vertices) - 1, (len(rings) - 1) * segments
+    faces.append(np.column_stack([np.full(segments, bottom), after, here]))
+    faces.append(np.column_stack([np.full(segments, top), last + here, last + after]))
+    return vertices, np.concatenate(faces)
+
+
+def mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> FloatArray:
+    """Return points on a triangle mesh; every point of the mesh is within `spacing` of one of them.
+
+    Each triangle is covered by a barycentric grid of half the spacing; what lies closer together than the
+    other half is thinned.
+    """
+    grids = []
+    corners = vertices[faces]
+    steps = _mesh_steps(corners, spacing).astype(int)
+    for count in np.unique(steps):
+        i, j = np.array([(i, j) for i in range(count + 1) for j in range(count + 1 - i)]).T
+        weights = np.column_stack([i, j, count - i - j]) / count
+        grids.append((weights @ corners[steps == count]).reshape(-1, 3))
+    return thinned(np.concatenate(grids), spacing / 2)
+
+
+def most_mesh_points(vertices: FloatArray, faces: IntArray, spacing: float) -> float:
+    """Return how many points `mesh_points` makes before it thins them."""
+    steps = _mesh_steps(vertices[faces], spacing)
+    return float(((steps + 1) * (steps + 2) / 2).sum())
+
+
+def _mesh_steps(corners: FloatArray, spacing: float) -> FloatArray:
+    """Return into how many steps the edges of each triangle (F, 3, 3) are divided."""
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    steps: FloatArray = np.maximum(1.0, np.ceil(longest / (spacing / 2) - 1e-9))
+    return steps
+
+
+def thinned(points: FloatArray, distance: float) -> FloatArray:
+    """Return a subset of `points` such that each of them is within `distance` of one that stays.
+
+    Walks through the points in their order and drops those near the one that it keeps: deterministic.
+    """
+    rows = np.unique(points, axis=0)  # in the order of x
+    ends = np.searchsorted(rows[:, 0], rows[:, 0] + distance * (1 + 1e-9), side="right")
+    left = np.ones(len(rows), dtype=bool)
+    kept: list[int] = []
+    first = 0
+    while first < len(rows):
+        kept.append(first)
+        near = slice(first, int(ends[first]))
+        left[near] &= np.sum((rows[near] - rows[first]) ** 2, axis=1) > distance**2
+        rest = left[first:]
+        first += int(rest.argmax()) if rest.any() else len(rest)
+    return rows[kept].reshape(-1, 3)
+
+
+def joined(pieces: list[Triangles]) -> Triangles:
+    """Return several triangle meshes as one."""
+    offsets = np.cumsum([0, *(len(vertices) for vertices, _ in pieces[:-1])])
+    faces = [faces + offset for (_, faces), offset in zip(pieces, offsets, strict=True)]
+    return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces)
+
+
+def _arc(radius: float, height: float, start: float, stop: float, step: float) -> FloatArray:
+    angle = np.linspace(start, stop, _steps(radius * (stop - start), step) + 1)
+    return np.column_stack([np.maximum(radius * np.cos(angle), 0.0), height + radius * np.sin(angle)])
+
+
+def _steps(length: float, step: float) -> int:
+    return max(1, int(np.ceil(length / step - 1e-9)))

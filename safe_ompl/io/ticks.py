@@ -1,0 +1,91 @@
+"""Ticks of a simulation beside people, as a file of JSON lines.
+
+The first line is a header:
+
+    {"format": "safe-ompl ticks", "version": 1, "tick": 0.05, "joint_names": [...], "robot": {...}, "scene": {...},
+     "people": {"operator": {"height": 1.75, "limbs": ["head", ...]}}, "objects": {"cube": 0.5}}
+
+``robot`` and ``scene`` are as in saved results (`exchange.problems`, `paths.certificate.scene_document`); the scene
+holds what stands still, and moving objects where they are at first, but no tracked people; ``objects`` are bounds of
+speeds [m/s]. Every other line is a tick:
+
+    {"time": 1.25, "q": [...], "qd": [...],
+     "people": {"operator": {"head": [x, y, z], "left_shoulder": [...], ...}},
+     "objects": {"cube": {"position": [x, y, z], "quaternion_xyzw": [...]}},
+     "state": "moving" | "slowed" | "braking" | "standing" | "done",
+     "margin": 0.021, "distance": 0.48, "link": "panda_hand", "who": "operator", "limb": "right_hand",
+     "reason": "...", "obeyed": true, "path": 3, "task": 2, "reaction": 0.004, "measured": 1.25,
+     "ahead": [[q...], ...]}
+
+Lengths are metres, times seconds. A tick describes the instant ``time``. People and objects are where they truly are
+then, in the world; the key points are those of `safe_ompl.geometry.person` (18 with the pelvis): ``Person(height,
+keypoints)`` at the world's origin draws them. ``q``, ``qd``, ``state``, ``margin``, ``reason``, ``measured`` and
+``path`` belong to the command that the robot follows at that instant. The command that answers the measurement of
+``time`` holds a latency later, so the next tick shows it. ``margin`` is the smallest margin along the proven motion
+(null: nobody is there); ``distance`` is the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null:
+not observed). ``reason`` says why the robot is not as fast as it could be; ``measured`` is the time of the measurement
+against which its motion is proven. ``path`` counts the paths that were followed, ``task`` how often the goal was
+reached. ``ahead``, in the first tick of a path, are the way points of that path. ``obeyed`` says whether everybody kept
+to the reach model until the next tick; ``reaction`` is how long the answer to this measurement took (null: too long).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from safe_ompl.common import InputError
+from safe_ompl.io.form import strict_json
+from safe_ompl.io.problems import packed_robot
+from safe_ompl.io.scene_document import carried_scene
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+FORMAT, VERSION = "safe-ompl ticks", 1
+
+
+def ticks_header(tick: float, robot: Robot, scene: Scene, moving: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the first line of a file: the length of a tick [s], robot, what stands still, and who and what moves."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "tick": tick,
+        "joint_names": list(robot.joint_names),
+        "robot": packed_robot(robot),
+        "scene": carried_scene(scene),
+        **moving,
+    }
+
+
+def write_ticks(file: Path, header: dict[str, Any], ticks: Iterable[dict[str, Any]]) -> None:
+    """Write the header, then ticks as they come."""
+    with file.open("w", encoding="utf-8") as stream:
+        print(strict_json(header), file=stream)
+        for tick in ticks:
+            print(strict_json(tick), file=stream)
+
+
+def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the header and the ticks of a file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is no such file.
+    """
+    try:
+        lines = [
+            json.loads(line) for line in Path(file).read_text(encoding="utf-8").splitlines() if line.strip()
+        ]
+    except (OSError, RecursionError, ValueError) as error:
+        raise InputError(f"cannot be read as JSON lines: {error}", str(file)) from None
+    if not lines or not all(isinstance(line, dict) for line in lines):
+        raise InputError("must hold a JSON object in every line", str(file))
+    first = lines[0]
+    if first.get("format") != FORMAT:
+        raise InputError(f"must begin with a header of {FORMAT!r}", str(file))
+    if first.get("version") != VERSION:
+        raise InputError(f"version {first.get('version')!r} is not known, {VERSION} is", str(file))
+    return first, lines[1:]

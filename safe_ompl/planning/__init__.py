@@ -1,0 +1,29 @@
+"""SafeSetup, OMPL's SimpleSetup for a robot in a scene; and the results of planning."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.planning import wiring
+    from safe_ompl.planning.from_scenario import plan, setup_problem, setup_scenario
+    from safe_ompl.planning.given_planner import planner_data
+    from safe_ompl.planning.optimise import COSTS, Improvement
+    from safe_ompl.planning.result import PlanResult
+    from safe_ompl.planning.safe_setup import SafeSetup
+
+__all__ = [
+    "COSTS",
+    "Improvement",
+    "PlanResult",
+    "SafeSetup",
+    "plan",
+    "planner_data",
+    "setup_problem",
+    "setup_scenario",
+    "wiring",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

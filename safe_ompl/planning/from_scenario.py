@@ -1,0 +1,129 @@
+"""From a scenario, or a problem of MotionBenchMaker, to a setup; and from a scenario to a result."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from safe_ompl.common import clock
+from safe_ompl.common import documents as document
+from safe_ompl.planning.optimise import Cost
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.robot import Robot
+from safe_ompl.scene import MbmProblem, Scenario, find_scenario
+
+_log = logging.getLogger(__name__)
+
+
+def plan(
+    scenario: Scenario | str | Path,
+    planner: str = "SafeRRTConnect",
+    time: float | None = None,
+    seed: int = 0,
+    parameters: Mapping[str, Any] | None = None,
+    *,
+    simplify: bool | float = False,
+    optimise: float | None = None,
+    cost: Cost = "danger",
+    report: bool = True,
+) -> PlanResult:
+    """Plan a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        The problem, or the name or file of one.
+    planner : str
+        A name of `planner_names()`.
+    time : float, optional
+        Time limit [s]; the scenario's own by default.
+    seed : int
+        Seed.
+    parameters : mapping, optional
+        Planner parameters that override those of the scenario.
+    simplify, optimise, cost, report
+        As in `SafeSetup.plan`.
+
+    Returns
+    -------
+    PlanResult
+        True if solved.
+
+    Raises
+    ------
+    InputError, PlanningError
+        As `SafeSetup.plan`; and if the scenario cannot be used.
+    """
+    begin = clock()
+    if not isinstance(scenario, Scenario):
+        scenario = Scenario.load(find_scenario(scenario))
+    setup = setup_scenario(scenario)
+    own = scenario.planners.get(planner, {}) if isinstance(planner, str) else {}
+    built = clock() - begin
+    result = setup.plan(
+        planner,
+        time=scenario.time if time is None else time,
+        seed=seed,
+        parameters={**own, **(parameters or {})},
+        simplify=simplify,
+        optimise=optimise,
+        cost=cost,
+        report=report,
+    )
+    return replace(result, setup_time=built + result.setup_time)
+
+
+def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
+    """Return a SafeSetup with the robot, scene, start and goals of a scenario."""
+    robot = robot or scenario.build_robot()
+    start, goal = scenario.start_configuration(robot), scenario.goal
+    goals = scenario.goal_configurations(robot) if goal.configurations else None
+    with document.within(str(scenario.file or scenario.name), ": "):
+        setup = SafeSetup(robot, scenario.scene, danger=scenario.danger)
+        setup.setMotionLimits(scenario.motion, scenario.people)
+        if goal.position is not None:
+            setup.setWorkspaceGoal(goal.position, goal.rotation, goal.tolerance)
+        elif goal.region is not None:
+            setup.setGoalRegion(goal.region, goal.tolerance)
+        if goals is None:
+            setup.setStartConfiguration(start)
+        else:
+            setup.setConfigurations(start, goals)
+        with document.within("limits"):
+            limits = scenario.limits
+            if limits.max_danger:
+                setup.setMaxDanger(limits.max_danger)
+            if limits.min_clearance:
+                setup.setMinClearance(limits.min_clearance, limits.obstacles, limits.exempt)
+            if limits.tool is not None:
+                setup.setToolConstraint(limits.tool.axis, limits.tool.direction, limits.tool.angle)
+            if limits.tip is not None:
+                setup.setTipBounds(*limits.tip.corners)
+            if limits.moving is not None:
+                with document.within("moving", ": "):
+                    setup.setMovingObstacles(limits.moving.speeds, limits.moving.time)
+    return setup
+
+
+def setup_problem(problem: MbmProblem, robot: Robot) -> SafeSetup:
+    """Return a SafeSetup with the scene, start and goals of a problem.
+
+    Limits of joints are widened, with a warning, where a goal is slightly outside; see `MbmProblem.widened_limits`.
+
+    Raises
+    ------
+    InputError
+        If the joints are not those of the robot, or start or goals are outside the limits or in collision.
+    """
+    limits = problem.widened_limits(robot)
+    if limits:
+        listed = ", ".join(f"{joint} to [{low:g}, {high:g}]" for joint, (low, high) in limits.items())
+        _log.warning("%s %d: a goal is outside the limits: widened %s", problem.family, problem.index, listed)
+        robot = robot.with_limits(limits)
+    setup = SafeSetup(robot, problem.scene)
+    setup.setConfigurations(problem.start_configuration(robot), problem.goal_configurations(robot))
+    return setup

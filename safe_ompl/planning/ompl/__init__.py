@@ -1,0 +1,41 @@
+"""What OMPL is given: validity, motion validity, objectives, goals, and the bridge between states and arrays."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.planning.ompl.constraints import ConfigurationCheck, Constraints
+    from safe_ompl.planning.ompl.duration import DurationObjective
+    from safe_ompl.planning.ompl.goals import REGION_TOLERANCE, TOLERANCE, RegionGoal, WorkspaceGoal
+    from safe_ompl.planning.ompl.motion import CertifiedMotionValidator
+    from safe_ompl.planning.ompl.objective import DangerObjective, PeakDangerObjective, StateCost
+    from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
+    from safe_ompl.planning.ompl.user_checks import RESOLUTION, AskedMotions, SampledValidity, UserCheck
+    from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+
+__all__ = [
+    "REGION_TOLERANCE",
+    "RESOLUTION",
+    "TOLERANCE",
+    "AskedMotions",
+    "CertifiedMotionValidator",
+    "CollisionFreeValidity",
+    "ConfigurationCheck",
+    "Constraints",
+    "DangerObjective",
+    "DurationObjective",
+    "PeakDangerObjective",
+    "RegionGoal",
+    "SampledValidity",
+    "ScratchState",
+    "StateBridge",
+    "StateCost",
+    "UserCheck",
+    "WorkspaceGoal",
+    "joint_space",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -1,0 +1,307 @@
+"""Goals of the robot's tip, a place or a region, as OMPL goals that any planner can sample."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from ompl import base as ob
+
+from safe_ompl.common import FloatArray, InputError, PlanningError, positive, shown
+from safe_ompl.danger import DangerField
+from safe_ompl.planning.ompl.states import ScratchState, StateBridge
+from safe_ompl.robot import (
+    METRES_PER_RADIAN,
+    GoalRegion,
+    Place,
+    RegionPlace,
+    Robot,
+    approach,
+    place_of,
+    tip_reach,
+)
+
+TOLERANCE = 0.01  # [m]
+_PRECISION = 0.01  # of the tolerance: a solution is this near to the place
+
+_FIRST_SEEDS = 16  # seeds of the first search: enough to see several of the arm's postures
+_MORE_SEEDS = 1  # of the later ones, which happen while a planner plans
+_PATIENCE = 16  # a planner that has seen all solutions is given another after it asked this often
+_SAME = 0.05  # [rad] solutions nearer to each other than this are one
+
+
+class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
+    """The configurations whose tip is at a place (the paper's goal region, §2).
+
+    Planners see it as a growing list of configurations: valid solutions of the inverse kinematics from random
+    seeds. The first to be offered is the safest of several; planners that go on asking get the next ones, and new
+    ones are searched for. The search runs in the planner's own thread, when OMPL asks; if nothing is found
+    planners wait until their time is up, and `failure` says how near the tip came. The same seed gives the same
+    solutions; `setSeed` begins anew.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its space must have the robot's joints as coordinates (see `joint_space`).
+    robot : Robot
+        The robot.
+    position : array_like, shape (3,), pin.SE3 or Place
+        Where its tip is to be, in the world frame [m]; or its whole pose.
+    rotation : array_like, shape (3, 3) or (4,), or pin.Quaternion, optional
+        Orientation of the tip, a matrix or a quaternion x, y, z, w; without it any will do.
+    tolerance : float
+        How near to the place is near enough [m]. With a rotation a radian counts as
+        `safe_ompl.robot.ik.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
+    field : DangerField, optional
+        Ranks the solutions.
+    seed : int, optional
+        Seed of the random numbers; by default another every time.
+
+    Attributes
+    ----------
+    place : Place
+        The place, for planners that work in the workspace.
+    tolerance : float
+        As given.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, NaN, a matrix that is not a rotation, a tolerance that is not positive; or a place that is out of
+        reach, by a proven bound of the reach (`tip_reach`).
+
+    Notes
+    -----
+    What OMPL calls, and hence what is overridden: `maxSampleCount` (how many solutions there are now),
+    `couldSample` (could there be more?), `sampleGoal` and `distanceGoal`.
+    """
+
+    def __init__(
+        self,
+        si: Any,
+        robot: Robot,
+        position: ArrayLike | Any,
+        rotation: ArrayLike | None = None,
+        *,
+        tolerance: float = TOLERANCE,
+        field: DangerField | None = None,
+        seed: int | None = None,
+    ) -> None:
+        super().__init__(si)
+        self.place = position if isinstance(position, Place) else place_of(robot, position, rotation)
+        self.tolerance = positive(tolerance, "tolerance", "length [m]")
+        self.setThreshold(self.tolerance)
+        self._field = field
+        self._bridge = StateBridge(si.getStateSpace())
+        if self._bridge.n != robot.n:
+            raise InputError(
+                f"the space has {self._bridge.n} coordinates, but {robot.name!r} {robot.n} joints"
+            )
+        self._scratch = ScratchState(self._bridge)
+        self._reach = tip_reach(self.place.robot)
+        self._check_reach()
+        self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed)
+
+    def __repr__(self) -> str:
+        return f"WorkspaceGoal({self.place!r}, tolerance={self.tolerance:g}, seed={self._seed})"
+
+    def setSeed(self, seed: int) -> None:
+        """Start the random numbers anew and forget all solutions."""
+        if isinstance(seed, bool) or int(seed) != seed or seed < 0:
+            raise InputError(f"seed must be a non-negative integer, got {seed!r}")
+        self._seed = int(seed)
+        self._rng = np.random.default_rng(self._seed)
+        self._found: list[FloatArray] = []
+        self._offered = 0  # of those found, in order
+        self._next = 0  # to be handed out
+        self._asked = 0
+        self._tries = 0  # seeds that were searched from,
+        self._arrived = 0  # and how many of them led to the place
+        self._nearest = (
+            np.inf,
+            np.zeros(0),
+        )  # of the others, the least distance and the configuration that has it
+        self._refused: FloatArray | None = None  # the last one that led to the place, but is not valid
+
+    def getSeed(self) -> int:
+        """Return the seed."""
+        return self._seed
+
+    @property
+    def solutions(self) -> FloatArray:
+        """The goal configurations (G, n) offered so far [rad or m]."""
+        return np.array(self._found[: self._offered]).reshape(-1, self._bridge.n)
+
+    @property
+    def refused(self) -> FloatArray | None:
+        """A configuration (n,) at the place that is not valid [rad or m]; None if none was found."""
+        return self._refused
+
+    def failure(self) -> str | None:
+        """Return why there is no goal configuration, as far as is known; None if there is one, or nobody looked."""
+        if self._found or not self._tries:
+            return None
+        begin = f"{self._tries} searches of the inverse kinematics found no valid goal configuration"
+        if self._arrived:
+            return f"{begin}: {self._arrived} brought the tip {self.place.robot.tip!r} to the goal, all are refused"
+        error = self.place.error(self._nearest[1])
+        off = f"{1e3 * np.linalg.norm(error[:3]):.0f} mm"
+        if len(error) > 3:
+            off += f" and {np.degrees(np.linalg.norm(error[3:]) / METRES_PER_RADIAN):.1f} deg"
+        centre, radius = self._reach
+        return (
+            f"{begin}: the tip {self.place.robot.tip!r} comes within {off} of the goal at best; "
+            f"its reach is at most {radius:.2f} m from {centre.round(3).tolist()}"
+        )
+
+    def _check_reach(self) -> None:
+        """Raise an error if the tip can be proven not to come near enough."""
+        centre, radius = self._reach
+        nearest = self.place.nearest_position(centre)
+        away = float(np.linalg.norm(nearest - centre))
+        if away > radius + self.tolerance:
+            raise InputError(
+                f"the goal {nearest.round(3).tolist()} [m] is out of reach: it is {away:.2f} m from "
+                f"{centre.round(3).tolist()}, and the tip {self.place.robot.tip!r} of {self.place.robot.name!r} is "
+                f"never more than {radius:.2f} m from there"
+            )
+
+    # ------------------------------------------------------------------------------------- OMPL's questions
+
+    def distanceGoal(self, state: Any) -> float:
+        """Return the distance [m] of the tip from the place."""
+        return self.place.distance(self._bridge.read(state))
+
+    def maxSampleCount(self) -> int:
+        """Return how many solutions are offered now; looks for the first if there is none."""
+        if not self._offered:
+            self._offer()
+        return self._offered
+
+    def couldSample(self) -> bool:
+        """Return True: there may be more, and who keeps asking gets them."""
+        self._asked += 1
+        if self._asked >= max(_PATIENCE, self._offered):
+            self._offer()
+        return True
+
+    def sampleGoal(self, state: Any) -> None:
+        """Write the next solution into `state`; after the last one, a new one if it is found, else the first.
+
+        Raises
+        ------
+        PlanningError
+            If no solution is known. Planners ask `maxSampleCount` first.
+        """
+        if self._next >= self._offered:
+            self._offer()
+        if not self._offered:
+            raise PlanningError(
+                f"no valid configuration brings the tip to {self.place!r}, as far as known: {self.failure()}"
+            )
+        self._next %= self._offered
+        self._bridge.write(self._found[self._next], state)
+        self._next += 1
+
+    # -------------------------------------------------------------------------------- looking for solutions
+
+    def _offer(self) -> None:
+        """Offer one solution more, the safest of those that were found together."""
+        self._asked = 0
+        if self._offered == len(self._found):
+            self._found += self._search(_MORE_SEEDS if self._found else _FIRST_SEEDS)
+        self._offered += self._offered < len(self._found)
+
+    def _search(self, seeds: int) -> list[FloatArray]:
+        """Return new valid solutions from random seeds, the safest first."""
+        robot = self.place.robot
+        new: list[FloatArray] = []
+        precision = _PRECISION * self.tolerance
+        for _ in range(seeds):
+            seed = self._rng.uniform(robot.lower, robot.upper)
+            q, distance = approach(self._target(), seed, precision)
+            self._tries += 1
+            if distance > precision:
+                self._nearest = min(self._nearest, (self.place.distance(q), q), key=lambda found: found[0])
+                continue
+            self._arrived += 1
+            if not self._is_new(q, new):
+                continue
+            if self._is_valid(q):
+                new.append(q)
+            else:
+                self._refused = q
+        if self._field is None or not new:
+            return new
+        return [new[k] for k in np.argsort(self._field.values(np.array(new)), kind="stable")]
+
+    def _target(self) -> Place:
+        """Return where the next solution is to bring the tip."""
+        return self.place
+
+    def _is_new(self, q: FloatArray, others: list[FloatArray]) -> bool:
+        known = np.array([*self._found, *others]).reshape(-1, len(q))
+        return not (np.linalg.norm(self._bridge.difference(known, q), axis=1) < _SAME).any()
+
+    def _is_valid(self, q: FloatArray) -> bool:
+        si, state = self.getSpaceInformation(), self._scratch.set(q)
+        return bool(si.satisfiesBounds(state) and si.isValid(state))
+
+
+REGION_TOLERANCE = 1e-3  # [m]
+
+
+class RegionGoal(WorkspaceGoal):
+    """The configurations whose tip is in a region: its position and its orientation within bounds.
+
+    All that holds of a `WorkspaceGoal` holds of it. Solutions are those of the inverse kinematics for poses drawn at
+    random from the region; `distanceGoal` is the distance of the tip from the region, 0 inside.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its space must have the robot's joints as coordinates (see `joint_space`).
+    robot : Robot
+        The robot.
+    region : GoalRegion
+        Where its tip may be.
+    tolerance : float
+        How far outside of the region is near enough [m]; a radian counts as 0.25 m.
+    field : DangerField, optional
+        Ranks the solutions.
+    seed : int, optional
+        Seed of the random numbers; by default another every time.
+
+    Attributes
+    ----------
+    region : GoalRegion
+        As given.
+
+    Raises
+    ------
+    InputError
+        If the region is none, or the tolerance is not positive.
+    """
+
+    def __init__(
+        self,
+        si: Any,
+        robot: Robot,
+        region: GoalRegion,
+        *,
+        tolerance: float = REGION_TOLERANCE,
+        field: DangerField | None = None,
+        seed: int | None = None,
+    ) -> None:
+        if not isinstance(region, GoalRegion):
+            raise InputError(f"region must be a GoalRegion, got {shown(region)}")
+        self.region = region
+        self._inside = RegionPlace(robot, region)
+        super().__init__(si, robot, self._inside, tolerance=tolerance, field=field, seed=seed)
+
+    def __repr__(self) -> str:
+        return f"RegionGoal({self.region!r}, tolerance={self.tolerance:g}, seed={self.getSeed()})"
+
+    def _target(self) -> Place:
+        return self._inside.sample(self._rng)

@@ -1,0 +1,265 @@
+"""Danger as an OMPL optimisation objective, and how planners read any objective as a cost."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from ompl import base as ob
+
+from safe_ompl.common import FloatArray, halton_point, positive
+from safe_ompl.danger import DangerField
+from safe_ompl.planning.ompl.states import ScratchState, StateBridge
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+
+_log = logging.getLogger(__name__)
+
+_OWN_THREAD = (
+    "the planner asks its objective in a thread of its own, as OMPL's PRM and PRMstar do, and will wait for it for "
+    "ever: end this process, as Ctrl-C does not, and take SafePRM"
+)
+_MOTION_STEP = 0.2  # [rad] between the first samples of a motion's cost
+_REFINEMENTS = 6
+
+_SLOPE_SAMPLES = 50
+_SLOPE_SEED = 0  # the scale belongs to robot and scene: it must not change with a planner's seed
+_VALUE_SAMPLES = 100
+
+
+class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
+    """The danger field of a robot as a cost: of a state CDF(q), of a motion ∫ CDF(q(s)) ds.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its space must have the robot's joints as coordinates (see `joint_space`).
+    field : DangerField
+        The danger.
+    tolerance : float
+        Relative error of a motion's cost; the trapezoidal rule is refined until its last change is as small.
+
+    Raises
+    ------
+    InputError
+        If the tolerance is not positive.
+
+    Notes
+    -----
+    Optimising planners look at no motion that cannot pay: `motionCostHeuristic` is CDF_min times the distance, with
+    a proven bound CDF_min of the danger anywhere (`DangerField.minimum`).
+    """
+
+    def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
+        super().__init__(si)
+        self.field = field
+        self.tolerance = positive(tolerance, "tolerance")
+        self._bridge = StateBridge(si.getStateSpace())
+        self._scales: dict[Any, float] = {}
+        self._revision = field.revision  # that the scales are of
+        self._thread = threading.get_ident()  # that asked last
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.field!r}, tolerance={self.tolerance:g})"
+
+    @property
+    def scales(self) -> dict[Any, float]:
+        """What `StateCost` has measured of the danger once, for all planners; empty again when obstacles move."""
+        if self._revision != self.field.revision:
+            self._scales, self._revision = {}, self.field.revision
+        return self._scales
+
+    def getDescription(self) -> str:
+        """Return a line about the objective."""
+        return "integral of the danger field (Lacevic & Rocco 2013)"
+
+    def stateCost(self, state: Any) -> Any:
+        """Return the danger at a state."""
+        return ob.Cost(self.field.value(self._bridge.read(state)))
+
+    def motionCost(self, start: Any, end: Any) -> Any:
+        """Return the integral of the danger over the straight motion, to within the tolerance."""
+        q_start, delta, length = self._motion(start, end)
+        panels = 1 + int(length / _MOTION_STEP)
+        values = self.values(q_start + np.linspace(0.0, 1.0, panels + 1)[:, None] * delta)
+        integral = float(np.trapezoid(values)) / panels
+        for _ in range(_REFINEMENTS):
+            between = self.values(q_start + ((np.arange(panels) + 0.5) / panels)[:, None] * delta)
+            refined = (integral + float(between.mean())) / 2
+            panels *= 2
+            # The error of the finer rule is a third of the change, where the danger is smooth.
+            if abs(refined - integral) <= 3 * self.tolerance * abs(refined):
+                return ob.Cost(refined * length)
+            integral = refined
+        return ob.Cost(integral * length)
+
+    def motionCostHeuristic(self, start: Any, end: Any) -> Any:
+        """Return a cost that no way between two states goes below."""
+        return ob.Cost(self._least() * self._motion(start, end)[2])
+
+    def _least(self) -> float:
+        """Return the danger that no configuration goes below; say so if it is a thread of OMPL's own that asks.
+
+        Such a thread waits for Python, and the planner, which keeps Python, waits for the thread.
+        """
+        thread = threading.get_ident()
+        if thread != self._thread:
+            self._thread = thread
+            if thread not in {known.ident for known in threading.enumerate()}:
+                _log.error("%s", _OWN_THREAD)
+        return self.field.minimum
+
+    def values(self, Q: FloatArray) -> FloatArray:
+        """Return the danger (B,) at a batch of configurations `Q: (B, n)`."""
+        return self.field.values(Q)
+
+    def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the danger (B,) and its C-space gradients (B, n) at `Q: (B, n)`."""
+        return self.field.values_and_gradients(Q)
+
+    def _motion(self, start: Any, end: Any) -> tuple[FloatArray, FloatArray, float]:
+        """Return where a motion starts (n,), its way (n,), and its length."""
+        q_start, q_end = self._bridge.read(start), self._bridge.read(end)
+        delta = self._bridge.difference(q_start, q_end)
+        return q_start, delta, float(np.linalg.norm(delta))
+
+
+class PeakDangerObjective(DangerObjective):
+    """The largest danger on the way as a cost (minimax): paths are as dangerous as their most dangerous point.
+
+    Parameters
+    ----------
+    si, field
+        As for `DangerObjective`.
+    step : float
+        Largest distance [rad] of the points at which a motion is looked at.
+
+    Raises
+    ------
+    InputError
+        If the step is not positive.
+    """
+
+    def __init__(self, si: Any, field: DangerField, step: float = 0.05) -> None:
+        super().__init__(si, field)
+        self.step = positive(step, "step", "number [rad]")
+
+    def getDescription(self) -> str:
+        """Return a line about the objective."""
+        return "peak of the danger field along the path (Lacevic & Rocco 2013)"
+
+    def motionCost(self, start: Any, end: Any) -> Any:
+        """Return the largest danger on the straight motion, at samples."""
+        q_start, delta, length = self._motion(start, end)
+        t = np.linspace(0.0, 1.0, 2 + int(length / self.step))[:, None]
+        return ob.Cost(float(self.values(q_start + t * delta).max()))
+
+    def combineCosts(self, first: Any, second: Any) -> Any:
+        """Return the larger cost."""
+        return ob.Cost(max(first.value(), second.value()))
+
+    def motionCostHeuristic(self, start: Any, end: Any) -> Any:
+        """Return the danger that no configuration goes below."""
+        return ob.Cost(self._least())
+
+
+class StateCost:
+    """The cost of configurations as planners read it from a problem's objective.
+
+    Objectives that answer batches (`values(Q)`, as `DangerObjective` does) are asked for batches; any other
+    `ob.OptimizationObjective` is asked state by state. Without an objective, or with path length, every
+    configuration costs nothing and planning is classical.
+
+    Parameters
+    ----------
+    objective : ob.OptimizationObjective or None
+        The problem's objective.
+    bridge : StateBridge
+        The space.
+    """
+
+    def __init__(self, objective: Any, bridge: StateBridge) -> None:
+        self._objective = objective
+        self._bridge = bridge
+        self._scratch = ScratchState(bridge)
+        self._own_scales: dict[Any, float] = {}
+        self.is_zero = objective is None or isinstance(objective, ob.PathLengthOptimizationObjective)
+
+    def values(self, Q: FloatArray) -> FloatArray:
+        """Return the cost (B,) of configurations `Q: (B, n)`."""
+        if self.is_zero:
+            return np.zeros(len(Q))
+        if hasattr(self._objective, "values"):
+            return np.asarray(self._objective.values(Q), dtype=np.float64)
+        return np.array([self._objective.stateCost(self._scratch.set(q)).value() for q in Q])
+
+    @property
+    def has_gradients(self) -> bool:
+        """Whether the objective offers exact gradients (`values_and_gradients(Q)`)."""
+        return not self.is_zero and hasattr(self._objective, "values_and_gradients")
+
+    def value_and_gradient(self, q: FloatArray) -> tuple[float, FloatArray]:
+        """Return the cost and its exact gradient (n,) at `q: (n,)`; only where `has_gradients`."""
+        values, gradients = self._objective.values_and_gradients(q[None])
+        return float(values[0]), gradients[0]
+
+    def gradient_norms(self, Q: FloatArray) -> FloatArray:
+        """Return ‖∇c‖ (B,) at `Q: (B, n)`: exact where the objective offers gradients, else by central differences."""
+        if self.is_zero:
+            return np.zeros(len(Q))
+        if self.has_gradients:
+            gradients = self._objective.values_and_gradients(Q)[1]
+        else:
+            step = 1e-5 * np.eye(self._bridge.n)
+            rises = [(self.values(Q + h) - self.values(Q - h)) / 2e-5 for h in step]
+            gradients = np.stack(rises, axis=1)
+        norms: FloatArray = np.linalg.norm(gradients, axis=1)
+        return norms
+
+    # ---------------------------------------------------------------------------------------------- its scale
+
+    @property
+    def _scales(self) -> dict[Any, float]:
+        """What was measured of the cost: kept by a `DangerObjective` for all, else here."""
+        return self._objective.scales if isinstance(self._objective, DangerObjective) else self._own_scales
+
+    def slope(self, si: Any) -> float:
+        """Return the median of ‖∇c‖ over valid configurations, what α is measured in; 0 where that is of no use.
+
+        A `DangerObjective` keeps it, as long as the same `CollisionFreeValidity` says with the same settings what is
+        valid. Of what a checker of the user's own decides by nothing is known: there it is measured anew at each call.
+
+        Parameters
+        ----------
+        si : ob.SpaceInformation
+            Says which configurations are valid.
+        """
+        if self.is_zero:
+            return 0.0
+        validity = si.getStateValidityChecker()
+        settings = validity.settings if isinstance(validity, CollisionFreeValidity) else None
+        if settings is None:
+            return self._measured_slope(si)
+        if settings not in self._scales:
+            self._scales[settings] = self._measured_slope(si)
+        return self._scales[settings]
+
+    @property
+    def usual_value(self) -> float:
+        """The median of the cost over the whole space, kept like the slope."""
+        if self.is_zero:
+            return 0.0
+        if None not in self._scales:
+            shares = [halton_point(k, self._bridge.n) for k in range(1, 1 + _VALUE_SAMPLES)]
+            self._scales[None] = float(np.median(self.values(self._bridge.between_bounds(np.array(shares)))))
+        return self._scales[None]
+
+    def _measured_slope(self, si: Any) -> float:
+        rng = np.random.default_rng(_SLOPE_SEED)
+        candidates = self._bridge.between_bounds(rng.random((8 * _SLOPE_SAMPLES, self._bridge.n)))
+        valid = (q for q in candidates if si.isValid(self._scratch.set(q)))
+        norms = self.gradient_norms(np.array(list(islice(valid, _SLOPE_SAMPLES)) or candidates))
+        norms = norms[np.isfinite(norms)]
+        return float(np.median(norms)) if len(norms) else 0.0

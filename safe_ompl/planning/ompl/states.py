@@ -1,0 +1,296 @@
+"""The bridge between OMPL states and NumPy arrays, for spaces of joint values."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import sys
+import threading
+from collections.abc import Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from ompl import base as ob
+
+from safe_ompl.common import BoolArray, FloatArray, InputError, PerThread
+from safe_ompl.robot import Robot
+from safe_ompl.robot.kernels import within
+
+_log = logging.getLogger(__name__)
+
+_new_capsule = ctypes.pythonapi.PyCapsule_New
+_new_capsule.restype = ctypes.py_object
+_new_capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+
+
+def joint_space(robot: Robot) -> Any:
+    """Return the OMPL state space of a robot's joints.
+
+    A `RealVectorStateSpace` where no joint is continuous; else a `CompoundStateSpace` with an `SO2StateSpace` for
+    each continuous joint and a real vector for each run of the others, in the order of the joints.
+    """
+    if not robot.continuous.any():
+        return _real_vector(robot.lower, robot.upper)
+    space = ob.CompoundStateSpace()
+    first = 0
+    for i in range(robot.n + 1):
+        ends_run = i == robot.n or robot.continuous[i]
+        if ends_run and i > first:
+            space.addSubspace(_real_vector(robot.lower[first:i], robot.upper[first:i]), 1.0)
+        if ends_run and i < robot.n:
+            space.addSubspace(ob.SO2StateSpace(), 1.0)
+            first = i + 1
+    return space
+
+
+def _real_vector(lower: FloatArray, upper: FloatArray) -> Any:
+    space = ob.RealVectorStateSpace(len(lower))
+    bounds = ob.RealVectorBounds(len(lower))
+    for i, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        bounds.setLow(i, low)
+        bounds.setHigh(i, high)
+    space.setBounds(bounds)
+    return space
+
+
+class StateBridge:
+    """Moves configurations between OMPL states of one space and arrays `q: (n,)`.
+
+    Works on real-vector spaces, SO(2), and compounds of these; angles of SO(2) parts wrap at ±π.
+
+    Parameters
+    ----------
+    space : ob.StateSpace
+        The space.
+
+    Attributes
+    ----------
+    n : int
+        Number of coordinates.
+    circular : ndarray of bool, shape (n,)
+        Which coordinates wrap.
+    lower, upper : ndarray, shape (n,)
+        Bounds; ±π for those that wrap.
+    extent : float
+        Length of the diagonal of the bounds, no side longer than one turn.
+
+    Raises
+    ------
+    InputError
+        If the space has parts of another kind.
+    """
+
+    def __init__(self, space: Any) -> None:
+        self.space = space
+        parts = _parts(space)
+        self.circular: BoolArray = np.concatenate([part.circular for part in parts])
+        self.lower: FloatArray = np.concatenate([part.lower for part in parts])
+        self.upper: FloatArray = np.concatenate([part.upper for part in parts])
+        self._weights = np.array([part.weight for part in parts])
+        self._firsts = np.cumsum([0, *(len(part.lower) for part in parts[:-1])])
+        self.n: int = len(self.lower)
+        self._sides: FloatArray = self.upper - self.lower
+        free = np.where(self.circular, sys.float_info.max, np.finfo(np.float64).eps)
+        self._held: FloatArray = np.array([self.lower - free, self.upper + free])
+        # More than one turn of a joint makes a space no larger to plan in.
+        self.extent = float(np.linalg.norm(np.minimum(self._sides, 2 * np.pi)))
+        self._wraps = bool(self.circular.any())
+        # OMPL's serialization of such a space is its coordinates in a row: reading and writing through one
+        # buffer costs a tenth of going through Python lists.
+        if space.getSerializationLength() != 8 * self.n:
+            raise InputError(f"state space {space.getName()!r} is not made of real vectors and SO(2) alone")
+        self._memory = PerThread(partial(_buffer, self.n))
+        self._plain: PlainCoordinates | None = None
+        if not self._buffer_works():
+            _log.warning("OMPL's states cannot be read through a buffer here: the slow way is taken")
+            self._plain = PlainCoordinates(space)
+
+    def __repr__(self) -> str:
+        return f"StateBridge({self.space.getName()!r}, n={self.n})"
+
+    def read(self, state: Any) -> FloatArray:
+        """Return the configuration (n,) of a state as a new array."""
+        return self.view(state).copy()
+
+    def view(self, state: Any) -> FloatArray:
+        """Return the configuration (n,) of a state in a buffer that the next call of this thread overwrites."""
+        buffer, capsule = self._memory.own
+        if self._plain is None:
+            self.space.serialize(capsule, state)
+        else:
+            buffer[:] = self._plain.read(state)
+        return buffer
+
+    def write(self, q: FloatArray, state: Any) -> None:
+        """Copy the configuration `q: (n,)` into a state."""
+        buffer, capsule = self._memory.own
+        buffer[:] = self.wrapped(q) if self._wraps else q
+        if self._plain is None:
+            self.space.deserialize(state, capsule)
+        else:
+            self._plain.write(buffer.tolist(), state)
+
+    def _buffer_works(self) -> bool:
+        """Return whether what is written through the buffer is what OMPL's own coordinates say, and back.
+
+        The bindings promise nothing of the kind: another version of them may take the capsule for something else.
+        """
+        plain, state = PlainCoordinates(self.space), self.space.allocState()
+        values = np.random.default_rng(0).uniform(-1.0, 1.0, (2, self.n))
+        buffer, capsule = self._memory.own
+        try:
+            buffer[:] = values[0]
+            self.space.deserialize(state, capsule)
+            written = np.array(plain.read(state))
+            plain.write(values[1].tolist(), state)
+            self.space.serialize(capsule, state)
+        except (TypeError, RuntimeError):
+            return False
+        return np.array_equal(written, values[0]) and np.array_equal(buffer, values[1])
+
+    def wrapped(self, q: FloatArray) -> FloatArray:
+        """Return `q: (…, n)` with the coordinates that wrap brought into [−π, π)."""
+        if not self._wraps:
+            return q
+        return np.where(self.circular, (q + np.pi) % (2 * np.pi) - np.pi, q)
+
+    def inside(self, q: FloatArray) -> FloatArray:
+        """Return the configuration within bounds that is nearest to `q: (…, n)`; coordinates that wrap are wrapped."""
+        # In a third of the time of np.clip.
+        clipped: FloatArray = np.minimum(np.maximum(q, self.lower), self.upper)
+        return np.where(self.circular, self.wrapped(q), clipped) if self._wraps else clipped
+
+    def holds(self, q: FloatArray) -> bool:
+        """Return whether `q: (n,)` is finite and within bounds, as `satisfiesBounds` of OMPL's spaces."""
+        return bool(within(q, self._held))
+
+    def between_bounds(self, shares: FloatArray) -> FloatArray:
+        """Return the configurations at `shares: (…, n)` in [0, 1] of the way from the lower to the upper bounds."""
+        return self.lower + self._sides * shares
+
+    def difference(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the motion from `start` to `end` (matching shapes (…, n)), the short way round where it wraps."""
+        delta = end - start
+        if self._wraps:
+            delta = np.where(self.circular, delta - 2 * np.pi * np.round(delta / (2 * np.pi)), delta)
+        return delta
+
+    def distances(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Return the space's own distances (…) between `start` and `end: (…, n)`.
+
+        Of a compound OMPL adds up the lengths of the motion in each part, times the part's weight.
+        """
+        squares = np.add.reduceat(self.difference(start, end) ** 2, self._firsts, axis=-1)
+        distances: FloatArray = np.sqrt(squares) @ self._weights
+        return distances
+
+
+def _buffer(n: int) -> tuple[FloatArray, Any]:
+    """Return n numbers, and the capsule by which OMPL's bindings read and write them."""
+    buffer: FloatArray = np.zeros(n)
+    return buffer, _new_capsule(buffer.ctypes.data, b"nb_handle", None)
+
+
+class PlainCoordinates:
+    """Coordinates of states by OMPL's own indexing, part by part: slow, and sure."""
+
+    def __init__(self, space: Any) -> None:
+        self._space = space
+
+    def __repr__(self) -> str:
+        return f"PlainCoordinates({self._space.getName()!r})"
+
+    def read(self, state: Any) -> list[float]:
+        """Return the coordinates of a state, n numbers."""
+        return [value for leaf, part in _leaves(self._space, state) for value in _values(leaf, part)]
+
+    def write(self, values: list[float], state: Any) -> None:
+        """Write n numbers into a state."""
+        first = 0
+        for leaf, part in _leaves(self._space, state):
+            if isinstance(leaf, ob.SO2StateSpace):
+                part.value = values[first]
+                first += 1
+            elif isinstance(leaf, ob.SE2StateSpace):
+                part.setXY(*values[first : first + 2])
+                part.setYaw(values[first + 2])
+                first += 3
+            else:
+                last = first + leaf.getDimension()
+                part[0 : last - first] = values[first:last]
+                first = last
+
+
+def _leaves(space: Any, state: Any) -> Iterator[tuple[Any, Any]]:
+    """Return the parts of a space that have coordinates, each with its part of a state."""
+    if isinstance(space, ob.CompoundStateSpace) and not isinstance(space, ob.SE2StateSpace):
+        for k in range(space.getSubspaceCount()):
+            yield from _leaves(space.getSubspace(k), state[k])
+    else:
+        yield space, state
+
+
+def _values(space: Any, state: Any) -> list[float]:
+    if isinstance(space, ob.SO2StateSpace):
+        return [float(state.value)]
+    if isinstance(space, ob.SE2StateSpace):  # its states have names instead of parts
+        return [float(state.getX()), float(state.getY()), float(state.getYaw())]
+    return [float(value) for value in state[0 : space.getDimension()]]
+
+
+class ScratchState(threading.local):
+    """One state of a space for each thread, freed with this object."""
+
+    def __init__(self, bridge: StateBridge) -> None:
+        self._bridge = bridge
+        self.state = bridge.space.allocState()
+
+    def set(self, q: FloatArray) -> Any:
+        """Write `q: (n,)` and return the state; it holds until the next call of this thread."""
+        self._bridge.write(q, self.state)
+        return self.state
+
+
+# Their motions are curves and their distances those of vehicles, not of the coordinates.
+_CURVED = tuple(
+    getattr(ob, name)
+    for name in (
+        *("DubinsStateSpace", "ReedsSheppStateSpace", "TrochoidStateSpace"),
+        *("OwenStateSpace", "VanaStateSpace", "VanaOwenStateSpace"),
+    )
+    if hasattr(ob, name)
+)
+
+
+class _Part(NamedTuple):
+    """A leaf of a space: which coordinates wrap, their bounds, and what the part weighs in distances."""
+
+    circular: BoolArray
+    lower: FloatArray
+    upper: FloatArray
+    weight: float
+
+
+def _parts(space: Any, weight: float = 1.0) -> list[_Part]:
+    if isinstance(space, _CURVED):
+        raise InputError(
+            f"state space {space.getName()!r} ({type(space).__name__}): its motions are curves; only spaces of "
+            "straight motions can be planned in (real vectors, SO(2) and compounds of these, such as SE2StateSpace)"
+        )
+    if isinstance(space, ob.SO2StateSpace):
+        return [_Part(np.array([True]), np.array([-np.pi]), np.array([np.pi]), weight)]
+    if isinstance(space, ob.RealVectorStateSpace):
+        bounds = space.getBounds()
+        lower, upper = np.array(list(bounds.low), dtype=float), np.array(list(bounds.high), dtype=float)
+        return [_Part(np.zeros(len(lower), dtype=bool), lower, upper, weight)]
+    if isinstance(space, ob.CompoundStateSpace):
+        return [
+            part
+            for i in range(space.getSubspaceCount())
+            for part in _parts(space.getSubspace(i), weight * space.getSubspaceWeight(i))
+        ]
+    raise InputError(
+        f"state space {space.getName()!r} ({type(space).__name__}): only real vectors, SO(2) and compounds of these "
+        "can be planned in"
+    )

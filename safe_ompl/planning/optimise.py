@@ -1,0 +1,336 @@
+"""What makes paths better: simplification, the timer of trajectories, and anytime search for the best path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from safe_ompl.collision import CertifiedMotion
+from safe_ompl.common import FloatArray, InputError, clock
+from safe_ompl.danger import DangerField
+from safe_ompl.paths import Simplifier, Stop, timed, unrolled
+from safe_ompl.scene import MotionLimits, People
+from safe_ompl.trajectories import PathTimer, RateLimits, duration_of, faster
+
+Cost: TypeAlias = Literal["danger", "duration"]
+COSTS: tuple[Cost, ...] = ("danger", "duration")
+
+_PATIENCE = 4  # starts in a row that find nothing better before the best path is refined
+_WORTHWHILE = 1e-3  # share of the cost that a better path must save to count as such for that
+_REFINEMENTS = 3  # each with half the spacing of the one before
+
+_STARTS = 2  # paths that are looked for before the fastest is made faster, and again when that ends
+_SIMPLIFICATION = 0.3  # [s] of each
+_WEIGHTS = (0.0, 1.0)  # of danger, for shorter paths than the simplifier's own
+_PROMISING = 1.5  # a new path that takes longer than this times the fastest one is left as it is
+
+Search = Callable[[int, float], FloatArray | None]
+
+
+class Simplification:
+    """Keeps the options of a danger-aware simplification, and a `Simplifier` for the scene as it is.
+
+    Parameters
+    ----------
+    field : DangerField or None
+        The danger; None where there is none.
+    """
+
+    def __init__(self, field: DangerField | None) -> None:
+        self._field = field
+        self._options: Mapping[str, Any] = {}
+        self._simplifier: Simplifier | None = None
+
+    def set(self, motion: CertifiedMotion, options: Mapping[str, Any]) -> Simplifier:
+        """Take other options of `Simplifier`, and return one that proves edges by a motion.
+
+        Raises
+        ------
+        InputError
+            If an option is out of range, or there is no danger.
+        """
+        if self._field is None:
+            raise InputError(
+                "danger-aware simplification needs a danger field; this setup plans without danger"
+            )
+        self._simplifier = Simplifier(motion.checker, self._field, motion, **options)
+        self._options = options
+        return self._simplifier
+
+    def by(self, motion: CertifiedMotion) -> Simplifier:
+        """Return a simplifier that proves edges by a motion; errors as `set`."""
+        known = self._simplifier
+        if known is None or known.checker is not motion.checker:
+            return self.set(motion, self._options)
+        if known.motion is not motion:
+            self._simplifier = known = known.proving_by(motion)
+        return known
+
+
+class Timing:
+    """What trajectories keep to, and the timer that follows from it.
+
+    Parameters
+    ----------
+    field : DangerField or None
+        The danger; None where there is none.
+    limits : MotionLimits, optional
+        Of joints, tool and links.
+    people : People, optional
+        Who may come near, and how fast.
+    """
+
+    def __init__(
+        self, field: DangerField | None, limits: MotionLimits | None = None, people: People | None = None
+    ) -> None:
+        self._field, self._limits, self._people = field, limits or MotionLimits(), people
+        self._timer: PathTimer | None = None
+        self._made_for: tuple[Any, ...] = ()  # the motion, and the scene that its checker was in then
+
+    def timer(self, motion: CertifiedMotion) -> PathTimer:
+        """Return what times paths that a motion proves.
+
+        Raises
+        ------
+        InputError
+            If limits are missing, people are not in the scene, or a danger is limited but none is planned with.
+        """
+        made_for = motion, motion.checker.scene
+        if self._timer is None or any(a is not b for a, b in zip(self._made_for, made_for, strict=True)):
+            robot, limits = motion.checker.robot, self._limits
+            danger = None if limits.max_danger is None or self._field is None else self._field.moving
+            self._timer = PathTimer(
+                robot,
+                RateLimits.of(robot, limits.velocity, limits.acceleration, limits.jerk),
+                motion=motion,
+                people=self._people,
+                tool_speed=limits.tool_speed,
+                link_speed=limits.link_speed,
+                danger=danger,
+                max_danger=limits.max_danger,
+            )
+            self._made_for = made_for
+        return self._timer
+
+
+# -------------------------------------------------------------------------------------------------- the cheapest path
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """A path that was better than all before it.
+
+    Attributes
+    ----------
+    time : float
+        Since the beginning [s].
+    cost : float
+        J of the path.
+    length : float
+        [rad]
+    danger_mean, danger_max : float
+        Over the path.
+    """
+
+    time: float
+    cost: float
+    length: float
+    danger_mean: float
+    danger_max: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the numbers by name."""
+        return dict(vars(self))
+
+
+@dataclass
+class Optimisation:
+    """The best path so far, and those that were best before.
+
+    Attributes
+    ----------
+    times : list of float
+        When each path was found [s].
+    paths : list of ndarray, shape (N, n)
+        Each better than those before, as far as was known then.
+    first_path : float or None
+        When there was a path at all [s].
+    """
+
+    times: list[float]
+    paths: list[FloatArray]
+    first_path: float | None = None
+
+    def settled(self, simplifier: Simplifier) -> tuple[FloatArray | None, tuple[Improvement, ...]]:
+        """Return the best path, if there is one, and what it and those that were best before it cost, in order.
+
+        While paths descend, their cost is known for the danger points near them alone; here it is that of all points,
+        and a path that is not better than those before is left out.
+        """
+        best, found = None, list[Improvement]()
+        for time, path in zip(self.times, self.paths, strict=True):
+            cost = simplifier.cost.of(path)
+            if not found or cost < found[-1].cost:
+                length, mean, peak = simplifier.danger_along(path)
+                best = path
+                found.append(Improvement(time, cost, length, mean, peak))
+        return best, tuple(found)
+
+
+def optimise(
+    search: Search, simplifier: Simplifier, seconds: float, stop: Stop | None = None
+) -> Optimisation:
+    """Look for the cheapest path until the time is up.
+
+    Every start is a new path of the planner, simplified. When several in a row have found nothing better, the best
+    one is refined: more way points, smaller gains. Ctrl-C ends it early; what was found stands.
+
+    Parameters
+    ----------
+    search : callable
+        Plans: from a number that is another one for every start, and a time limit [s], to a path (N, n) or None.
+    simplifier : Simplifier
+        Makes paths cheaper.
+    seconds : float
+        Time limit [s].
+    stop : callable, optional
+        Ends it early.
+    """
+    begin, over = clock(), timed(seconds, stop)
+    found = Optimisation([], [])
+    with suppress(KeyboardInterrupt):  # the best path so far stands
+        _improve(found, search, simplifier, begin, seconds, over)
+    return found
+
+
+def _improve(
+    found: Optimisation, search: Search, simplifier: Simplifier, begin: float, seconds: float, over: Stop
+) -> None:
+    best, stale, refinement, start = np.inf, 0, 0, 0
+
+    def better(path: FloatArray, cost: float) -> None:
+        nonlocal best, stale
+        if cost < best:
+            stale = 0 if cost < (1.0 - _WORTHWHILE) * best else stale
+            best = cost
+            found.times.append(clock() - begin)
+            found.paths.append(path)
+
+    while not over():
+        if found.paths and stale >= _PATIENCE and refinement < _REFINEMENTS:
+            refinement, stale = refinement + 1, 0
+            simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
+            continue
+        path = search(start, seconds - (clock() - begin))
+        start, stale = start + 1, stale + 1
+        if path is None:
+            continue
+        if found.first_path is None:
+            found.first_path = clock() - begin
+            found.times.append(found.first_path)
+            found.paths.append(path)
+        simplifier.begin(path, over, better, proven=True).improve()
+
+
+# --------------------------------------------------------------------------------------------------- the fastest path
+
+
+class FastestPath:
+    """Looks for the path that is driven in the least time.
+
+    Paths of a planner, and what simplification makes of them, are timed; of several the best one is made faster by
+    local changes (`safe_ompl.trajectories.local_changes`).
+
+    Parameters
+    ----------
+    timer : PathTimer
+        Limits and caps.
+    simplifier : Simplifier
+        Makes paths safer: beside people these may be driven faster.
+    seed : int
+        Of local changes.
+
+    Attributes
+    ----------
+    times : list of float
+        When each path was found [s].
+    paths : list of ndarray, shape (N, n)
+        Each faster than those before; only the first may be one that people allow no motion on.
+    durations : list of float
+        How long each takes [s]; +inf where nothing allows motion.
+    """
+
+    def __init__(self, timer: PathTimer, simplifier: Simplifier, seed: int) -> None:
+        self.times: list[float] = []
+        self.paths: list[FloatArray] = []
+        self.durations: list[float] = []
+        self._timer, self._simplifier = timer, simplifier
+        shorter = (
+            Simplifier(
+                simplifier.checker, simplifier.danger.field, simplifier.motion, weight=weight, clearance=0.0
+            )
+            for weight in _WEIGHTS
+        )
+        self._simplifiers = simplifier, *shorter
+        self._rng = np.random.default_rng(seed)
+        self._begin = clock()
+
+    @property
+    def first_path(self) -> float | None:
+        """When there was a path at all [s]."""
+        return self.times[0] if self.times else None
+
+    def search(self, search: Search, seconds: float, stop: Stop | None = None) -> None:
+        """Look until the time is up; parameters as `optimise`. Ctrl-C ends it early."""
+        over, start = timed(seconds, stop), 0
+        with suppress(KeyboardInterrupt):  # the best path so far stands
+            while not over():
+                found = []
+                for k in range(start, start + _STARTS):
+                    path = None if over() else search(k, seconds - (clock() - self._begin))
+                    found += [] if path is None else [self._simplified(path, over)]
+                start += _STARTS
+                if found:
+                    duration, path = min(found, key=lambda pair: pair[0])
+                    promising = duration < _PROMISING * self.durations[-1]
+                    self._make_faster(path if promising else self.paths[-1], over)
+
+    def shorten(self, path: FloatArray, over: Stop) -> FloatArray:
+        """Return a path that is driven in less time, or the given one."""
+        with suppress(KeyboardInterrupt):
+            self._make_faster(self._simplified(path, over)[1], over)
+        return self.paths[-1]
+
+    def settled(self, simplifier: Simplifier) -> tuple[FloatArray | None, tuple[Improvement, ...]]:
+        """Return the fastest path, if there is one, and those that were fastest before it, in order."""
+        found = zip(self.times, self.paths, self.durations, strict=True)
+        rows = [Improvement(time, cost, *simplifier.danger_along(path)) for time, path, cost in found]
+        return (self.paths[-1] if self.paths else None), tuple(rows)
+
+    def _simplified(self, path: FloatArray, over: Stop) -> tuple[float, FloatArray]:
+        """Time a path, and what simplification for safety and for length make of it; return the fastest."""
+        path = unrolled(self._timer.robot, path)
+        candidates = [(self._timed(path), path)]
+        for simplifier in self._simplifiers:
+            if not over():
+                simple = simplifier.simplify(path, timed(_SIMPLIFICATION, over), proven=True)
+                candidates.append((self._timed(simple), simple))
+        return min(candidates, key=lambda pair: pair[0])
+
+    def _make_faster(self, path: FloatArray, over: Stop) -> None:
+        faster(path, self._timer, self._simplifier.motion, self._rng, over, self._better)
+
+    def _timed(self, path: FloatArray) -> float:
+        duration = duration_of(self._timer, path)
+        self._better(path, duration)
+        return duration
+
+    def _better(self, path: FloatArray, duration: float) -> None:
+        if not self.paths or duration < self.durations[-1]:
+            self.times.append(clock() - self._begin)
+            self.paths.append(path)
+            self.durations.append(duration)

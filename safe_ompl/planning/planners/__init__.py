@@ -1,0 +1,42 @@
+"""Planners that subclass ompl.base.Planner."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.planning.planners.base import SafePlanner
+    from safe_ompl.planning.planners.bubble import BubblePlanner
+    from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph
+    from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
+    from safe_ompl.planning.planners.parameters import Parameter
+    from safe_ompl.planning.planners.prm import SafePRM
+    from safe_ompl.planning.planners.registry import (
+        accepts,
+        check_usable,
+        is_ours,
+        make_planner,
+        needs_place,
+        planner_names,
+    )
+    from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
+
+__all__ = [
+    "BubblePlanner",
+    "Parameter",
+    "PlannerGraph",
+    "SafeJTRRT",
+    "SafePRM",
+    "SafePlanner",
+    "SafeRRTConnect",
+    "accepts",
+    "check_usable",
+    "is_ours",
+    "make_planner",
+    "needs_place",
+    "planner_names",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -1,0 +1,316 @@
+"""The base of the planners: what OMPL asks of one, its parameters, and the path that it publishes."""
+
+from __future__ import annotations
+
+import logging
+from abc import abstractmethod
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+
+from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, whole_number
+from safe_ompl.danger import DangerField, DangerLimit
+from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph, UnansweredRequest
+from safe_ompl.planning.planners.parameters import (
+    FormerNames,
+    Parameter,
+    camel_case,
+    describe,
+    parameters_of,
+    snake_case,
+)
+from safe_ompl.planning.planners.parts.problem import PlanningProblem, first_goals, later_goals
+from safe_ompl.planning.planners.parts.tree import Trees
+
+_log = logging.getLogger(__name__)
+
+_UNREAD = object()  # stands for an objective until the problem's is read
+_RANGE_FRACTION = (
+    0.075  # of the space's extent: 1.1 rad on an arm; longer steps are trapped, shorter ones crawl
+)
+
+
+class SearchStructure(Protocol):
+    """What a planner builds from starts and goals: trees, or a roadmap."""
+
+    def add_start(self, q: FloatArray) -> None:
+        """Add a valid start configuration (n,)."""
+
+    def add_goal(self, q: FloatArray) -> None:
+        """Add a valid goal configuration (n,)."""
+
+    @property
+    def has_starts(self) -> bool:
+        """Whether there is a start."""
+
+    @property
+    def has_goals(self) -> bool:
+        """Whether there is a goal."""
+
+    def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
+
+
+class SafePlanner(ob.Planner):  # type: ignore[misc]
+    """Base of the planners: subclasses declare parameters and implement `_search` on arrays, without OMPL's states.
+
+    Every planner is made by ``Planner(si, name, parameter=value, …)``, with any space of real vectors and SO(2) parts,
+    any validity checker and motion validator.
+
+    Attributes
+    ----------
+    plans_to : type
+        The goals that the planner accepts: by default those that offer configurations.
+    former_names : FormerNames
+        Parameters that were renamed or removed.
+    counts : Counts
+        Counts the nodes.
+    """
+
+    plans_to: ClassVar[Any] = ob.GoalSampleableRegion
+    former_names: ClassVar[FormerNames] = FormerNames({}, {})
+
+    range = Parameter(
+        0.0,
+        "Largest length of one extension, before it moves sideways; 0 takes 7.5 % of the space's extent.",
+        unit="rad",
+    )
+    max_danger = Parameter(
+        0.0,
+        """Danger that no configuration of a path may exceed, proven along whole motions, in the units of the problem's
+        danger objective; 0 for no limit. Trees that were grown under another limit are dropped.""",
+    )
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        describe(cls)
+
+    def __init__(self, si: Any, name: str | None = None, **parameters: Any) -> None:
+        super().__init__(si, name or type(self).__name__)
+        self.counts = Counts()
+        self.setSeed(int(np.random.SeedSequence().generate_state(1)[0]))
+        self._problem = PlanningProblem(si)
+        self._bridge = self._problem.bridge
+        self._read: tuple[Any, float] = _UNREAD, 0.0  # the objective and the limit on danger that are in use
+        self._make_parts()
+        for key, parameter in parameters_of(type(self)).items():
+            setattr(self, key, parameter.default)
+        for key, value in parameters.items():
+            self.setParameter(key, value)
+        self._forget()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.getName()!r}, seed={self._seed})"
+
+    # ------------------------------------------------------------------------------------------- parameters
+
+    def setParameter(self, name: str, value: Any) -> None:
+        """Set the parameter that is called `name` in Python, such as "goal_bias".
+
+        Raises
+        ------
+        UnknownNameError
+            If the planner has no such parameter.
+        InputError
+            If the value is refused, or the parameter was removed.
+        """
+        known = parameters_of(type(self))
+        name = self.former_names.current(self.getName(), name)
+        if name not in known:
+            raise UnknownNameError(f"parameter of {self.getName()}", name, sorted(known))
+        getattr(self, f"set{camel_case(name)}")(value)
+
+    def __getattr__(self, name: str) -> Any:
+        """Find setters and getters of parameters that were renamed, and say what replaces those that were removed."""
+        key = snake_case(name[3:])
+        if name[:3] not in ("set", "get") or key not in self.former_names:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        try:
+            return getattr(
+                self, name[:3] + camel_case(self.former_names.current(self.getName(), key, stacklevel=3))
+            )
+        except InputError as error:
+            raise AttributeError(str(error)) from None
+
+    def setSeed(self, seed: int) -> None:
+        """Start the planner's random numbers anew; the same seed gives the same path."""
+        self._seed = whole_number("seed", seed, at_least=0)
+        self._rng = np.random.default_rng(self._seed)
+
+    def getSeed(self) -> int:
+        """Return the seed."""
+        return self._seed
+
+    def getRange(self) -> float:
+        """Return the largest length of one extension [rad]."""
+        return self.range or _RANGE_FRACTION * self._bridge.extent
+
+    # ------------------------------------------------------------------------------------------- life cycle
+
+    def accepts(self, goal: Any) -> bool:
+        """Return whether the planner can plan to a goal."""
+        return isinstance(goal, self.plans_to)
+
+    def setup(self) -> None:
+        """Prepare for `solve`: read the problem's objective, and measure what planning will need."""
+        ob.Planner.setup(self)
+        if self.getProblemDefinition() is not None:
+            self._read_objective()
+        self._prepare()
+
+    def clear(self) -> None:
+        """Forget everything but the parameters. Random numbers go on: the runs of a benchmark must differ."""
+        ob.Planner.clear(self)
+        self.counts.reset()
+        self._forget()
+
+    def solve(self, ptc: Any) -> Any:
+        """Search until a path is found or `ptc` fires.
+
+        Parameters
+        ----------
+        ptc : ob.PlannerTerminationCondition or float
+            When to give up; a number is a time limit [s].
+
+        Returns
+        -------
+        ob.PlannerStatus
+            EXACT_SOLUTION, TIMEOUT, INVALID_START, INVALID_GOAL or UNRECOGNIZED_GOAL_TYPE.
+        """
+        if isinstance(ptc, (int, float)):
+            ptc = ob.timedPlannerTerminationCondition(float(ptc))
+        if self.getProblemDefinition() is None:
+            raise InputError(f"{self.getName()}: no problem definition set")
+        try:
+            return ob.PlannerStatus(self._outcome(ptc))
+        except BaseException:  # Ctrl-C, too, may come between two halves of a step
+            self.clear()
+            raise
+
+    def plannerGraph(self) -> PlannerGraph:
+        """Return what the planner has built so far: vertices with their danger, edges, starts and goals."""
+        configurations, edges, starts, goals = self._structure.graph()
+        ends = configurations[edges]
+        return PlannerGraph(
+            configurations,
+            self._problem.cost.values(configurations),
+            edges,
+            np.linalg.norm(self._bridge.difference(ends[:, 0], ends[:, 1]), axis=1),
+            starts,
+            goals,
+        )
+
+    getPlannerData = UnansweredRequest()
+
+    def fillPlannerData(self, data: Any) -> None:
+        """Append what the planner has built to an `ob.PlannerData`, in the order of `plannerGraph`.
+
+        It stands in for `getPlannerData`, which OMPL's bindings do not let a planner in Python override.
+        """
+        self.plannerGraph().fill(data, self._bridge)
+
+    # ------------------------------------------------------------------------- what a planner must implement
+
+    def _make_parts(self) -> None:
+        """Make the parts that keep values of parameters, before these are set; by default there are none."""
+
+    @property
+    def _structure(self) -> SearchStructure:
+        """What has been built so far; by default two trees."""
+        return self._trees
+
+    def _forget(self) -> None:
+        """Drop what has been built, and begin anew without starts and goals."""
+        self._trees = Trees(self._bridge, self._problem.cost, self.counts)
+
+    @abstractmethod
+    def _search(self, ptc: Any) -> FloatArray | None:
+        """Return a path (N, n) whose motions are free, or None when `ptc` fires."""
+
+    def _prepare(self) -> None:
+        """Measure what planning will need, so that it need not be measured while planning; by default nothing."""
+
+    # ------------------------------------------------------------------------------------- starts and goals
+
+    def _take_starts(self) -> None:
+        inputs = self.getPlannerInputStates()
+        while inputs.haveMoreStartStates():
+            state = inputs.nextStart()
+            if state is None:
+                return
+            q = self._bridge.read(state)
+            if not self._too_dangerous("start", q):
+                self._structure.add_start(q)
+
+    def _take_goals(self, ptc: Any) -> None:
+        """Take the goals that the problem offers: all of them at first, one now and then later."""
+        inputs, goal = self.getPlannerInputStates(), self.getProblemDefinition().getGoal()
+        found = (
+            later_goals(inputs, self.counts.nodes)
+            if self._structure.has_goals
+            else first_goals(inputs, goal, ptc)
+        )
+        for state in found:
+            if state is not None and not self._too_dangerous("goal", q := self._bridge.read(state)):
+                self._structure.add_goal(q)
+
+    def _too_dangerous(self, name: str, q: FloatArray) -> bool:
+        limit = self._problem.limit
+        if limit is None or limit.allows(q):
+            return False
+        _log.warning(
+            "%s: %s has danger %.4g, above the limit %.4g", self.getName(), name, limit.danger(q), limit.limit
+        )
+        return True
+
+    # -------------------------------------------------------------------------------------------- internals
+
+    def _outcome(self, ptc: Any) -> Any:
+        problem = self.getProblemDefinition()
+        objective, max_danger = self._read
+        if problem.getOptimizationObjective() is not objective or max_danger != self.max_danger:
+            self._read_objective()
+        if not self.accepts(goal := problem.getGoal()):
+            _log.error(
+                "%s plans to a %s, not to a %s: set one, or take another planner",
+                *(self.getName(), self.plans_to.__name__, type(goal).__name__),
+            )
+            return ob.PlannerStatus.UNRECOGNIZED_GOAL_TYPE
+        self._take_starts()
+        if not self._structure.has_starts:
+            return ob.PlannerStatus.INVALID_START
+        self._take_goals(ptc)
+        if not self._structure.has_goals:
+            return ob.PlannerStatus.TIMEOUT if ptc() else ob.PlannerStatus.INVALID_GOAL
+        path = self._search(ptc)
+        if path is None:
+            return ob.PlannerStatus.TIMEOUT
+        self._publish(path)
+        return ob.PlannerStatus.EXACT_SOLUTION
+
+    def _read_objective(self) -> None:
+        """Read the problem's objective; what was built under another one is dropped, as its costs are stale."""
+        self._read = _UNREAD, 0.0  # also where an error ends this half-way
+        objective = self.getProblemDefinition().getOptimizationObjective()
+        limit = DangerLimit(self._danger_field(objective), self.max_danger) if self.max_danger else None
+        self._problem.take(objective, limit)
+        if self._problem.cost.is_zero:
+            _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
+        self._forget()
+        self.getPlannerInputStates().restart()
+        self._read = objective, self.max_danger
+
+    def _danger_field(self, objective: Any) -> DangerField:
+        """Return the field of the problem's danger objective; without one there is nothing to prove."""
+        field = getattr(objective, "field", None)
+        if not isinstance(field, DangerField):
+            raise InputError(f"{self.getName()}: max danger {self.max_danger:g} needs a DangerObjective")
+        return field
+
+    def _publish(self, path: FloatArray) -> None:
+        solution = og.PathGeometric(self.getSpaceInformation())
+        for q in path:
+            solution.append(self._problem.state(q))
+        self.getProblemDefinition().addSolutionPath(solution, False, 0.0, self.getName())

@@ -1,0 +1,231 @@
+"""The transition-based RRTs that danger-aware planning is measured against: T-RRT, its two trees, and GradienT-RRT."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import FloatArray
+from safe_ompl.planning.planners.base import SafePlanner
+from safe_ompl.planning.planners.parameters import Parameter
+from safe_ompl.planning.planners.parts.extend import Extension
+from safe_ompl.planning.planners.parts.problem import PlanningProblem
+from safe_ompl.planning.planners.parts.tree import Tree, Trees
+
+_REFINEMENT = 0.1  # share of nodes that may refine what is explored already
+_NEW_GROUND = 0.5  # of the range: nearer to the tree than this, descended nodes are not added
+_DESCENT_STEPS = 5  # of GradienT-RRT, each a fifth of the range
+_COLDEST = 1e-6  # initial temperature [1]
+_TEMPERATURE_FACTOR = 2.0  # after an uphill step is accepted, or too many in a row are refused
+_REFUSALS = 10  # refusals in a row before it warms up
+
+
+class TransitionTest:
+    """Accepts downhill steps always, and uphill steps with a probability that adapts itself (Jaillet 2010).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Random numbers.
+    scale : float
+        K, the usual cost: the mean of those of start and goal.
+    """
+
+    def __init__(self, rng: np.random.Generator, scale: float) -> None:
+        self._rng = rng
+        self._scale = scale
+        self._temperature = _COLDEST
+        self._refusals = 0
+
+    def accepts(self, before: float, after: float, length: float) -> bool:
+        """Return whether a step of this length [rad], from one cost to another, is taken."""
+        if after <= before:
+            return True
+        slope = (after - before) / length
+        if self._rng.random() < np.exp(-slope / (self._scale * self._temperature)):
+            self._temperature /= _TEMPERATURE_FACTOR
+            self._refusals = 0
+            return True
+        self._refusals += 1
+        if self._refusals > _REFUSALS:
+            self._temperature *= _TEMPERATURE_FACTOR
+            self._refusals = 0
+        return False
+
+
+class TransitionStep:
+    """EXTEND with the transition test.
+
+    Parameters
+    ----------
+    problem : PlanningProblem
+        The problem.
+    trees : Trees
+        What grows.
+    test : TransitionTest
+        Which steps up the cost are taken.
+    step : float
+        Largest length of one step [rad].
+    detour : callable, optional
+        For a tree and a configuration (n,) that the test refuses: another one to test instead, or None.
+    """
+
+    def __init__(
+        self,
+        problem: PlanningProblem,
+        trees: Trees,
+        test: TransitionTest,
+        step: float,
+        detour: Callable[[Tree, FloatArray], FloatArray | None] = lambda tree, q: None,
+    ) -> None:
+        self._problem = problem
+        self._trees = trees
+        self._test = test
+        self._step = step
+        self._detour = detour
+
+    def extend(self, tree: Tree, old: int, target: FloatArray) -> tuple[Extension, int]:
+        """Take one step from node `old` towards `target: (n,)`, if it is free and passes the transition test."""
+        bridge, q_old = self._problem.bridge, tree.configurations[old]
+        delta = bridge.difference(q_old, target)
+        length = float(np.sqrt(delta @ delta))
+        if length == 0.0:
+            return Extension.REACHED, old
+        reached, step = length <= self._step, min(length, self._step)
+        q_new = target if reached else bridge.wrapped(q_old + (step / length) * delta)
+        passed = self._passed(tree, old, q_new)
+        if passed is None or not self._problem.motion_is_free(*tree.as_driven(q_old, passed[0])):
+            return Extension.TRAPPED, old
+        outcome = Extension.REACHED if reached and passed[0] is q_new else Extension.ADVANCED
+        return outcome, self._trees.add(tree, passed[0], old, passed[1])
+
+    def _passed(self, tree: Tree, old: int, q_new: FloatArray) -> tuple[FloatArray, float] | None:
+        """Return the configuration at which the step may end, and its cost; None if it is too dear."""
+        if self._problem.cost.is_zero:
+            return q_new, 0.0
+        tested = self._tested(tree, old, q_new)
+        if tested is not None:
+            return tested
+        other = self._detour(tree, q_new)
+        return None if other is None else self._tested(tree, old, other)
+
+    def _tested(self, tree: Tree, old: int, q: FloatArray) -> tuple[FloatArray, float] | None:
+        length = float(np.linalg.norm(self._problem.bridge.difference(tree.configurations[old], q)))
+        before, after = float(tree.costs[old]), float(self._problem.cost.values(q[None])[0])
+        return (q, after) if self._test.accepts(before, after, length) else None
+
+
+def usual_cost(trees: Trees) -> float:
+    """Return K, the mean cost of start and goal, or 1 where that is of no use."""
+    ends = np.concatenate([trees.start.costs[:1], trees.goal.costs[:1]])
+    usual = float(ends.mean())
+    return usual if np.isfinite(usual) and usual > 0 else 1.0
+
+
+class TRRT(SafePlanner):
+    """One tree that climbs in cost reluctantly (T-RRT).
+
+    A step up the cost is taken with a probability that falls with its slope and rises with the planner's lack of
+    success. It needs an objective; without one it is an RRT.
+
+    References
+    ----------
+    .. [1] L. Jaillet, J. Cortés, T. Siméon: Sampling-based path planning on configuration-space costmaps.
+       IEEE Trans. Robotics, 2010.
+    """
+
+    goal_bias = Parameter(0.05, "Share of the extensions that go towards a goal.", at_most=1)
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        tree, goals = self._trees.start, self._trees.goal
+        test = TransitionTest(self._rng, usual_cost(self._trees))
+        step = TransitionStep(self._problem, self._trees, test, self.getRange())
+        while not ptc():
+            self._take_goals(ptc)
+            aims_at_goal = self._rng.random() < self.goal_bias
+            goal = int(self._rng.integers(len(goals)))
+            target = (
+                goals.configurations[goal] if aims_at_goal else self._problem.random_configuration(self._rng)
+            )
+            outcome, new = step.extend(tree, tree.best(target, 0.0), target)
+            if outcome is Extension.TRAPPED:
+                continue
+            near = goals.best(tree.configurations[new], 0.0)
+            if goals.distances(tree.configurations[new])[near] <= self.getRange():
+                outcome, met = step.extend(tree, new, goals.configurations[near])
+                if outcome is Extension.REACHED:
+                    return tree.branch(met)
+        return None
+
+
+class BiTRRT(SafePlanner):
+    """Two such trees that try to connect [1]; new nodes that only refine what is explored are few.
+
+    With `descends` it is GradienT-RRT [2].
+
+    References
+    ----------
+    .. [1] D. Devaurs, T. Siméon, J. Cortés: Enhancing the transition-based RRT to deal with complex cost spaces.
+       ICRA 2013.
+    .. [2] D. Berenson, T. Siméon, S. Srinivasa: Addressing cost-space chasms in manipulation planning. ICRA 2011.
+    """
+
+    descends = Parameter(
+        False,
+        """Whether a step that is too dear follows the gradient of the cost down and is tried again. It needs an
+        objective with gradients.""",
+    )
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        tree, other = self._trees.start, self._trees.goal
+        test = TransitionTest(self._rng, usual_cost(self._trees))
+        step = TransitionStep(self._problem, self._trees, test, self.getRange(), self._detour)
+        refining = 0
+        while not ptc():
+            self._take_goals(ptc)
+            q_rand = self._problem.random_configuration(self._rng)
+            old = tree.best(q_rand, 0.0)
+            refines = tree.distances(q_rand)[old] < self.getRange()
+            if refines and refining > _REFINEMENT * (len(tree) + len(other)):
+                continue
+            outcome, new = step.extend(tree, old, q_rand)
+            if outcome is not Extension.TRAPPED:
+                refining += refines
+                q_new = tree.configurations[new]
+                outcome, met = _connect(step, other, q_new, ptc)
+                if outcome is Extension.REACHED:
+                    return self._trees.path(tree, new, other, met)
+            tree, other = other, tree
+        return None
+
+    def _detour(self, tree: Tree, q: FloatArray) -> FloatArray | None:
+        """Return where the gradient leads down from a configuration that is too dear, to be tested instead."""
+        if not (self.descends and self._problem.cost.has_gradients):
+            return None
+        lower = self._descended(q)
+        # Where the tree has been already, it would fill the valley and never climb out of it.
+        return lower if tree.distances(lower).min() >= _NEW_GROUND * self.getRange() else None
+
+    def _descended(self, q: FloatArray) -> FloatArray:
+        """Return where a few steps down the gradient lead."""
+        step = self.getRange() / _DESCENT_STEPS
+        for _ in range(_DESCENT_STEPS):
+            gradient = self._problem.cost.value_and_gradient(q)[1]
+            steepness = float(np.sqrt(gradient @ gradient))
+            if not 0 < steepness < np.inf:
+                break
+            q = self._bridge.inside(q - (step / steepness) * gradient)
+        return q
+
+
+def _connect(step: TransitionStep, tree: Tree, target: FloatArray, ptc: Any) -> tuple[Extension, int]:
+    """CONNECT: extend towards the target until it is reached, or a step is blocked or too dear."""
+    outcome, node = Extension.ADVANCED, tree.best(target, 0.0)
+    while outcome is Extension.ADVANCED and not ptc():
+        left = tree.distances(target)[node]
+        outcome, node = step.extend(tree, node, target)
+        if outcome is Extension.ADVANCED and tree.distances(target)[node] >= left:
+            outcome = Extension.TRAPPED
+    return outcome, node

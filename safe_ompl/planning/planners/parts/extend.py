@@ -1,0 +1,208 @@
+"""EXTEND: one step of a tree towards a configuration, straight or with a tangential descent from danger."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+
+import numpy as np
+
+from safe_ompl.common import FloatArray
+from safe_ompl.planning.ompl import StateBridge
+from safe_ompl.planning.planners.parts.danger import AdaptiveThreshold, DangerWeight
+from safe_ompl.planning.planners.parts.problem import PlanningProblem
+from safe_ompl.planning.planners.parts.tree import Tree, Trees
+
+_RARE = 4  # refusals for obstacles to one for danger: from there on proofs go first
+_SHORTEST = 0.05  # of a whole step
+
+
+class Extension(Enum):
+    """Outcome of EXTEND."""
+
+    TRAPPED = "no new node"
+    ADVANCED = "a new node on the way"
+    REACHED = "a new node at the target"
+
+
+def straight_extension(
+    problem: PlanningProblem, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
+) -> tuple[Extension, int]:
+    """Add a node at most `step` [rad] from node `old` straight towards `target: (n,)`; return outcome and node."""
+    q_old = tree.configurations[old]
+    delta = problem.bridge.difference(q_old, target)
+    length = float(np.sqrt(delta @ delta))
+    outcome = Extension.REACHED if length <= step else Extension.ADVANCED
+    q_new = target if outcome is Extension.REACHED else q_old + (step / length) * delta
+    if not problem.motion_is_free(*tree.as_driven(q_old, q_new)):
+        return Extension.TRAPPED, old
+    return outcome, trees.add(tree, q_new, old)
+
+
+class TangentialDescent:
+    """Moves a way point down the gradient of the danger, at right angles to its way.
+
+    This is the null-space motion of the paper's JT-RRT (§4.3) for a straight motion in joint space: what the way leaves
+    free turns the links from danger. It acts where α > 0 and the objective offers gradients.
+
+    Parameters
+    ----------
+    bridge : StateBridge
+        The space.
+    danger : DangerWeight
+        What to descend from.
+
+    Attributes
+    ----------
+    share : float
+        Largest sideways motion, as a fraction of a planner's range.
+    """
+
+    def __init__(self, bridge: StateBridge, danger: DangerWeight) -> None:
+        self._bridge = bridge
+        self._danger = danger
+        self.share = 0.0
+
+    @property
+    def acts(self) -> bool:
+        """Whether way points are moved at all."""
+        return self.share > 0 and self._danger.weight > 0 and self._danger.cost.has_gradients
+
+    def moved(
+        self,
+        q: FloatArray,
+        direction: FloatArray,
+        reach: float,
+        gradient: Callable[[], FloatArray] | None = None,
+    ) -> FloatArray | None:
+        """Return `q: (n,)` moved down the danger's gradient at right angles to `direction: (n,)`, a unit vector.
+
+        The motion is at most `reach` long, and shorter where the danger hardly changes; None where it does not change
+        at all. `gradient` gives another gradient than that at `q`.
+        """
+        if not (self.acts and reach):
+            return None
+        slope = (gradient() if gradient else self._danger.cost.value_and_gradient(q)[1]) / self._danger.slope
+        slope -= (slope @ direction) * direction
+        steepness = float(np.sqrt(slope @ slope))
+        if not 0 < steepness < np.inf:
+            return None
+        return self._bridge.inside(q - (reach * min(1.0, steepness) / steepness) * slope)
+
+
+class SafeStep:
+    """EXTEND of the safe RRTs (§4.3, §4.4): a step with a tangential descent, below a threshold on danger.
+
+    Parameters
+    ----------
+    bridge : StateBridge
+        The space.
+    danger : DangerWeight
+        The danger of new nodes.
+    descent : TangentialDescent
+        Moves the end of a step sideways.
+    threshold : AdaptiveThreshold
+        Refuses nodes that are too dangerous.
+    is_free : callable
+        Whether the motion between two configurations (n,) is free.
+    """
+
+    def __init__(
+        self,
+        bridge: StateBridge,
+        danger: DangerWeight,
+        descent: TangentialDescent,
+        threshold: AdaptiveThreshold,
+        is_free: Callable[[FloatArray, FloatArray], bool],
+    ) -> None:
+        self._bridge = bridge
+        self._danger = danger
+        self._descent = descent
+        self._threshold = threshold
+        self._is_free = is_free
+
+    def extend(
+        self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
+    ) -> tuple[Extension, int]:
+        """Add a node at most `step` [rad] from node `old` towards `target: (n,)`; return outcome and node.
+
+        Where the step with descent is not free the straight one is tried. Targets within a step are neither moved nor
+        held to the threshold: they are configurations that the path needs.
+        """
+        q_old = tree.configurations[old]
+        delta = self._bridge.difference(q_old, target)
+        length = float(np.sqrt(delta @ delta))
+        if length <= step:
+            if not self._is_free(*tree.as_driven(q_old, target)):
+                return Extension.TRAPPED, old
+            return Extension.REACHED, trees.add(tree, target, old)
+        straight = q_old + (step / length) * delta
+        # The reach of the descent shrinks as the target comes near, so that every step comes nearer to it.
+        reach = self._descent.share * min(step, length - step)
+        moved = self._descent.moved(straight, delta / length, reach, lambda: tree.gradient(old))
+        for q_new in (straight,) if moved is None else (moved, straight):
+            # A proof costs as much as a danger. It waits, unless dangers refuse little: refusals lower the margin.
+            proof_first = trees.blocked > _RARE * trees.dangerous
+            if proof_first and not self._is_unblocked(trees, tree, q_old, q_new):
+                continue
+            cost, gradient = self._examined(q_new)
+            if not self._threshold.tolerates(cost, tree, old, trees):
+                trees.dangerous += 1
+                break
+            if proof_first or self._is_unblocked(trees, tree, q_old, q_new):
+                return Extension.ADVANCED, trees.add(tree, q_new, old, cost, gradient)
+        return Extension.TRAPPED, old
+
+    def _is_unblocked(self, trees: Trees, tree: Tree, q_old: FloatArray, q_new: FloatArray) -> bool:
+        """Return whether a step of a tree is free; count it where it is not."""
+        free = self._is_free(*tree.as_driven(q_old, q_new))
+        trees.blocked += not free
+        return free
+
+    def _examined(self, q: FloatArray) -> tuple[float, FloatArray | None]:
+        """Return the danger of a candidate, and the gradient that a step from it will need; NaN if not needed."""
+        if not self._threshold.acts:
+            return np.nan, None
+        if self._descent.acts:
+            return self._danger.cost.value_and_gradient(q)
+        return float(self._danger.cost.values(q[None])[0]), None
+
+
+class ShortSteps:
+    """Decides whether a shorter step is tried after a whole one was trapped, and how long it is.
+
+    Short steps lead out of narrow places; elsewhere they would double the checks and make for paths that graze
+    obstacles. So while danger has weight only nodes whose last step was trapped, too, get one.
+
+    Parameters
+    ----------
+    bridge : StateBridge
+        The space.
+    danger : DangerWeight
+        The danger with its weight.
+
+    Attributes
+    ----------
+    allowed : bool
+        Whether shorter steps are tried at all.
+    """
+
+    def __init__(self, bridge: StateBridge, danger: DangerWeight) -> None:
+        self._bridge = bridge
+        self._danger = danger
+        self.allowed = True
+
+    def help(self, tree: Tree, node: int) -> bool:
+        """Note that a step from a node was trapped; return whether a shorter one is to be tried."""
+        if not self.allowed:
+            return False
+        narrow = node in tree.trapped
+        tree.trapped.add(node)
+        return narrow or not self._danger.weight
+
+    def nearer(self, q: FloatArray, target: FloatArray, step: float, rng: np.random.Generator) -> FloatArray:
+        """Return a configuration (n,) on the way to a target, log-uniformly nearer than a whole step [rad]."""
+        delta = self._bridge.difference(q, target)
+        length = float(np.sqrt(delta @ delta))
+        step = _SHORTEST ** rng.random() * min(length, step)
+        return self._bridge.inside(q + (step / length) * delta) if length else q

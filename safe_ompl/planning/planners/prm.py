@@ -1,0 +1,276 @@
+"""SafePRM: lazy bidirectional A* over random milestones that prefers safe ones."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.planning.planners.base import SafePlanner
+from safe_ompl.planning.planners.graphs.roadmap import Roadmap, roadmap_metric
+from safe_ompl.planning.planners.graphs.roadmap_search import (
+    LocalPlanner,
+    Samples,
+    SearchGraph,
+    joined_branches,
+)
+from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parts.clearance import PenaltyMargin
+from safe_ompl.planning.planners.parts.danger import DangerDecay, DangerWeight
+from safe_ompl.planning.planners.parts.elastic_band import ElasticBand
+from safe_ompl.planning.planners.parts.extend import TangentialDescent
+from safe_ompl.planning.planners.parts.tree import ROOT
+
+_PENALTY = 4  # ranges; added to the length of an edge that does not keep the margin
+_LARGEST_ROADMAP = 50_000  # milestones; then a new one is begun, so that memory stays bounded
+
+
+class SafePRM(SafePlanner):
+    """Two graphs over the same random milestones, grown by A* from start and goal until they meet (SAFE_PRM_PLANNER).
+
+    The milestone that leaves Open next minimises f = g + h + α·CDF: the length of the way to it, the distance to the
+    milestone that the other graph added last, and its danger. With α = 0 it is a classical lazy PRM. When the samples
+    do not suffice, more are drawn, and the search begins anew on the larger roadmap.
+
+    The roadmap, with all verdicts on milestones and edges, is kept from query to query: `clearQuery` forgets start and
+    goal only, `clear` everything.
+
+    Notes
+    -----
+    The planner as it is printed in [1] is `PaperSafePRM`, and with α = 0 `PaperPRM`. What differs here, and why:
+
+    * h and g are lengths, not 1-norms: shorter paths, and one α for arms with more and fewer joints;
+    * edges and milestones are checked later, see below: a fraction of the checks, so that K may be large;
+    * invalid milestones do not count among the K: the roadmap stays connected in clutter;
+    * more samples are drawn where the first do not suffice: what can be solved is solved, whatever N;
+    * edges of the path descend sideways (`slide`): lower danger between milestones;
+    * edges near obstacles are penalised (`clearance`): obstacles that are not dangerous are not grazed, either, and no
+      way is closed;
+    * α is relative to the usual slope of the danger: one default serves all robots.
+
+    Laziness goes further than in the paper: an edge is checked when its milestone is about to leave Open, not when it
+    enters. The search is the same, step by step, since Open yields the best milestone *with a free edge*; but edges
+    to milestones that are never chosen are never checked. So K costs little, and a large one makes for short paths.
+    A milestone is checked when it first becomes a neighbour, and does not count among the K if invalid.
+
+    The distance h is to one milestone for all of Open, so that the length of the way from there to the other root
+    would change nothing. A milestone that was closed is not opened again.
+
+    Most of the samples added later lie on the way from a milestone of the stuck graph to the uniform random
+    configuration nearest to it: at 5 to 100 % of the way, log-uniform. So the graph grows out of narrow places, as an
+    RRT does. The others are uniform, which makes the planner probabilistically complete.
+
+    Motions are taken to be free both ways or neither way. Those of a path are checked in the direction of driving.
+
+    References
+    ----------
+    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013, §4.2.
+    .. [2] R. Bohlin, L. Kavraki: Path planning using lazy PRM. ICRA 2000.
+    .. [3] B. Cohen, M. Phillips, M. Likhachev: Planning single-arm manipulations with n-arm robots (lazy A*).
+       RSS 2014.
+    """
+
+    former_names = FormerNames(
+        renamed={"patience": "danger_decay"},
+        removed={
+            "raw_alpha": "PaperSafePRM takes α as length per danger; here it is relative",
+            "taxicab": "PaperSafePRM measures in the 1-norm; here g and h are lengths",
+            "lazy": "PaperSafePRM checks edges when they enter Open; here they are checked when they leave it",
+            "growing": "PaperSafePRM draws samples once; here more are drawn where they do not suffice",
+        },
+    )
+
+    alpha = Parameter(
+        5.0,
+        """Weight of danger α, relative to the median of ‖∇CDF‖ over valid configurations: at 1, as much danger as a
+        typical step of 1 rad adds is worth a detour of 1 rad. 0 plans classically.""",
+        kept_in="_danger.alpha",
+    )
+    neighbors = Parameter(25, "K: how many of the nearest milestones are neighbours.", at_least=1)
+    samples = Parameter(50, "Number of milestones to begin with.", at_least=1)
+    slide = Parameter(
+        0.8,
+        """Largest sideways motion of the middle of an edge, as a fraction of the range; 0 drives straight edges as in
+        the paper. Edges of the path that are longer than twice the range move down the gradient of the danger in
+        their middle, where both halves stay free; so do the halves. It acts where α > 0 and the objective offers
+        gradients (`DangerObjective` does).""",
+        at_most=1,
+        kept_in="_descent.share",
+    )
+    danger_decay = Parameter(
+        0.0,
+        """Number of searches, each with more samples, after which danger counts half; after three times as many it
+        counts next to nothing. 0 for no decay: here none is needed, because where milestones are dense danger leads
+        out of narrow places.""",
+        kept_in="_decay.half_life",
+    )
+    clearance = Parameter(
+        0.05,
+        """Margin from all obstacles, dangerous or not. Edges that do not keep it are penalised by four times the range,
+        and again if they do not keep 30 % of it. The margin is no more than 80 % of what start and goal keep, falls to
+        60 % each time when samples do not suffice, and ends below 20 mm. It is in force while danger has weight, and
+        needs a `CertifiedMotionValidator`. 0 for none.""",
+        unit="m",
+        kept_in="_margin.largest",
+    )
+
+    def _make_parts(self) -> None:
+        self._danger = DangerWeight(self._problem)
+        self._decay = DangerDecay(self._danger)
+        self._descent = TangentialDescent(self._bridge, self._danger)
+        self._band = ElasticBand(self._problem, self._danger, self._descent)
+        self._margin = PenaltyMargin(self._problem, self._danger)
+        self._sampler = Samples(self._bridge)
+
+    def clearQuery(self) -> None:
+        """Forget start and goal, but keep the roadmap and all that is known of it."""
+        self.getPlannerInputStates().restart()
+        self._roadmap.forget_ends()
+        self._margin.reset()
+
+    # ------------------------------------------------------------------------------- the paper's pseudocode
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        roots = len(self._roadmap.starts) + len(self._roadmap.goals)
+        self._random_set(self.samples + roots - len(self._roadmap))
+        while not ptc():
+            self._take_goals(ptc)
+            self._decay.fade()
+            ends = self._roadmap.starts, self._roadmap.goals
+            self._margin.begin_between([self._roadmap.configurations[of] for of in ends])
+            graph = SearchGraph(len(self._roadmap), self._roadmap.starts, from_start=True)
+            other = SearchGraph(len(self._roadmap), self._roadmap.goals, from_start=False)
+            path = self._safe_prm_planner(graph, other, ptc)
+            if path is not None and self._local.can_be_driven(path):
+                self._decay.reset()
+                return self._driven(path, ptc)
+            if path is None and not ptc():
+                self._margin.lower()
+                self._enlarge(min(graph, other, key=lambda g: len(g.milestones)))
+        return None
+
+    def _safe_prm_planner(self, graph: SearchGraph, other: SearchGraph, ptc: Any) -> list[int] | None:
+        """SAFE_PRM_PLANNER on the present samples; None where they do not suffice, or when `ptc` fires."""
+        current_goal = self._roadmap.goals[0]
+        while (new := self._best_of_open(graph, current_goal, ptc)) is not None:
+            # CONNECTED: only q_new can have become common to Closed(1) and Closed(2).
+            if other.closed[new]:
+                return joined_branches(graph, other, new)  # PATH
+            neighbors = self._neighbors(graph, new, ptc)
+            graph.add_open(neighbors, new, self._lengths_from(new)[neighbors])
+            graph, other = other, graph
+            current_goal = new
+        return None
+
+    def _best_of_open(self, graph: SearchGraph, current_goal: int, ptc: Any) -> int | None:
+        """Move argmin of f from Open(1) to Closed(1): the best whose edge is free and keeps its margin."""
+        f = self._f(graph, current_goal)
+        tried: list[int] = []
+        penalty = _PENALTY * self.getRange()
+        best = None
+        while best is None and len(tried) < len(f) and not ptc():
+            offer = int(f.argmin())
+            parent, milestone = int(graph.parents[offer]), int(graph.milestones[offer])
+            margin = 0.0 if parent == ROOT else self._margin.after(int(graph.penalties[offer]))
+            is_free = parent == ROOT or self._local.is_free(*graph.as_driven(parent, milestone), margin)
+            if margin and not is_free:  # it stays in Open, with a penalty
+                graph.penalise(offer, penalty)
+                f[offer] += penalty
+                continue
+            f[offer] = np.inf
+            tried.append(offer)
+            if is_free:
+                best = graph.add_closed(offer)
+                self._count(best)
+        graph.remove_open(tried)
+        return best
+
+    def _f(self, graph: SearchGraph, current_goal: int) -> FloatArray:
+        """Return f = g + h + α·CDF, (10) without its diversity term, for the offers in Open(1)."""
+        f = graph.g + self._lengths_from(current_goal)[graph.milestones]
+        if self._danger.weight:
+            f += self._danger.weight * self._roadmap.costs(graph.milestones)
+        return f
+
+    def _neighbors(self, graph: SearchGraph, new: int, ptc: Any) -> IntArray:
+        """NEIGHBORS: of Samples ∖ Closed(1) the K valid milestones nearest to `new`; edges are checked later."""
+        neighbors: list[int] = []
+        for milestone in self._roadmap.nearest(new, graph.closed).tolist():
+            if len(neighbors) == self.neighbors or ptc():
+                break
+            if self._local.is_valid(milestone):
+                neighbors.append(milestone)
+        return np.array(neighbors, dtype=np.intp)
+
+    # ---------------------------------------------------------------------------------------------- samples
+
+    def _random_set(self, count: int) -> None:
+        """RANDOM_SET: add uniform random milestones."""
+        if count > 0:
+            self._roadmap.add(self._sampler.uniform(count, self._rng))
+
+    def _enlarge(self, stuck: SearchGraph) -> None:
+        """Add milestones: some uniform, most of them around the graph that cannot go on."""
+        if len(self._roadmap) > _LARGEST_ROADMAP:
+            self._begin_anew()
+            return
+        roadmap = self._roadmap
+        roadmap.add(self._sampler.more(len(roadmap), roadmap.configurations[stuck.closed], self._rng))
+
+    # --------------------------------------------------------------------------------- the path as it is driven
+
+    def _driven(self, path: list[int], ptc: Any) -> FloatArray:
+        """Return the configurations (N, n) of a path, with the way points that keep its long edges from danger."""
+        configurations = self._roadmap.configurations
+        rows = [configurations[path[0]]]
+        for start, end in pairwise(path):
+            rows += [*self._detour(start, end, ptc), configurations[end]]
+        return np.array(rows)
+
+    def _detour(self, start: int, end: int, ptc: Any) -> list[FloatArray]:
+        """Return the way points of an edge, found once."""
+        if not self._descent.acts:
+            return []
+        margin, _ = self._roadmap.margins_of(start, end)
+        detours, key = self._roadmap.detours, (start, end, self.slide, self.getRange(), margin)
+        if key not in detours:
+            configurations = self._roadmap.configurations
+            ends = configurations[start], configurations[end]
+            detours[key] = self._band.bent(*ends, self.getRange(), ptc, margin)
+        return detours[key]
+
+    # ------------------------------------------------------------------------------------------- the roadmap
+
+    def _lengths_from(self, milestone: int) -> FloatArray:
+        """Return the lengths (N,) of the straight motions between all milestones and one of them."""
+        return self._roadmap.lengths(self._roadmap.configurations[milestone])
+
+    def _count(self, milestone: int) -> None:
+        self.counts.nodes += not self._roadmap.connected[milestone]
+        self._roadmap.connected[milestone] = True
+
+    @property
+    def _structure(self) -> Roadmap:
+        return self._roadmap
+
+    def _prepare(self) -> None:
+        self._danger.prepare()
+
+    def _forget(self) -> None:
+        metric = roadmap_metric(self.getSpaceInformation(), self._bridge)
+        self._roadmap = Roadmap(self._bridge, self._problem.cost, metric)
+        self._local = LocalPlanner(self._problem, self._roadmap)
+        self._decay.reset()
+        self._margin.reset()
+
+    def _begin_anew(self) -> None:
+        """Forget all milestones but starts and goals."""
+        old = self._roadmap
+        self._forget()
+        for start in old.starts:
+            self._roadmap.add_start(old.configurations[start])
+        for goal in old.goals:
+            self._roadmap.add_goal(old.configurations[goal])
+        self._random_set(self.samples)

@@ -1,0 +1,170 @@
+"""The planners by name: ours, their classical counterparts, and OMPL's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ompl import geometric as og
+
+from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.planning.ompl import WorkspaceGoal
+from safe_ompl.planning.planners.base import SafePlanner
+from safe_ompl.planning.planners.baselines.hrrt import HRRT
+from safe_ompl.planning.planners.baselines.trrt import TRRT, BiTRRT
+from safe_ompl.planning.planners.bubble import BubblePlanner
+from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
+from safe_ompl.planning.planners.parameters import camel_case, snake_case
+from safe_ompl.planning.planners.printed.bubble import PaperSafeBubble
+from safe_ompl.planning.planners.printed.jt_rrt import PaperSafeJTRRT
+from safe_ompl.planning.planners.printed.prm import PaperSafePRM
+from safe_ompl.planning.planners.printed.rrt_connect import PaperSafeRRTConnect
+from safe_ompl.planning.planners.prm import SafePRM
+from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
+
+_OURS: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
+    "SafeRRTConnect": (SafeRRTConnect, {}),
+    "ClassicRRTConnect": (SafeRRTConnect, {"alpha": 0.0}),
+    "SafePRM": (SafePRM, {}),
+    "ClassicPRM": (SafePRM, {"alpha": 0.0}),
+    "SafeJTRRT": (SafeJTRRT, {}),
+    "ClassicJTRRT": (SafeJTRRT, {"alpha": 0.0, "transpose": True}),
+    "BubblePlanner": (BubblePlanner, {}),
+    "ClassicBubble": (BubblePlanner, {"alpha": 0.0}),
+}
+
+_AS_PRINTED: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
+    "PaperSafeRRTConnect": (PaperSafeRRTConnect, {}),
+    "PaperRRTConnect": (PaperSafeRRTConnect, {"alpha": 0.0}),
+    "PaperSafePRM": (PaperSafePRM, {}),
+    "PaperPRM": (PaperSafePRM, {"alpha": 0.0}),
+    "PaperSafeJTRRT": (PaperSafeJTRRT, {"transpose": False}),
+    "PaperJTRRT": (PaperSafeJTRRT, {"alpha": 0.0, "transpose": True}),
+    "PaperSafeBubble": (PaperSafeBubble, {}),
+    "PaperBubble": (PaperSafeBubble, {"alpha": 0.0}),
+}
+
+# Danger-aware planners of others that OMPL's wheel lacks, to compare with.
+_BASELINES: dict[str, tuple[type[SafePlanner], dict[str, Any]]] = {
+    "TRRT": (TRRT, {}),
+    "BiTRRT": (BiTRRT, {"descends": False}),
+    "GradienTRRT": (BiTRRT, {"descends": True}),
+    "HRRT": (HRRT, {}),
+}
+
+_PYTHON = {**_OURS, **_AS_PRINTED, **_BASELINES}
+
+# Bound in OMPL's Python wheel, and safe to run with callbacks in Python.
+_OMPL = (
+    "RRTConnect",
+    "RRT",
+    "RRTstar",
+    "InformedRRTstar",
+    "SORRTstar",
+    "BITstar",
+    "KPIECE1",
+    "BKPIECE1",
+    "LBKPIECE1",
+)
+
+_REFUSED = {
+    "PRM": "it waits for itself for ever where objective or checker are Python's; take SafePRM",
+    "PRMstar": "it waits for itself for ever where objective or checker are Python's; take SafePRM",
+    "FMT": "it prices all motions of its graph before it looks at the clock: 9 s for a limit of 4 s; take BITstar",
+    "BFMT": "it does not look at the clock where costs are Python's: 45 s for a limit of 4 s; take BITstar",
+    "AORRTC": "it ignores the objective and ends the process when it is cleared; take BITstar",
+}
+
+
+def planner_names() -> list[str]:
+    """Return the names that `make_planner` knows: ours first, then those as printed, the baselines, and OMPL's."""
+    return [*_OURS, *_AS_PRINTED, *_BASELINES, *_OMPL]
+
+
+def is_ours(name: str) -> bool:
+    """Return whether the planner called `name` is one of this package, in the form that is meant for use."""
+    return name in _OURS
+
+
+def needs_place(name: str) -> bool:
+    """Return whether the planner called `name` plans to a `WorkspaceGoal` only."""
+    return name in _PYTHON and issubclass(_PYTHON[name][0].plans_to, WorkspaceGoal)
+
+
+def accepts(planner: Any, goal: Any) -> bool:
+    """Return whether a planner can plan to a goal; of OMPL's planners it is taken for granted."""
+    return planner.accepts(goal) if isinstance(planner, SafePlanner) else True
+
+
+def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None) -> Any:
+    """Return a planner.
+
+    Parameters
+    ----------
+    name : str
+        One of `planner_names()`.
+    si : ob.SpaceInformation
+        What it plans in.
+    parameters : mapping, optional
+        Values of its parameters: {"alpha": 1} calls `setAlpha(1)`.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such planner or parameter.
+    InputError
+        If a value is refused or fixed for this planner (α of the classical ones), if the parameter was removed, or for
+        a seed: that is the run's.
+    """
+    given = dict(parameters or {})
+    if name in _PYTHON:
+        kind, fixed = _PYTHON[name]
+        planner = kind(si, name)
+        _refuse_others(name, given, fixed)
+        for key, value in {**fixed, **given}.items():
+            planner.setParameter(key, value)
+    elif name in _OMPL:
+        planner = getattr(og, name)(si)
+        _refuse_others(name, given, {})
+        for key, value in given.items():
+            _set_ompls(planner, key, value)
+    elif name in _REFUSED:
+        raise _refused(name)
+    else:
+        raise UnknownNameError("planner", name, planner_names())
+    return planner
+
+
+def check_usable(planner: Any) -> None:
+    """Raise InputError if this is one of OMPL's planners that hang, crash, or take no notice of time limits here."""
+    for kind in type(planner).__mro__:
+        if kind.__name__ in _REFUSED and kind is getattr(og, kind.__name__, None):
+            raise _refused(kind.__name__)
+
+
+def _refused(name: str) -> InputError:
+    return InputError(f"OMPL's {name} cannot be used from Python: {_REFUSED[name]}")
+
+
+def _refuse_others(name: str, given: Mapping[str, Any], fixed: Mapping[str, Any]) -> None:
+    """Raise an InputError for parameters that would be set without effect."""
+    if "seed" in given:
+        raise InputError(
+            f"parameter 'seed' of {name}: the seed is the run's; give it as such (seed=…, --seed), or call setSeed"
+        )
+    for key, value in fixed.items():
+        if key in given and given[key] != value:
+            raise InputError(f"parameter {key!r} of {name} is fixed to {value!r}, got {given[key]!r}")
+
+
+def _set_ompls(planner: Any, key: str, value: Any) -> None:
+    """Set a parameter of one of OMPL's planners, where {"goal_bias": 0.1} means `setGoalBias(0.1)`."""
+    setter = getattr(planner, f"set{camel_case(key)}", None)
+    if setter is None:
+        setters = {n[3:] for n in dir(type(planner)) if n.startswith("set") and n[3:4].isupper()}
+        known = sorted(snake_case(name) for name in setters - {"Name", "ProblemDefinition"})
+        raise UnknownNameError(f"parameter of {planner.getName()}", key, known)
+    try:
+        setter(value)
+    except TypeError:
+        raise InputError(f"parameter {key!r} of {planner.getName()}: {value!r} has the wrong type") from None

@@ -1,0 +1,263 @@
+"""Problem: the start and the goals of a setup, as they were given, and what of it is allowed in the scene as it is."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any
+from weakref import proxy
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+
+from safe_ompl.common import (
+    CollisionError,
+    FloatArray,
+    InputError,
+    PlanningError,
+    UnknownNameError,
+    finite_array,
+)
+from safe_ompl.planning.ompl import ScratchState, WorkspaceGoal
+from safe_ompl.planning.planners import accepts
+from safe_ompl.planning.wiring import Wiring
+from safe_ompl.robot import Robot
+
+_log = logging.getLogger(__name__)
+
+END_TOLERANCE = 1e-6  # [rad or m] in joint space
+
+
+class Problem:
+    """Start and goals of an OMPL setup, checked when they are given and when the scene has changed.
+
+    Goal configurations and a place of the tip may both be given: a planner gets what it plans to.
+
+    Parameters
+    ----------
+    setup : og.SimpleSetup
+        Gets starts and goals; of a class of Python's. It is not kept alive, as it holds this object.
+    wiring : Wiring
+        Says what is allowed.
+
+    Attributes
+    ----------
+    start : ndarray, shape (n,), or None
+        As given.
+    goals : sequence of ndarray, shape (n,)
+        As given, those that do not count, too.
+    place : WorkspaceGoal or None
+        Place or region of the tip.
+    """
+
+    def __init__(self, setup: Any, wiring: Wiring) -> None:
+        # OMPL's setup makes its simplifier anew with every goal, so goals go through it, not to the definition.
+        self._setup, self._wiring = proxy(setup), wiring
+        self.start: FloatArray | None = None
+        self.goals: Sequence[FloatArray] = ()
+        self.place: WorkspaceGoal | None = None
+        self._goal_states: Any = None  # those of the goals that count
+        self._unchecked = False  # whether the scene has changed since start and goals were found free
+
+    # -------------------------------------------------------------------------------------- what is given
+
+    def set_configurations(self, start: Any, goals: Any) -> None:
+        """Set start and goals; parameters and errors as `SafeSetup.setConfigurations`."""
+        given = several(goals)
+        free = self._checked_goals(given)
+        self.set_start(start)
+        self.goals = [configuration_of(self._robot, goal, "goal") for goal in given]
+        self._goal_states = self._states_of(free)
+        self._setup.setGoal(self._goal_states)
+
+    def set_start(self, start: Any) -> None:
+        """Set the start configuration (n,), numbers or by name; errors as `checked`."""
+        q = self.checked(start, "start")
+        self.start = q
+        self._setup.clearStartStates()
+        self._setup.addStartState(ScratchState(self._wiring.bridge).set(q))
+
+    def set_place(self, place: WorkspaceGoal) -> None:
+        """Set a place or a region of the tip as the goal; goal configurations stay for planners that need them."""
+        self.place = place
+        self._setup.setGoal(place)
+
+    # --------------------------------------------------------------------------------------------- checks
+
+    def checked(self, value: Any, name: str) -> FloatArray:
+        """Return a configuration (n,) from numbers or from a mapping by joint name, if it is allowed.
+
+        Raises
+        ------
+        InputError
+            Wrong shape, NaN, unknown or missing joint, or outside the limits: names joint, value and limits.
+        CollisionError
+            If the check of configurations objects.
+        """
+        self._wiring.adopt()
+        robot, check = self._robot, self._wiring.check
+        q = configuration_of(robot, value, name)
+        objection = check.objection(q)
+        if objection is not None:
+            raise (CollisionError if check.within_limits(q) else InputError)(name + objection)
+        # Within the tolerance of the limits a start is accepted; OMPL's own tolerance is smaller.
+        return np.where(robot.continuous, q, np.clip(q, robot.lower, robot.upper))
+
+    def explain_missing_goal(self) -> None:
+        """Log why a planner had no goal configuration, where inverse kinematics found none."""
+        place = self.place
+        why = None if place is None or self._setup.getGoal() is not place else place.failure()
+        if why is not None and place is not None:
+            objection = None if place.refused is None else self._wiring.check.objection(place.refused)
+            _log.warning("%s%s", why, "" if objection is None else f"; the last one{objection}")
+
+    def check(self) -> None:
+        """Raise an error as `checked` if the start or all goals that were given are not allowed any more."""
+        if self.start is not None:
+            self.checked(self.start, "start")
+        if self.goals:
+            self._checked_goals(self.goals)
+
+    def scene_changed(self) -> None:
+        """Note that another scene may allow another start, goals and places; `check_anew` looks."""
+        self._unchecked = True
+        if self.place is not None:
+            self.place.setSeed(self.place.getSeed())  # forgets the configurations that it has found
+
+    def check_anew(self) -> None:
+        """Check as `check` if the scene has changed, and take the goals that count now."""
+        if not self._unchecked:
+            return
+        if self.start is not None:
+            self.checked(self.start, "start")
+        if self.goals:
+            states, before = self._states_of(self._checked_goals(self.goals)), self._goal_states
+            self._goal_states = states
+            if self._setup.getGoal() is before:
+                self._setup.setGoal(states)
+        self._unchecked = False
+
+    def check_complete(self, planner: Any) -> None:
+        """Raise an InputError where OMPL and a planner, or None, would say less, or end the process."""
+        self.check_anew()
+        goal = self._setup.getGoal()
+        if goal is None:
+            raise InputError(
+                "no goal is set: call setConfigurations, setWorkspaceGoal, setGoalRegion or setGoal"
+            )
+        if isinstance(goal, ob.GoalLazySamples):
+            raise InputError(
+                "OMPL's GoalLazySamples waits for itself for ever where its sampler is Python's; take a WorkspaceGoal, "
+                "or a subclass of ob.GoalSampleableRegion"
+            )
+        if not self._setup.getProblemDefinition().getStartStateCount():
+            raise InputError(
+                "no start is set: call setConfigurations, setStartConfiguration or addStartState"
+            )
+        if isinstance(planner, og.SORRTstar) and self._setup.getProblemDefinition().isTrivial():
+            raise InputError("OMPL's SORRTstar never ends where the start is the goal; take InformedRRTstar")
+
+    def check_ends(self, path: FloatArray, name: str) -> None:
+        """Raise a PlanningError if the path (N, n) of a planner is not from a start to the goal."""
+        bridge = self._wiring.bridge
+        distance = min(
+            (float(np.linalg.norm(bridge.difference(start, path[0]))) for start in self._valid_starts()),
+            default=np.inf,
+        )
+        if not distance <= END_TOLERANCE:
+            raise PlanningError(
+                f"{name} returned a path that begins {distance:.3g} rad away from every start"
+            )
+        goal, last = self._setup.getGoal(), ScratchState(bridge)
+        state = last.set(path[-1])
+        if isinstance(goal, ob.GoalRegion):
+            short, unit = float(goal.distanceGoal(state)), "m" if hasattr(goal, "place") else "rad"
+            if not short <= max(END_TOLERANCE, goal.getThreshold()):
+                raise PlanningError(f"{name} returned a path that ends {short:.3g} {unit} away from the goal")
+        elif not goal.isSatisfied(state):
+            raise PlanningError(f"{name} returned a path that does not end in the goal")
+
+    def _valid_starts(self) -> list[FloatArray]:
+        inputs, starts = ob.PlannerInputStates(), list[FloatArray]()
+        inputs.use(self._setup.getProblemDefinition())
+        while inputs.haveMoreStartStates():
+            state = inputs.nextStart()
+            if state is None:
+                break
+            starts.append(self._wiring.bridge.read(state))
+        return starts
+
+    # --------------------------------------------------------------------------------------- which goal
+
+    def choose_goal(self, planner: Any, seed: int) -> None:
+        """Of a place and goal configurations that were both set, take what a planner plans to."""
+        if self.place is None:
+            return
+        self.place.setSeed(seed)
+        if self._goal_states is not None:
+            self._setup.setGoal(self._goal_states if accepts(planner, self._goal_states) else self.place)
+
+    def choose_place(self, planner: Any) -> None:
+        """Have a planner that plans to places only do so, though goal configurations were set later."""
+        needs_place = not accepts(planner, self._goal_states)
+        if needs_place and self.place is not None and self._setup.getGoal() is self._goal_states:
+            self._setup.setGoal(self.place)
+
+    # ----------------------------------------------------------------------------------------- internals
+
+    @property
+    def _robot(self) -> Robot:
+        return self._wiring.checker.robot
+
+    def _states_of(self, goals: Sequence[FloatArray]) -> Any:
+        states, scratch = ob.GoalStates(self._wiring.si), ScratchState(self._wiring.bridge)
+        for q in goals:
+            states.addState(scratch.set(q))
+        return states
+
+    def _checked_goals(self, goals: Sequence[Any]) -> list[FloatArray]:
+        if len(goals) == 1:
+            return [self.checked(goals[0], "goal")]
+        free, refused = [], list[CollisionError]()
+        for k, goal in enumerate(goals):
+            try:
+                free.append(self.checked(goal, f"goal {k}"))
+            except CollisionError as error:
+                refused.append(error)
+        if refused and not free:
+            raise refused[-1]
+        if refused:
+            more = "" if len(refused) == 1 else f"; and {len(refused) - 1} more"
+            _log.warning("%d of %d goals do not count: %s%s", len(refused), len(goals), refused[0], more)
+        return free
+
+
+def configuration_of(robot: Robot, value: Any, name: str) -> FloatArray:
+    """Return a configuration (n,) [rad or m] from numbers or from a mapping by joint name, as `Robot.named` gives.
+
+    Raises
+    ------
+    UnknownNameError
+        If it names a joint that the robot does not have.
+    InputError
+        If a joint is missing, a number is none, or there is not one for each joint.
+    """
+    if isinstance(value, Mapping):
+        for joint in value:
+            if joint not in robot.joint_names:
+                raise UnknownNameError("joint", joint, robot.joint_names, f"{name} configuration")
+        missing = [joint for joint in robot.joint_names if joint not in value]
+        if missing:
+            raise InputError(f"no value for {', '.join(map(repr, missing))}", f"{name} configuration")
+        value = [value[joint] for joint in robot.joint_names]
+    return finite_array(value, (robot.n,), f"{name} configuration")
+
+
+def several(goals: Any) -> list[Any]:
+    """Return the configurations that were given: one, in any form, or several."""
+    if isinstance(goals, Mapping):
+        return [goals]
+    if isinstance(goals, Sequence) and any(isinstance(goal, Mapping) for goal in goals):
+        return list(goals)
+    return [list(row) for row in np.atleast_2d(np.asarray(goals, dtype=object))]

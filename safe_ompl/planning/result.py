@@ -1,0 +1,224 @@
+"""The result of a planning run."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from safe_ompl.collision import CertifiedMotion
+from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError
+from safe_ompl.danger import DangerField
+from safe_ompl.paths import PathReport, Validation
+from safe_ompl.planning.optimise import Improvement
+from safe_ompl.planning.wiring import danger_field
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+from safe_ompl.trajectories import RateLimits, Trajectory, time_path
+
+
+@dataclass(frozen=True)
+class PlanResult:
+    """Outcome of one planning run; true if solved.
+
+    Attributes
+    ----------
+    status : str
+        OMPL's word for the outcome: "Exact solution", "Timeout", …
+    path : ndarray, shape (N, n), or None
+        Way points from start to goal [rad or m], validated.
+    report : PathReport or None
+        Danger, clearance and length of the path, computed when they are looked at; None where `report=False`.
+    planner : str
+        Name of the planner.
+    seed : int
+        Seed of the run.
+    joint_names : tuple of str
+        Columns of the path.
+    planning_time, simplification_time : float
+        [s] Until the first path; and what was spent on making it better.
+    counts : Counts
+        Work done while planning and simplifying, validation and report not included.
+    improvements : tuple of Improvement
+        Of an optimisation: each path that was better than those before.
+    interrupted : bool
+        Whether Ctrl-C ended simplification or optimisation: the path is the best so far.
+    approximate_path : ndarray, shape (N, n), or None
+        Where the planner came nearest to the goal without reaching it: validated, but no solution.
+    planned_path : ndarray, shape (M, n), or None
+        The path as the planner found it, where it was simplified.
+    validation : Validation or None
+        What is proven of the path, and what the user's own checks say of it.
+    setup_time, validation_time : float
+        [s] Until planning began; and to validate the path. With planning and simplification they make the whole.
+    robot, scene, danger : Robot, Scene, mapping; or None
+        What was planned for, to look at and to save; results that come from other processes have none.
+    moving_obstacles : mapping or None
+        Where some may move, their ``speeds`` [m/s] by name, and for how long, the ``time`` [s]: the path is free
+        whatever they do.
+    motion : CertifiedMotion or None
+        What proved the path, with robot and scene; does not travel between processes.
+    """
+
+    status: str
+    path: FloatArray | None
+    report: PathReport | None
+    planner: str
+    seed: int
+    joint_names: tuple[str, ...]
+    planning_time: float
+    simplification_time: float = 0.0
+    counts: Counts = field(default_factory=Counts)
+    improvements: tuple[Improvement, ...] = ()
+    interrupted: bool = False
+    approximate_path: FloatArray | None = None
+    validation: Validation | None = None
+    setup_time: float = 0.0
+    validation_time: float = 0.0
+    moving_obstacles: Mapping[str, Any] | None = None
+    motion: CertifiedMotion | None = field(default=None, compare=False, repr=False)
+    planned_path: FloatArray | None = field(default=None, compare=False, repr=False)
+
+    def timed(self, limits: RateLimits | None = None, **options: Any) -> Trajectory:
+        """Return the path as a trajectory; parameters and errors of `time_path`.
+
+        It knows `robot`, `motion` and, where `max_danger` is given, `danger`: what was planned for.
+
+        Raises
+        ------
+        InputError
+            If there is no path, or the result comes from another process, where only `time_path` helps.
+        StaleSceneError
+            If obstacles have moved since.
+        """
+        if self.path is None:
+            raise InputError(f"there is no path to time: {self.status}")
+        if self.motion is None:
+            raise InputError("the result does not know its robot and scene any more: call time_path")
+        if self.motion.checker.scene != self.scene:
+            raise StaleSceneError(
+                "obstacles have moved since this was planned: plan again, or call time_path"
+            )
+        if options.get("max_danger") is not None and self.danger is not None:
+            options = {"danger": self.danger_field().moving, **options}
+        return time_path(self.path, self.motion.checker.robot, limits, motion=self.motion, **options)
+
+    def danger_field(self) -> DangerField:
+        """Return the danger field that was planned with; that of the robot in motion is its `moving`.
+
+        Raises
+        ------
+        InputError
+            If the plan knew no danger, or the result comes from another process.
+        """
+        if self.robot is None or self.scene is None or self.danger is None:
+            raise InputError("the result knows no danger: it was planned without, or in another process")
+        return danger_field(self.robot, self.scene, self.danger)
+
+    @property
+    def report_time(self) -> float:
+        """What validation took, and danger and clearance as far as they were looked at [s]."""
+        return self.validation_time + (self.report.time if self.report is not None else 0.0)
+
+    @property
+    def certified(self) -> bool:
+        """Whether there is a path, every edge is proven free, and no check of the user's own refuses it."""
+        if self.report is not None:
+            return self.report.certified
+        return self.path is not None and self.validation is not None and self.validation.accepted
+
+    robot: Robot | None = field(default=None, repr=False, compare=False)
+    scene: Scene | None = field(default=None, repr=False, compare=False)
+    danger: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a path from start to goal."""
+        return self.path is not None
+
+    def __bool__(self) -> bool:
+        return self.solved
+
+    def __repr__(self) -> str:
+        points = "no path" if self.path is None else f"{len(self.path)} way points"
+        return f"PlanResult({self.status!r}, {points}, {self.planner!r}, seed={self.seed})"
+
+    def __str__(self) -> str:
+        """Say in five lines what came of it: outcome, times, length and danger, clearance, proof."""
+        seconds = f"planned in {self.planning_time:.3f} s"
+        if self.simplification_time:
+            seconds += f", simplified in {self.simplification_time:.3f} s"
+        lines = [f"{self.status}: {self.planner}, seed {self.seed}", seconds, *self._said_of_path()]
+        return "\n".join(lines)
+
+    def _said_of_path(self) -> list[str]:
+        if self.path is None:
+            short = self.approximate_path
+            near = (
+                ""
+                if short is None
+                else f"; an approximate path of {len(short)} way points ends short of the goal"
+            )
+            return [f"no path{near}", "clearance: none", "proof: none"]
+        said = f"{len(self.path)} way points"
+        if self.report is None:
+            return [said, "clearance: not reported", str(self.validation)]
+        danger, clearance = self.report.danger, self.report.clearance
+        said += f", {self.report.length:.2f} rad"
+        if danger is not None:
+            said += f", danger mean {danger.mean:.3f}, max {danger.max:.3f}"
+        near = "clearance: no obstacle"
+        if clearance.obstacle is not None:
+            near = f"clearance {1e3 * clearance.min:.1f} mm, {clearance.link} from {clearance.obstacle}"
+        unknown = self.report.links_without_collision
+        known = str(self.report.validation)
+        return [said, near, known + (f"; no collision geometry: {', '.join(unknown)}" if unknown else "")]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what travels to other processes: a robot would be built anew with every result."""
+        return {**vars(self), "robot": None, "scene": None, "danger": None, "motion": None}
+
+    def view(self, *, port: int = 8080, browser: bool = True) -> None:
+        """Show the path in the browser; deprecated: call `safe_ompl.view(result)`, which has the same options."""
+        warnings.warn(
+            "result.view() is deprecated: call safe_ompl.view(result)", DeprecationWarning, stacklevel=2
+        )
+        import safe_ompl  # the package itself: results know nothing of the room that shows them
+
+        safe_ompl.view(self, port=port, browser=browser)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result as plain numbers, lists and strings, in the form of the command line's JSON."""
+        report: dict[str, Any] = {
+            **{"length": None, "danger": None, "clearance": None, "certified": self.certified},
+            "validation": None if self.validation is None else self.validation.as_dict(),
+            "links_without_collision": None,
+        }
+        if self.report is not None:
+            report = self.report.as_dict()
+        told = {
+            "planner": self.planner,
+            "seed": self.seed,
+            "status": self.status,
+            "solved": self.solved,
+            "setup_time": self.setup_time,
+            "planning_time": self.planning_time,
+            "simplification_time": self.simplification_time,
+            "report_time": self.report_time,
+            "joint_names": list(self.joint_names),
+            "path": None if self.path is None else self.path.tolist(),
+            **report,
+            "counts": self.counts.as_dict(),
+        }
+        if self.moving_obstacles is not None:
+            told["moving_obstacles"] = dict(self.moving_obstacles)
+        if self.planned_path is not None:
+            told["planned_path"] = self.planned_path.tolist()
+        if self.approximate_path is not None:
+            told["approximate_path"] = self.approximate_path.tolist()
+        if self.improvements:
+            told["improvements"] = [improvement.as_dict() for improvement in self.improvements]
+        if self.interrupted:
+            told["interrupted"] = True
+        return told

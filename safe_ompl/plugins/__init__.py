@@ -1,1 +1,0 @@
-"""Plug-ins for OMPL: validity, motion, objective, goals and the bridge between states and arrays."""

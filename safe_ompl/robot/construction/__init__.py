@@ -1,1 +1,0 @@
-"""Construction of robots: from files or models, placed on a base, with objects in its gripper, beside others."""

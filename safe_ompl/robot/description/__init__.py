@@ -1,1 +1,0 @@
-"""The files that describe a robot: URDF, SRDF, xacro, packages, and the shapes in them."""

@@ -1,0 +1,323 @@
+"""Bringing the tip of a robot to a place: task errors, joint steps within limits, inverse kinematics.
+
+Errors and Jacobians are in metres throughout: the rotational part of a pose counts `METRES_PER_RADIAN` metres
+for each radian, so that one number says how far the tip is from where it should be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array
+from safe_ompl.robot.robot import Robot
+
+METRES_PER_RADIAN = 0.25  # c of `docs/mathematics.md` §7: about the reach of a hand and what it holds
+_ORTHONORMAL = 1e-6  # largest error of a rotation matrix
+
+_SINGULAR = 0.05  # [m/rad] singular values of J below this are damped,
+_DAMPING = 0.05  # [m/rad] by up to this much
+
+_SAMPLES = 50
+_FULL_TURN = 6.27  # [rad] many a URDF says 3.14 for π
+
+_ITERATIONS = 60  # of the inverse kinematics: nearly all solutions are found within 20
+_CAUTION = 0.05  # μ [1/rad²], damping per squared error; more is slower, less fails more often
+_REGULAR = 1e-9  # [m²/rad²] keeps singular matrices solvable
+_STALLED = 0.99  # an iteration that leaves more than this share of the error makes no progress,
+_PATIENCE = 4  # and after so many of them in a row the seed is given up
+
+
+class Place:
+    """Where the tip of a robot is to be: a position, or a full pose.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    position : array_like, shape (3,)
+        Of the tip, in the world frame [m].
+    rotation : array_like, shape (3, 3), optional
+        Orientation of the tip; without it any will do.
+
+    Attributes
+    ----------
+    dimension : int
+        Number m of task coordinates: 3 for a position, 6 for a pose.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, NaN, or a matrix that is not a rotation.
+    """
+
+    def __init__(self, robot: Robot, position: ArrayLike, rotation: ArrayLike | None = None) -> None:
+        self.robot = robot
+        self.position = finite_array(position, (3,), "position of the tip")
+        self.rotation = None if rotation is None else _rotation_matrix(rotation)
+        self.dimension = 3 if rotation is None else 6
+
+    def __repr__(self) -> str:
+        turn = "" if self.rotation is None else f", {self.rotation.round(4).tolist()}"
+        return f"Place({self.robot.name!r}, {self.position.tolist()}{turn})"
+
+    @cached_property
+    def redundancy(self) -> int:
+        """Number of degrees of freedom that the place leaves to the arm, n − rank J: its null space."""
+        return self.robot.n - int(np.linalg.matrix_rank(self._sampled_jacobians).max())
+
+    @cached_property
+    def lever(self) -> float:
+        """How far the tip typically moves for one radian of joint motion [m/rad]: median of ‖J‖/√n."""
+        return float(np.median(np.linalg.norm(self._sampled_jacobians, axis=(1, 2))) / np.sqrt(self.robot.n))
+
+    @cached_property
+    def _sampled_jacobians(self) -> FloatArray:
+        robot, rng = self.robot, np.random.default_rng(0)  # always the same: they belong to the robot
+        return np.array(
+            [self.jacobian(q) for q in rng.uniform(robot.lower, robot.upper, (_SAMPLES, robot.n))]
+        )
+
+    def error(self, q: FloatArray) -> FloatArray:
+        """Return Δx (m,) [m] from the tip at `q: (n,)` to the place, in world axes.
+
+        The rotational part is c·log(R_goal Rᵀ). In the logarithm of the whole motion, log6, position and
+        rotation mix; taken apart, ½‖Δx‖² has the gradient −JᵀΔx exactly, and the tip moves on a straight line.
+        """
+        pose = self.robot.tip_pose(q)
+        offset: FloatArray = self.position - pose.translation
+        if self.rotation is None:
+            return offset
+        return np.concatenate([offset, METRES_PER_RADIAN * pin.log3(self.rotation @ pose.rotation.T)])
+
+    def jacobian(self, q: FloatArray) -> FloatArray:
+        """Return the Jacobian J (m, n) [m/rad] of the tip at `q: (n,)` in the coordinates of `error`."""
+        jacobian = self.robot.tip_jacobian(q)[: self.dimension]
+        jacobian[3:] *= METRES_PER_RADIAN
+        return jacobian
+
+    def nearest_position(self, point: FloatArray) -> FloatArray:
+        """Return the position (3,) [m] of the place that is nearest to a point."""
+        return self.position
+
+    def distance(self, q: FloatArray) -> float:
+        """Return WS_DISTANCE = ‖Δx‖ = √(‖p‖² + c²‖ω‖²) [m] at `q: (n,)`."""
+        error = self.error(q)
+        return float(np.sqrt(error @ error))
+
+
+def _rotation_matrix(value: ArrayLike) -> FloatArray:
+    rotation = finite_array(value, (3, 3), "rotation of the tip")
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(rotation) < 0:
+        raise InputError(
+            f"rotation of the tip must be orthonormal with determinant 1, got {rotation.tolist()}"
+        )
+    return rotation
+
+
+# ---------------------------------------------------------------------------------------------- joint steps
+
+
+def pseudoinverse_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
+    """Return Δq (n,) = J†Δx + (I − J†J)Δq₀: of the joint motions to Δx the one nearest to Δq₀.
+
+    Computed as Δq₀ + Jᵀ(JJᵀ + Λ²)⁻¹(Δx − JΔq₀). The damping Λ acts on directions in which the arm is nearly
+    singular, and grows as they become so; elsewhere the pseudoinverse is exact.
+
+    Parameters
+    ----------
+    jacobian : ndarray, shape (m, n)
+        J.
+    error : ndarray, shape (m,)
+        Δx.
+    drift : ndarray, shape (n,)
+        Δq₀.
+    """
+    squares, directions = np.linalg.eigh(jacobian @ jacobian.T)
+    damped = squares + _DAMPING**2 * np.maximum(0.0, 1.0 - squares / _SINGULAR**2)
+    residual = directions.T @ (error - jacobian @ drift)
+    step: FloatArray = drift + jacobian.T @ (directions @ (residual / damped))
+    return step
+
+
+def transpose_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
+    """Return Δq (n,) = γJᵀΔx with the γ that leaves the least error, ‖JᵀΔx‖²/‖JJᵀΔx‖²; Δq₀ is ignored."""
+    pull = jacobian.T @ error
+    moved = jacobian @ pull
+    square = float(moved @ moved)
+    step: FloatArray = pull * (float(pull @ pull) / square if square > 0 else 0.0)
+    return step
+
+
+def cautious_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
+    """Return Δq (n,) = Jᵀ(JJᵀ + μ‖Δx‖²)⁻¹Δx (Levenberg-Marquardt; Sugihara 2011); Δq₀ is ignored.
+
+    Far from the place steps are short and sure, near it they become Newton's.
+    """
+    square = jacobian @ jacobian.T
+    square.flat[:: len(error) + 1] += _CAUTION * float(error @ error) + _REGULAR
+    step: FloatArray = jacobian.T @ np.linalg.solve(square, error)
+    return step
+
+
+Rule: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+"""(J, Δx, Δq₀) → Δq."""
+
+
+@dataclass(frozen=True)
+class StepLimits:
+    """Joint limits as steps see them.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (n,)
+        [rad or m]; infinite for joints that may turn on and on.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+
+    @classmethod
+    def of_motion(cls, robot: Robot) -> StepLimits:
+        """Return the limits of motions: continuous joints have none."""
+        return cls._without(robot, robot.continuous)
+
+    @classmethod
+    def of_turns(cls, robot: Robot) -> StepLimits:
+        """Return the limits without those of joints that reach every angle, whichever way they turn."""
+        return cls._without(robot, _full_turns(robot))
+
+    @classmethod
+    def _without(cls, robot: Robot, free: BoolArray) -> StepLimits:
+        return cls(np.where(free, -np.inf, robot.lower), np.where(free, np.inf, robot.upper))
+
+
+def limited_step(
+    rule: Rule,
+    place: Place,
+    q: FloatArray,
+    limits: StepLimits,
+    largest: float = np.inf,
+    drift: FloatArray | None = None,
+) -> FloatArray:
+    """Return a joint motion Δq (n,) that brings the tip nearer to a place and stays within limits.
+
+    Joints that would pass a limit stop at it, and the others take over what the tip would lose by that.
+
+    Parameters
+    ----------
+    rule : Rule
+        `pseudoinverse_step`, `transpose_step` or `cautious_step`.
+    place : Place
+        Where the tip is to go.
+    q : ndarray, shape (n,)
+        Where the arm is, within its limits [rad or m].
+    limits : StepLimits
+        The limits.
+    largest : float
+        The step is shortened to this norm [rad or m].
+    drift : ndarray, shape (n,), optional
+        Δq₀, posture motion wanted besides.
+    """
+    jacobian, error = place.jacobian(q), place.error(q)
+    posture = np.zeros(len(q)) if drift is None else drift
+    step = rule(jacobian, error, posture)
+    share = _shortening(step, largest)
+    step *= share
+    low, high = limits.lower - q, limits.upper - q
+    free = np.ones(len(q), dtype=bool)
+    while ((step < low) | (step > high)).any():
+        free &= (step > low) & (step < high)
+        step = np.clip(step, low, high)
+        residual = share * error - jacobian[:, ~free] @ step[~free]
+        step[free] = rule(jacobian[:, free], residual, share * posture[free])
+    return step * _shortening(step, largest)
+
+
+def _shortening(step: FloatArray, largest: float) -> float:
+    length = float(np.sqrt(step @ step))
+    return largest / length if length > largest else 1.0
+
+
+# --------------------------------------------------------------------------------------- inverse kinematics
+
+
+def solve_from_seed(place: Place, seed: FloatArray, precision: float) -> FloatArray | None:
+    """Return a configuration (n,) within the joint limits whose tip is at the place, or None; see `approach`."""
+    q, distance = approach(place, seed, precision)
+    return q if distance <= precision else None
+
+
+def approach(place: Place, seed: FloatArray, precision: float) -> tuple[FloatArray, float]:
+    """Return a configuration (n,) within the joint limits, and how far [m] its tip is from the place.
+
+    Takes `cautious_step` from one seed until it arrives or stalls, which depends on the seed: try several.
+
+    Parameters
+    ----------
+    place : Place
+        Where the tip is to be.
+    seed : ndarray, shape (n,)
+        Where to begin, within the limits [rad or m].
+    precision : float
+        Distance between tip and place [m], rotation included (`Place.distance`), at which it has arrived.
+    """
+    limits = StepLimits.of_turns(place.robot)
+    q, distance, stalls = seed, place.distance(seed), 0
+    for _ in range(_ITERATIONS):
+        if distance <= precision or stalls == _PATIENCE:
+            break
+        q = _within_limits(place.robot, q + limited_step(cautious_step, place, q, limits))
+        before, distance = distance, place.distance(q)
+        stalls = stalls + 1 if distance > _STALLED * before else 0
+    return q, distance
+
+
+def tip_reach(robot: Robot) -> tuple[FloatArray, float]:
+    """Return a ball that the tip never leaves, at any configuration within the limits: its centre (3,) and radius [m].
+
+    The tip is a sum of constant offsets that joints turn, and of what prismatic joints add. Offsets that no joint
+    turns, and those along the axis of the first one that does, move the centre; every other one counts with its length,
+    and a prismatic joint with half its range. The triangle inequality does the rest.
+    """
+    chain, frame = robot.shared.chain, robot.shared.model.frames[robot.tip_frame]
+    centre, radius, rotation = np.zeros(3), 0.0, np.eye(3)
+    turned, first = (
+        0,
+        np.zeros(3),
+    )  # how many of the frames so far a joint turns; the axis of the first one that does
+    for i in (*reversed(chain.path_to_root(int(frame.parentJoint))), None):
+        placement = frame.placement if i is None else chain.placements[i]
+        offset = placement.translation.copy()
+        if i is not None and chain.prismatic[i]:
+            offset += placement.rotation @ chain.axes[i] * (chain.lower[i] + chain.upper[i]) / 2
+            radius += float(chain.upper[i] - chain.lower[i]) / 2
+        still = offset if not turned else (first @ offset) * first if turned == 1 else np.zeros(3)
+        centre = centre + rotation @ still
+        radius += float(np.linalg.norm(offset - still))
+        if turned:
+            turned += 1
+        elif i is not None:
+            rotation = rotation @ placement.rotation
+            if not chain.prismatic[i]:
+                turned, first = 1, chain.axes[i]
+    return centre, radius
+
+
+def _full_turns(robot: Robot) -> BoolArray:
+    full: BoolArray = robot.continuous | (~robot.prismatic & (robot.upper - robot.lower > _FULL_TURN))
+    return full
+
+
+def _within_limits(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return `q` with the joints that reach every angle brought within their limits by full turns."""
+    over, under = (q - robot.upper) % (2 * np.pi), (robot.lower - q) % (2 * np.pi)
+    turned = np.where(q > robot.upper, robot.upper - 2 * np.pi + over, robot.lower + 2 * np.pi - under)
+    outside = (q > robot.upper) | (q < robot.lower)
+    return np.clip(np.where(outside & _full_turns(robot), turned, q), robot.lower, robot.upper)

@@ -1,1 +1,0 @@
-"""The joints of a robot: which move, how they follow each other, their frames, the skeleton they span."""

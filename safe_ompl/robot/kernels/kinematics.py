@@ -1,0 +1,365 @@
+"""Kinematics of a tree of joints: frames, key points, their velocities, and gradients pulled back to the joints.
+
+Joint i turns about its axis a_i, or slides along it. With its placement (R⁰_i, t⁰_i) in the frame of its parent
+
+    R_i = R_parent·R⁰_i·exp(q_i [a_i]×),   o_i = o_parent + R_parent·t⁰_i,
+
+and where it slides R_i = R_parent·R⁰_i, and o_i moves by q_i along the axis z_i = R_i·a_i. Parents come before their
+children, and have Pinocchio's numbers: 0 is the base, joint i of a table is Pinocchio's joint i + 1.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray, compiled, part
+
+JOINT = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),  # R⁰
+        ("translation", np.float64, (3,)),  # t⁰ [m]
+        ("axis", np.float64, (3,)),  # a, a unit vector in the frame of the joint
+        ("parent", np.int64),
+        ("slides", np.int64),
+    ],
+    align=True,
+)
+KEYPOINT = np.dtype(
+    [("offset", np.float64, (3,)), ("joint", np.int64)], align=True
+)  # in the frame of its joint
+
+
+@part
+def place_joints(
+    joints: Any, values: FloatArray, rotation: FloatArray, origin: FloatArray, axis: FloatArray
+) -> None:
+    """Write R (m, 3, 3), o (m, 3) and z (m, 3) of the joints at `values: (m,)`."""
+    still, turn, base = np.empty((3, 3)), np.empty((3, 3)), np.eye(3)
+    for i in range(len(joints)):
+        joint, q = joints[i], values[i]
+        parent = joint.parent - 1
+        frame = rotation[parent] if parent >= 0 else base
+        for x in range(3):
+            origin[i, x] = origin[parent, x] if parent >= 0 else 0.0
+            for y in range(3):
+                origin[i, x] += frame[x, y] * joint.translation[y]
+                still[x, y] = (
+                    frame[x, 0] * joint.rotation[0, y]
+                    + frame[x, 1] * joint.rotation[1, y]
+                    + frame[x, 2] * joint.rotation[2, y]
+                )
+        a = joint.axis
+        for x in range(3):
+            axis[i, x] = still[x, 0] * a[0] + still[x, 1] * a[1] + still[x, 2] * a[2]
+        if joint.slides:
+            for x in range(3):
+                origin[i, x] += axis[i, x] * q
+                for y in range(3):
+                    rotation[i, x, y] = still[x, y]
+        else:
+            _turn(a, q, turn)
+            for x in range(3):
+                for y in range(3):
+                    rotation[i, x, y] = (
+                        still[x, 0] * turn[0, y] + still[x, 1] * turn[1, y] + still[x, 2] * turn[2, y]
+                    )
+
+
+@part
+def _turn(a: FloatArray, angle: float, turn: FloatArray) -> None:
+    """Write exp(angle [a]×) = cos·1 + sin·[a]× + (1 − cos)·aaᵀ (3, 3)."""
+    c, s = cos(angle), sin(angle)
+    for x in range(3):
+        for y in range(3):
+            turn[x, y] = (1 - c) * a[x] * a[y] + (c if x == y else 0.0)
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        turn[y, z] -= s * a[x]
+        turn[z, y] += s * a[x]
+
+
+@part
+def place_keypoints(keys: Any, rotation: FloatArray, origin: FloatArray, places: FloatArray) -> None:
+    """Write where the key points (K, 3) are, o + R·offset."""
+    for k in range(len(keys)):
+        key = keys[k]
+        carrier = key.joint - 1
+        for x in range(3):
+            if carrier < 0:
+                places[k, x] = key.offset[x]
+            else:
+                frame = rotation[carrier]
+                along = (
+                    frame[x, 0] * key.offset[0] + frame[x, 1] * key.offset[1] + frame[x, 2] * key.offset[2]
+                )
+                places[k, x] = origin[carrier, x] + along
+
+
+@part
+def pull(
+    joints: Any,
+    keys: Any,
+    origin: FloatArray,
+    axis: FloatArray,
+    places: FloatArray,
+    forces: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Write Σ_k J_kᵀ f_k (m,) of forces (K, 3) at the key points.
+
+    Joint i feels z_i·F_i if it slides, else z_i·(T_i − o_i × F_i): F and T are force and torque about the origin of the
+    world of all that it carries, summed from the tips to the base.
+    """
+    m = len(joints)
+    wrench = np.zeros((m, 6))
+    for k in range(len(keys)):
+        carrier = keys[k].joint - 1
+        if carrier >= 0:
+            for x in range(3):
+                y, z = (x + 1) % 3, (x + 2) % 3
+                wrench[carrier, x] += forces[k, x]
+                wrench[carrier, 3 + x] += places[k, y] * forces[k, z] - places[k, z] * forces[k, y]
+    for i in range(m - 1, -1, -1):
+        force, torque, parent = wrench[i, :3], wrench[i, 3:], joints[i].parent - 1
+        out[i] = 0.0
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            moved = (
+                force[x]
+                if joints[i].slides
+                else torque[x] - (origin[i, y] * force[z] - origin[i, z] * force[y])
+            )
+            out[i] += axis[i, x] * moved
+        if parent >= 0:
+            for x in range(6):
+                wrench[parent, x] += wrench[i, x]
+
+
+@compiled
+def joint_frames(joints: Any, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return rotations (B, m, 3, 3), origins (B, m, 3) and world axes (B, m, 3) at `values: (B, m)`."""
+    B, m = values.shape
+    rotation, origin, axis = np.empty((B, m, 3, 3)), np.empty((B, m, 3)), np.empty((B, m, 3))
+    for b in range(B):
+        place_joints(joints, values[b], rotation[b], origin[b], axis[b])
+    return rotation, origin, axis
+
+
+@compiled
+def keypoints(joints: Any, keys: Any, values: FloatArray) -> FloatArray:
+    """Return the key points (B, K, 3) at `values: (B, m)`."""
+    B, m = values.shape
+    places = np.empty((B, len(keys), 3))
+    rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    for b in range(B):
+        place_joints(joints, values[b], rotation, origin, axis)
+        place_keypoints(keys, rotation, origin, places[b])
+    return places
+
+
+@compiled
+def pull_back(joints: Any, keys: Any, values: FloatArray, forces: FloatArray) -> FloatArray:
+    """Return Σ_k J_kᵀ f_k (B, m) of forces (B, K, 3) at the key points at `values: (B, m)`."""
+    B, m = values.shape
+    out, places = np.empty((B, m)), np.empty((len(keys), 3))
+    rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    for b in range(B):
+        place_joints(joints, values[b], rotation, origin, axis)
+        place_keypoints(keys, rotation, origin, places)
+        pull(joints, keys, origin, axis, places, forces[b], out[b])
+    return out
+
+
+@compiled
+def point_jacobians(
+    joints: Any, values: FloatArray, rows: IntArray, carriers: IntArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return places (C, 3) and transposed Jacobians (C, m, 3) of points of bodies.
+
+    Point c, (C, 3) in the frame of the joint with Pinocchio's number carriers[c], at `values[rows[c]]`. Joint i moves
+    it by z_i × (x − o_i), or by z_i where it slides.
+    """
+    places, columns = np.empty(points.shape), np.zeros((len(points), len(joints), 3))
+    rotation, origin, axis = joint_frames(joints, values)
+    for c in range(len(points)):
+        b, i = rows[c], carriers[c] - 1
+        place, p = places[c], points[c]
+        for x in range(3):
+            if i < 0:
+                place[x] = p[x]
+            else:
+                frame = rotation[b, i]
+                place[x] = origin[b, i, x] + frame[x, 0] * p[0] + frame[x, 1] * p[1] + frame[x, 2] * p[2]
+        while i >= 0:
+            at, along, column = origin[b, i], axis[b, i], columns[c, i]
+            for x in range(3):
+                y, z = (x + 1) % 3, (x + 2) % 3
+                turning = along[y] * (place[z] - at[z]) - along[z] * (place[y] - at[y])
+                column[x] = along[x] if joints[i].slides else turning
+            i = joints[i].parent - 1
+    return places, columns
+
+
+@compiled
+def keypoint_motions(
+    joints: Any, keys: Any, values: FloatArray, rates: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return places, velocities and accelerations (B, K, 3) of the key points at steady `rates: (B, m)`.
+
+    With r from the parent's origin to the joint's, ω and α of the parent, and s = z_i q̇_i: a point at r has the
+    velocity v + ω × r and the acceleration a + α × r + ω × (ω × r). Joint i adds s to ω and ω × s to α if it turns,
+    s to v and 2ω × s to a if it slides.
+    """
+    B, m = values.shape
+    out = np.empty((3, B, len(keys), 3))
+    rotation, origin, axis = joint_frames(joints, values)
+    spin, twist, speed, push = np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 3))
+    at_rest, arm, swept = np.zeros(3), np.empty(3), np.empty(3)
+    for b in range(B):
+        place_keypoints(keys, rotation[b], origin[b], out[0, b])
+        for i in range(m):
+            parent = joints[i].parent - 1
+            above = parent if parent >= 0 else 0
+            omega, alpha = (spin[above], twist[above]) if parent >= 0 else (at_rest, at_rest)
+            v, a = (speed[above], push[above]) if parent >= 0 else (at_rest, at_rest)
+            for x in range(3):
+                arm[x] = origin[b, i, x] - (origin[b, above, x] if parent >= 0 else 0.0)
+            _carried(v, a, omega, alpha, arm, swept, speed[i], push[i])
+            for x in range(3):
+                y, z = (x + 1) % 3, (x + 2) % 3
+                s_y, s_z = axis[b, i, y] * rates[b, i], axis[b, i, z] * rates[b, i]
+                step, bent = axis[b, i, x] * rates[b, i], omega[y] * s_z - omega[z] * s_y
+                if joints[i].slides:
+                    speed[i, x] += step
+                    push[i, x] += 2 * bent
+                    spin[i, x], twist[i, x] = omega[x], alpha[x]
+                else:
+                    spin[i, x], twist[i, x] = omega[x] + step, alpha[x] + bent
+        for k in range(len(keys)):
+            i = keys[k].joint - 1
+            if i < 0:
+                out[1:, b, k] = 0.0
+                continue
+            for x in range(3):
+                arm[x] = out[0, b, k, x] - origin[b, i, x]
+            _carried(speed[i], push[i], spin[i], twist[i], arm, swept, out[1, b, k], out[2, b, k])
+    return out[0], out[1], out[2]
+
+
+@part
+def _carried(
+    v: FloatArray,
+    a: FloatArray,
+    omega: FloatArray,
+    alpha: FloatArray,
+    arm: FloatArray,
+    swept: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+) -> None:
+    """Write v + ω × r and a + α × r + ω × (ω × r), `swept` taking ω × r."""
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        swept[x] = omega[y] * arm[z] - omega[z] * arm[y]
+        velocity[x] = v[x] + swept[x]
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        bent = omega[y] * swept[z] - omega[z] * swept[y]
+        acceleration[x] = a[x] + alpha[y] * arm[z] - alpha[z] * arm[y] + bent
+
+
+@compiled
+def within(values: FloatArray, bounds: FloatArray) -> bool:
+    """Return whether all values (n,) lie within their bounds (2, n), lower and upper; NaN never does."""
+    for i in range(values.shape[0]):  # noqa: SIM110  # Numba has no all()
+        if not bounds[0, i] <= values[i] <= bounds[1, i]:
+            return False
+    return True
+
+
+@part
+def move_joints(
+    joints: Any, rates: FloatArray, origin: FloatArray, axis: FloatArray, twists: FloatArray
+) -> None:
+    """Write angular velocities, and velocities at the origin of the world, (m, 6), at `rates: (m,)`."""
+    for i in range(len(joints)):
+        parent = joints[i].parent - 1
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            turn = axis[i, x] * rates[i]
+            about = (origin[i, y] * axis[i, z] - origin[i, z] * axis[i, y]) * rates[i]
+            twists[i, x] = (twists[parent, x] if parent >= 0 else 0.0) + (0.0 if joints[i].slides else turn)
+            drift = twists[parent, 3 + x] if parent >= 0 else 0.0
+            twists[i, 3 + x] = drift + (turn if joints[i].slides else about)
+
+
+@part
+def move_keypoints(keys: Any, twists: FloatArray, places: FloatArray, velocities: FloatArray) -> None:
+    """Write the velocities (K, 3) of the key points at their places (K, 3)."""
+    for k in range(len(keys)):
+        carrier = keys[k].joint - 1
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            velocities[k, x] = 0.0
+            if carrier >= 0:
+                twist = twists[carrier]
+                velocities[k, x] = twist[3 + x] + twist[y] * places[k, z] - twist[z] * places[k, y]
+
+
+@compiled
+def pull_back_motion(
+    joints: Any, keys: Any, values: FloatArray, rates: FloatArray, forces: FloatArray
+) -> FloatArray:
+    """Return gradients by values and by rates of the joints, (2, B, m), from those by key points and their velocities.
+
+    While joint i turns, what it carries turns: a key point and its velocity relative to the parent of i, and the
+    parent's motion is felt at another place. With the axis z, the origin o and the parent's angular velocity Ω
+
+        ∂v_k/∂q_i = z × (v_k − v_parent(x_k)) + Ω × (z × (x_k − o));    Ω × z where the joint slides.
+
+    Parameters
+    ----------
+    joints, keys, values, rates
+        The skeleton's tables, see `safe_ompl.robot.kernels.kinematics`; values and rates (B, m) of the joints.
+    forces : ndarray, shape (2, B, K, 3)
+    """
+    B, m = values.shape
+    out = np.empty((2, B, m))
+    places, velocities = np.empty((len(keys), 3)), np.empty((len(keys), 3))
+    rotation, origin, axis, twists = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6))
+    arm, swing = np.empty(3), np.empty(3)
+    still = np.zeros(6)
+    for b in range(B):
+        place_joints(joints, values[b], rotation, origin, axis)
+        place_keypoints(keys, rotation, origin, places)
+        move_joints(joints, rates[b], origin, axis, twists)
+        move_keypoints(keys, twists, places, velocities)
+        for side in range(2):
+            pull(joints, keys, origin, axis, places, forces[side, b], out[side, b])
+        for k in range(len(keys)):
+            i = keys[k].joint - 1
+            while i >= 0:
+                parent = joints[i].parent - 1
+                twist = twists[parent] if parent >= 0 else still
+                for x in range(3):
+                    y, z = (x + 1) % 3, (x + 2) % 3
+                    arm[x] = (
+                        velocities[k, x] - twist[3 + x] - (twist[y] * places[k, z] - twist[z] * places[k, y])
+                    )
+                    if joints[i].slides:
+                        swing[x] = axis[i, x]
+                    else:
+                        swing[x] = axis[i, y] * (places[k, z] - origin[i, z]) - axis[i, z] * (
+                            places[k, y] - origin[i, y]
+                        )
+                for x in range(3):
+                    y, z = (x + 1) % 3, (x + 2) % 3
+                    change = twist[y] * swing[z] - twist[z] * swing[y]
+                    if not joints[i].slides:
+                        change += axis[i, y] * arm[z] - axis[i, z] * arm[y]
+                    out[0, b, i] += forces[1, b, k, x] * change
+                i = parent
+    return out

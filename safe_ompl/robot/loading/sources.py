@@ -1,0 +1,287 @@
+"""Blueprints of robots from a URDF, or from models of Pinocchio's."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, warn_once, within
+from safe_ompl.robot.arm import default_tip
+from safe_ompl.robot.joint_tables import Mimic, resolved
+from safe_ompl.robot.loading.blueprint import Blueprint, RangeByJoint
+from safe_ompl.robot.loading.chosen_joints import group_tip, joints_and_posture
+from safe_ompl.robot.loading.parts import RobotParts, independent
+from safe_ompl.robot.loading.reduction import (
+    apply_mimic_limits,
+    check_plannable,
+    joint_limits,
+    joints_without_range,
+    override_limits,
+    reduce_model,
+    with_mimics,
+)
+from safe_ompl.robot.loading.shapes import (
+    build_collision_geometry,
+    links_with_visuals_alone,
+    make_convex,
+    warn_of_unchecked,
+)
+from safe_ompl.robot.loading.srdf import SrdfFile
+from safe_ompl.robot.loading.urdf import UrdfFile
+from safe_ompl.robot.self_collision import sample_configurations, select_self_pairs
+
+_log = logging.getLogger(__name__)
+
+_SHAPES = (
+    *(coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.Cone, coal.Ellipsoid),
+    *(coal.ConvexBase, coal.BVHModelBase),
+)
+_SIZES = ("halfSide", "radius", "halfLength", "radii")
+
+
+@dataclass(frozen=True)
+class UrdfBlueprint(Blueprint):
+    """A robot from its URDF; see `Robot.from_urdf`."""
+
+    urdf: str
+    srdf: str | None
+    package_dirs: tuple[str, ...]
+    tip: str | None
+    locked: Mapping[str, float]
+    hulls: bool
+    name: str | None
+    limits: RangeByJoint
+    collision: str = "required"
+    group: str | None = None
+    locked_state: str | None = None
+
+    def assemble(self) -> RobotParts:
+        """Read the files, lock joints, and build what remains."""
+        file = UrdfFile(self.urdf, self.package_dirs)
+        full = file.build_model()
+        collision_model = build_collision_geometry(file, full, self.collision)
+        mimics = {name: mimic for name, mimic in file.mimics().items() if full.existJointName(name)}
+
+        def read_visual() -> pin.GeometryModel | None:
+            try:
+                geometry = file.build_geometry(full, pin.GeometryType.VISUAL)
+            except InputError as error:
+                warn_once(_log, f"{file.path.name}: drawing its collision bodies ({error})")
+                return None
+            return geometry if len(geometry.geometryObjects) else None
+
+        source = _Source(full, collision_model, read_visual, mimics, str(file.path))
+        name = self.name or full.name or file.path.stem
+        parts = source.reduced(
+            name,
+            self.tip,
+            self.locked,
+            self.limits,
+            self.hulls,
+            srdf=self.srdf,
+            group=self.group,
+            locked_state=self.locked_state,
+        )
+        bare = links_with_visuals_alone(file, parts.model, parts.collision_model, self.collision)
+        parts = replace(parts, bare_links=bare)
+        warn_of_unchecked(name, parts.links_without_collision)
+        return parts
+
+    def with_limits(self, limits: RangeByJoint) -> UrdfBlueprint:
+        return replace(self, limits={**self.limits, **limits})
+
+    def state(self, name: str) -> dict[str, float]:
+        return super().state(name) if self.srdf is None else SrdfFile(self.srdf).state(name)
+
+
+@dataclass(frozen=True)
+class ModelsBlueprint(Blueprint):
+    """A robot from models of Pinocchio's, which nobody else may change; see `Robot.from_models`."""
+
+    model: pin.Model
+    collision_model: pin.GeometryModel
+    visual_model: pin.GeometryModel | None
+    tip: str | None
+    locked: Mapping[str, float]
+    hulls: bool
+    name: str
+    limits: RangeByJoint
+    mimics: Mapping[str, Mimic]
+
+    def assemble(self) -> RobotParts:
+        """Lock joints, and build what remains; pairs that the collision model has are those that are checked."""
+        source = _Source(
+            self.model.copy(),
+            independent(self.collision_model),
+            lambda: self.visual_model,
+            self.mimics,
+            self.name,
+        )
+        return source.reduced(self.name, self.tip, self.locked, self.limits, self.hulls)
+
+    def with_limits(self, limits: RangeByJoint) -> ModelsBlueprint:
+        return replace(self, limits={**self.limits, **limits})
+
+
+@dataclass(frozen=True)
+class _Source:
+    """All joints of a robot and its geometry, before joints are locked."""
+
+    full: pin.Model
+    collision_model: pin.GeometryModel
+    read_visual: Callable[[], pin.GeometryModel | None]
+    mimics: Mapping[str, Mimic]
+    source: str
+
+    def reduced(
+        self,
+        name: str,
+        tip: str | None,
+        locked: Mapping[str, float],
+        limits: RangeByJoint,
+        hulls: bool,
+        *,
+        srdf: str | None = None,
+        group: str | None = None,
+        locked_state: str | None = None,
+    ) -> RobotParts:
+        """Return the parts of the robot with its joints locked, bodies convex and self pairs chosen."""
+        full, source, mimics = self.full, self.source, resolved(self.mimics, self.source)
+        override_limits(full, limits, source)
+        if tip is not None and not full.existFrame(tip):
+            raise UnknownNameError("tip frame", tip, (frame.name for frame in list(full.frames)[1:]), source)
+        held = joints_and_posture(
+            full, mimics, locked, tip=tip, group=group, locked_state=locked_state, srdf=srdf, source=source
+        )
+        stiff = joints_without_range(full, set(list(full.names)[1:]) - set(mimics) - set(limits) - set(held))
+        if stiff:
+            values = ", ".join(f"{joint} = {value:g}" for joint, value in sorted(stiff.items()))
+            warn_once(_log, f"{name}: held, as their limits leave no range (limits= gives others): {values}")
+        held = with_mimics(full, mimics, {**held, **stiff}, source)
+        model, collision_model = reduce_model(full, self.collision_model, held)
+        check_plannable(model, source, stiff)
+        if hulls:
+            make_convex(collision_model)
+        mimics = {joint: mimic for joint, mimic in mimics.items() if model.existJointName(joint)}
+        apply_mimic_limits(model, mimics, source)
+        joint_limits(model, source)
+        _drop_fixed_pairs(collision_model)
+        if not len(collision_model.collisionPairs):
+            select_self_pairs(model, collision_model, srdf, _samples(model, mimics), name)
+
+        def visual() -> pin.GeometryModel | None:
+            drawn = self.read_visual()
+            return None if drawn is None else reduce_model(full, drawn, held)[1]
+
+        ends = tuple(full.names)[1:]
+        tips = (tip or group_tip(full, srdf, group, source) or default_tip(full, model),)
+        return RobotParts(name, source, model, collision_model, visual, ends, tips, mimics, held)
+
+
+def _drop_fixed_pairs(geometry: pin.GeometryModel) -> None:
+    """Drop the pairs of bodies that do not move against each other any more, as joints between them are locked."""
+    joints = [part.parentJoint for part in geometry.geometryObjects]
+    pairs = [pin.CollisionPair(pair.first, pair.second) for pair in geometry.collisionPairs]
+    for pair in pairs:
+        if joints[pair.first] == joints[pair.second]:
+            geometry.removeCollisionPair(pair)
+
+
+def _samples(model: pin.Model, mimics: Mapping[str, Mimic]) -> FloatArray:
+    """Return configurations (S, nq) over the joint ranges at which mimic joints are where they belong."""
+    rows = sample_configurations(model)
+    for name, mimic in mimics.items():
+        joint, first = (model.joints[model.getJointId(n)] for n in (name, mimic.primary))
+        values = mimic.multiplier * rows[:, first.idx_q] + mimic.offset
+        if joint.nq == 1:
+            rows[:, joint.idx_q] = values
+        else:
+            rows[:, joint.idx_q], rows[:, joint.idx_q + 1] = np.cos(values), np.sin(values)
+    return rows
+
+
+def check_models(model: Any, collision: Any, visual: Any) -> None:
+    """Raise InputError for anything but models of Pinocchio's, and for bodies whose shapes are not supported."""
+    if not isinstance(model, pin.Model):
+        raise InputError(f"model must be a pin.Model, not {type(model).__name__}")
+    for geometry in (collision, visual):
+        if geometry is not None and not isinstance(geometry, pin.GeometryModel):
+            raise InputError(f"geometry must be a pin.GeometryModel, not {type(geometry).__name__}")
+        for part in () if geometry is None else geometry.geometryObjects:
+            if part.parentJoint >= model.njoints:
+                raise InputError(f"geometry {part.name!r}: there is no joint {part.parentJoint} in the model")
+    for part in collision.geometryObjects:
+        with within(f"geometry {part.name!r}", ": "):
+            _check_shape(part.geometry)
+
+
+def _check_shape(shape: Any) -> None:
+    """Raise InputError for a shape without end, one without size, and one whose distances coal cannot tell."""
+    if not isinstance(shape, _SHAPES):
+        supported = ", ".join(kind.__name__ for kind in _SHAPES)
+        raise InputError(f"a {type(shape).__name__} cannot be part of a robot; these can: {supported}")
+    if isinstance(shape, (coal.ConvexBase, coal.BVHModelBase)):
+        vertices = np.asarray(shape.points() if isinstance(shape, coal.ConvexBase) else shape.vertices())
+        if not vertices.size or (isinstance(shape, coal.BVHModelBase) and not shape.num_tris):
+            raise InputError("is a mesh without triangles")
+        if not np.isfinite(vertices).all():
+            raise InputError("has vertices that are not finite")
+        return
+    sizes = {name: np.ravel(getattr(shape, name)) for name in _SIZES if hasattr(shape, name)}
+    for name, size in sizes.items():
+        if not (np.isfinite(size) & (size > 0)).all():
+            raise InputError(f"{name} must be positive lengths [m], got {size.tolist()}")
+
+
+def owned(model: pin.Model, *geometries: pin.GeometryModel | None) -> tuple[Any, ...]:
+    """Return copies of models with the frames that a URDF's have: for each joint, and for each link with a body.
+
+    Pinocchio's shortest constructor of a geometry object leaves out the frame that it is on. It then crashes when
+    joints are locked, and refuses frames that are not on the joint of the frame before them.
+    """
+    model, given = model.copy(), model.nframes
+    for joint in range(1, model.njoints):
+        if not any(f.type == pin.FrameType.JOINT and f.parentJoint == joint for f in model.frames):
+            model.addJointFrame(joint)
+    order = [
+        0,
+        *range(given, model.nframes),
+        *range(1, given),
+    ]  # frames must come after those that they are on
+    number = {old: new for new, old in enumerate(order)}
+    for new, frame in enumerate([pin.Frame(model.frames[old]) for old in order]):
+        frame.parentFrame = number[frame.parentFrame]
+        model.frames[new] = frame
+    for frame in model.frames:
+        joint, above = frame.parentJoint, model.frames[frame.parentFrame]
+        if frame.type != pin.FrameType.JOINT and above.parentJoint != joint:
+            frame.parentFrame = _joint_frame(model, joint)
+    copies = [None if geometry is None else independent(geometry) for geometry in geometries]
+    for copy in copies:
+        for part in () if copy is None else copy.geometryObjects:
+            part.parentFrame = on = number.get(part.parentFrame, model.nframes)
+            if on == model.nframes or model.frames[on].type != pin.FrameType.BODY:
+                part.parentFrame = _link_frame(model, part)
+    return model, *copies
+
+
+def _link_frame(model: pin.Model, part: pin.GeometryObject) -> int:
+    """Return the frame of the link that a body is of; it is made where the model has none."""
+    link, joint = part.name.rsplit("_", 1)[0], part.parentJoint
+    links = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
+    own = [k for k in links.values() if model.frames[k].parentJoint == joint]
+    if own:
+        return links[link] if links.get(link) in own else own[0]
+    if link in links:
+        raise InputError(f"geometry {part.name!r}: link {link!r} is on another joint than the body")
+    return int(model.addBodyFrame(link, joint, pin.SE3.Identity(), _joint_frame(model, joint)))
+
+
+def _joint_frame(model: pin.Model, joint: int) -> int:
+    return 0 if joint == 0 else int(model.getFrameId(model.names[joint], pin.FrameType.JOINT))

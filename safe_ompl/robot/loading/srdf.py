@@ -1,0 +1,278 @@
+"""SRDF files: groups, named states and end effectors are read; disabled pairs are written."""
+
+from __future__ import annotations
+
+import logging
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.loading.shapes import build_collision_geometry, make_convex
+from safe_ompl.robot.loading.urdf import UrdfFile, existing_file
+from safe_ompl.robot.self_collision import adjacent_pairs, always_in_contact, sample_configurations
+
+
+class SrdfFile:
+    """The groups and states of an SRDF.
+
+    Parameters
+    ----------
+    path : path-like
+        The SRDF.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or is not an SRDF.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = existing_file(path, "SRDF")
+        try:
+            self._root = ElementTree.parse(self.path).getroot()
+        except ElementTree.ParseError as error:
+            raise InputError(f"not a valid SRDF ({error})", str(path)) from None
+
+    @property
+    def group_names(self) -> tuple[str, ...]:
+        """The groups, in the order of the file."""
+        return tuple(group.get("name", "") for group in self._root.findall("group"))
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The states, each once: several groups may have one of the same name."""
+        return tuple(dict.fromkeys(state.get("name", "") for state in self._root.findall("group_state")))
+
+    def state(self, name: str) -> dict[str, float]:
+        """Return the joint values [rad or m] of the state `name`, of all groups that have it.
+
+        Joints with more than one value (a floating base) are left out.
+
+        Raises
+        ------
+        UnknownNameError
+            If no group has it.
+        """
+        states = [state for state in self._root.findall("group_state") if state.get("name") == name]
+        if not states:
+            raise UnknownNameError("state", name, self.state_names, str(self.path))
+        joints = [joint for state in states for joint in state.findall("joint")]
+        return {
+            joint.get("name", ""): self._value(joint, name)
+            for joint in joints
+            if len(joint.get("value", "").split()) == 1
+        }
+
+    def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
+        """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups.
+
+        Raises
+        ------
+        InputError
+            If there is no such group, it names what the robot has not, or it has no movable joint.
+        """
+        found = set(self._joints_of(name, full, ()))
+        found -= {joint.get("name", "") for joint in self._root.findall("passive_joint")}
+        ordered = tuple(joint for joint in list(full.names)[1:] if joint in found)
+        if not ordered:
+            raise InputError(f"group {name!r} has no movable joint", str(self.path))
+        return ordered
+
+    def group_tip(self, name: str, full: pin.Model) -> str | None:
+        """Return the last link of a group that is one chain, else the link that carries its end effector, or None."""
+        chains = self._group(name).findall("chain")
+        carriers = [
+            link for link, group in self.end_effectors() if group == name and full.existBodyName(link)
+        ]
+        if len(chains) == 1:
+            return chains[0].get("tip_link")
+        return carriers[0] if carriers else None
+
+    def end_effectors(self) -> Iterator[tuple[str, str | None]]:
+        """Yield of each end effector the link that carries it, and its group of joints above, where that is said."""
+        for effector in self._root.findall("end_effector"):
+            yield effector.get("parent_link", ""), effector.get("parent_group")
+
+    def arm(self, full: pin.Model, tip: str, fingers: Collection[str]) -> tuple[str, str] | None:
+        """Return the group of the arm, and the link at its end, as the SRDF says; None where it says nothing.
+
+        The arm is that of the end effector with the most joints above it, the first one of several, unless `tip` has
+        more (legs have end effectors, too). Of the groups whose joints all lie on the way from the base to that link,
+        that of the end effector is taken, or the one with the fewest joints, but four at least: an arm, not an arm and
+        its torso.
+
+        Parameters
+        ----------
+        full : pin.Model
+            All joints of the URDF.
+        tip : str
+            A link at the end of an arm.
+        fingers : collection of str
+            Joints that do not count.
+        """
+
+        def depth(end: tuple[str, str | None]) -> int:
+            return len(full.supports[full.frames[full.getBodyId(end[0])].parentJoint])
+
+        ends = [end for end in self.end_effectors() if full.existBodyName(end[0])]
+        link, parent = max([*ends, (tip, None)], key=depth)
+        joint = full.frames[full.getBodyId(link)].parentJoint
+        above = {full.names[j] for j in list(full.supports[joint])[1:]}
+        groups = {}
+        for name in self.group_names:
+            try:
+                joints = set(self.group_joints(name, full)).difference(fingers)
+            except InputError:  # of joints that this robot has not
+                continue
+            if joints and above.issuperset(joints):
+                groups[name] = len(joints)
+        if not groups:
+            return None
+        if parent not in groups:
+            enough = {name: number for name, number in groups.items() if number >= 4}
+            parent = min(enough, key=enough.__getitem__) if enough else max(groups, key=groups.__getitem__)
+        last = self.group_tip(parent, full)
+        return parent, last if link == tip and last is not None else link
+
+    def _group(self, name: str) -> ElementTree.Element:
+        for group in self._root.findall("group"):
+            if group.get("name") == name:
+                return group
+        raise UnknownNameError("group", name, self.group_names, str(self.path))
+
+    def _joints_of(self, name: str, full: pin.Model, above: tuple[str, ...]) -> Iterator[str]:
+        if name in above:
+            raise InputError(f"group {name!r} contains itself", str(self.path))
+        for entry in self._group(name):
+            named = entry.get("name", "")
+            if entry.tag == "group":
+                yield from self._joints_of(named, full, (*above, name))
+            elif entry.tag == "joint":
+                self._known(full, named, name)
+                yield named
+            elif entry.tag == "link":
+                yield full.frames[full.frames[self._link(full, named, name)].parentFrame].name
+            elif entry.tag == "chain":
+                yield from self._chain(full, entry, name)
+
+    def _chain(self, full: pin.Model, chain: ElementTree.Element, group: str) -> Iterator[str]:
+        base, at = (self._link(full, chain.get(key, ""), group) for key in ("base_link", "tip_link"))
+        while at != base:
+            if at == 0:
+                raise InputError(
+                    f"group {group!r}: {chain.get('tip_link')!r} is not above {chain.get('base_link')!r}",
+                    str(self.path),
+                )
+            yield full.frames[at].name
+            at = full.frames[at].parentFrame
+
+    def _link(self, full: pin.Model, name: str, group: str) -> int:
+        if not full.existBodyName(name):
+            links = (frame.name for frame in full.frames if frame.type == pin.FrameType.BODY)
+            raise UnknownNameError(f"link of group {group!r}", name, links, str(self.path))
+        return int(full.getBodyId(name))
+
+    def _known(self, full: pin.Model, joint: str, group: str) -> None:
+        if not any(frame.name == joint for frame in full.frames):
+            raise UnknownNameError(f"joint of group {group!r}", joint, list(full.names)[1:], str(self.path))
+
+    def _value(self, joint: ElementTree.Element, state: str) -> float:
+        try:
+            return float(joint.get("value", ""))
+        except ValueError:
+            text = f"state {state!r}: {joint.get('value')!r} of joint {joint.get('name')!r} is not a number"
+            raise InputError(text, str(self.path)) from None
+
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DisabledLinks:
+    """Two links that need not be checked against each other, and why: "Adjacent" or "Always"."""
+
+    first: str
+    second: str
+    reason: str
+
+
+def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") -> list[DisabledLinks]:
+    """Return the pairs of links that a robot without an SRDF does not check: with all joints free, on convex hulls.
+
+    Links that are merely never seen in contact are not among them: samples prove nothing.
+
+    Parameters
+    ----------
+    urdf : UrdfFile
+        The robot.
+    samples : int
+        How many configurations to look at.
+    collision : str
+        What collides; see `Robot.from_urdf`.
+    """
+    model = urdf.build_model()
+    geometry = build_collision_geometry(urdf, model, collision)
+    make_convex(geometry)
+    geometry.addAllCollisionPairs()
+    adjacent = adjacent_pairs(model, geometry)
+    together = _links(model, geometry, geometry.collisionPairs)
+    for pair in adjacent:
+        geometry.removeCollisionPair(pair)
+    always = always_in_contact(model, geometry, _samples(model, urdf.mimics(), samples))
+    found = [DisabledLinks(a, b, "Adjacent") for a, b in _links(model, geometry, adjacent)]
+    for (a, b), count in _links(model, geometry, always).items():
+        if count == together[a, b]:
+            found.append(DisabledLinks(a, b, "Always"))
+        else:
+            _log.info("%s, %s: only some of their shapes always touch; an SRDF cannot say which", a, b)
+    return found
+
+
+def srdf_text(robot: str, pairs: Iterable[DisabledLinks], samples: int) -> str:
+    """Return an SRDF for the robot of that name; `samples` is said in a comment."""
+    lines = [
+        '<?xml version="1.0"?>',
+        f"<!-- Always: in contact in more than 95 % of {samples} configurations spread over the joint limits. -->",
+        f"<robot name={quoteattr(robot)}>",
+        *(
+            f"  <disable_collisions link1={quoteattr(pair.first)} link2={quoteattr(pair.second)} "
+            f"reason={quoteattr(pair.reason)}/>"
+            for pair in pairs
+        ),
+        "</robot>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _links(
+    model: pin.Model, geometry: pin.GeometryModel, pairs: Iterable[pin.CollisionPair]
+) -> dict[tuple[str, str], int]:
+    """For each pair of links, how many of the pairs of shapes are theirs."""
+    counted: dict[tuple[str, str], int] = {}
+    for pair in pairs:
+        bodies = (geometry.geometryObjects[k] for k in (pair.first, pair.second))
+        first, second = (model.frames[body.parentFrame].name for body in bodies)
+        counted[first, second] = counted.get((first, second), 0) + 1
+    return counted
+
+
+def _samples(model: pin.Model, mimics: Mapping[str, Mimic], count: int) -> FloatArray:
+    """Return configurations within the limits (a whole turn where there are none), with mimics where they belong."""
+    bounded = model.copy()
+    for name in ("lowerPositionLimit", "upperPositionLimit"):
+        limit = np.nan_to_num(getattr(bounded, name), posinf=np.pi, neginf=-np.pi)
+        setattr(bounded, name, np.clip(limit, -1e3, 1e3))
+    rows = sample_configurations(bounded, count)
+    for name, mimic in mimics.items():
+        joints = [model.joints[model.getJointId(joint)] for joint in (name, mimic.primary)]
+        if all(joint.nq == 1 for joint in joints):
+            own, first = (joint.idx_q for joint in joints)
+            rows[:, own] = mimic.multiplier * rows[:, first] + mimic.offset
+    return rows

@@ -1,0 +1,284 @@
+"""Displacement radii: bounds of how far a link moves when joints turn, proven for every configuration.
+
+A set of points that turns about an axis stays inside the cylinder around that axis that encloses it. Going from
+a link towards the base, the cylinder about one joint's axis is enclosed by one about the next joint's axis; its
+radius is the displacement radius R̄ of the link for that joint: no point of the link moves more than
+R̄·|Δ| when the joint turns by Δ, whatever the configuration (the constant radii of certified motions).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import BoolArray, FloatArray
+
+_BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Points (P, 3) [m] whose convex hull, grown by `radius` [m], holds a body."""
+
+    points: FloatArray
+    radius: float
+
+    def moved(self, placement: pin.SE3) -> Hull:
+        """Return the hull in the frame that `placement` maps to."""
+        return Hull(self.points @ placement.rotation.T + placement.translation, self.radius)
+
+
+def bounding_hull(geometry: coal.CollisionGeometry, *, coarse: bool = False) -> Hull:
+    """Return points and a radius that enclose `geometry` in its own frame.
+
+    Exact for spheres, capsules, boxes and meshes; other shapes are enclosed by their bounding box.
+
+    Parameters
+    ----------
+    geometry : coal.CollisionGeometry
+        The shape.
+    coarse : bool
+        Use the eight corners of the bounding box for meshes, too.
+    """
+    if isinstance(geometry, coal.Sphere):
+        return Hull(np.zeros((1, 3)), geometry.radius)
+    if isinstance(geometry, coal.Capsule):
+        ends = np.array([[0.0, 0.0, -geometry.halfLength], [0.0, 0.0, geometry.halfLength]])
+        return Hull(ends, geometry.radius)
+    if isinstance(geometry, (coal.ConvexBase, coal.BVHModelBase)) and not coarse:
+        vertices = geometry.points() if isinstance(geometry, coal.ConvexBase) else geometry.vertices()
+        return Hull(np.array(vertices, dtype=np.float64).reshape(-1, 3), 0.0)
+    geometry.computeLocalAABB()
+    box = geometry.aabb_local
+    center = (np.asarray(box.max_) + np.asarray(box.min_)) / 2
+    half = (np.asarray(box.max_) - np.asarray(box.min_)) / 2
+    return Hull(center.ravel() + _BOX_CORNERS * half.ravel(), 0.0)
+
+
+@dataclass(frozen=True)
+class ReachCylinder:
+    """All points within `radius` of an axis through `center`, at most `half_length` along it [m]."""
+
+    center: FloatArray
+    axis: FloatArray
+    radius: float
+    half_length: float
+
+    @classmethod
+    def around(cls, hull: Hull, axis: FloatArray) -> ReachCylinder:
+        """Return the smallest one about the line through the origin along `axis` that holds `hull`."""
+        along = hull.points @ axis
+        radial = np.linalg.norm(hull.points - along[:, None] * axis, axis=1)
+        low, high = float(along.min()) - hull.radius, float(along.max()) + hull.radius
+        return cls((low + high) / 2 * axis, axis, float(radial.max()) + hull.radius, (high - low) / 2)
+
+    def moved(self, placement: pin.SE3) -> ReachCylinder:
+        """Return the cylinder in the frame that `placement` maps to."""
+        center = placement.rotation @ self.center + placement.translation
+        return ReachCylinder(center, placement.rotation @ self.axis, self.radius, self.half_length)
+
+    def enclosed_about(self, axis: FloatArray) -> ReachCylinder:
+        """Return a cylinder about the line through the origin along `axis` that holds this one.
+
+        The end discs are the extreme parts. Seen along `axis` each is an ellipse; with w a point of the ellipse,
+        ‖c + w‖² ≤ ‖c‖² + 2·max c·w + r².
+        """
+        slope = float(np.clip(self.axis @ axis, -1.0, 1.0))
+        radius, reach = 0.0, self.half_length * abs(slope) + self.radius * np.sqrt(1 - slope**2)
+        for end in (-self.half_length, self.half_length):
+            c = self.center + end * self.axis
+            c = c - (c @ axis) * axis
+            lateral = np.linalg.norm(c - (c @ self.axis) * self.axis)
+            radius = max(radius, float(np.sqrt(c @ c + 2 * self.radius * lateral + self.radius**2)))
+        return ReachCylinder((self.center @ axis) * axis, axis, radius, float(reach))
+
+    def farthest(self, body: Hull) -> float:
+        """Return the largest distance [m] between a point of a body and a point of the cylinder."""
+        arms = body.points - self.center
+        along = arms @ self.axis
+        lateral = np.linalg.norm(arms - along[:, None] * self.axis, axis=1)
+        return float(np.hypot(lateral + self.radius, np.abs(along) + self.half_length).max()) + body.radius
+
+    def stretched(self, low: float, high: float) -> ReachCylinder:
+        """Return what the cylinder sweeps when it slides along its axis by `low` … `high` [m]."""
+        center = self.center + (low + high) / 2 * self.axis
+        return ReachCylinder(center, self.axis, self.radius, self.half_length + (high - low) / 2)
+
+
+@dataclass(frozen=True)
+class AxisReaches:
+    """Where the axes of n joints can be in the world: axes that stay where they are, and cylinders about the others.
+
+    Attributes
+    ----------
+    centers, axes : ndarray, shape (n, 3)
+        Center and axis of each cylinder.
+    radii, half_lengths : ndarray, shape (n,)
+        Its radius, and how far it goes along its axis to both sides [m]. The joint's origin is in it.
+    fixed : ndarray of bool, shape (n,)
+        Which axes stay where they are: those through the center along the axis.
+    prismatic : ndarray of bool, shape (n,)
+        Which joints slide.
+    """
+
+    centers: FloatArray
+    axes: FloatArray
+    radii: FloatArray
+    half_lengths: FloatArray
+    fixed: BoolArray
+    prismatic: BoolArray
+
+    def distances(self, bodies: Sequence[Hull]) -> FloatArray:
+        """Return how far bodies that stand still in the world are from each joint's axis, at most (G, n).
+
+        Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
+        distance times |Δ|: another bound of how far link and body approach each other.
+
+        Parameters
+        ----------
+        bodies : sequence of Hull
+            The G bodies in the world frame.
+
+        Returns
+        -------
+        ndarray, shape (G, n)
+            [m], that of the farthest point, at any configuration; infinite for prismatic joints.
+        """
+        if not bodies:
+            return np.zeros((0, len(self.radii)))
+        arms = np.concatenate([body.points for body in bodies])[:, None] - self.centers
+        along = np.einsum("pjx,jx->pj", arms, self.axes)
+        lateral = np.linalg.norm(arms - along[..., None] * self.axes, axis=2)
+        reached = np.hypot(lateral + self.radii, np.abs(along) + self.half_lengths)
+        starts = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
+        farthest = np.maximum.reduceat(np.where(self.fixed, lateral, reached), starts)
+        distances: FloatArray = farthest + np.array([body.radius for body in bodies])[:, None]
+        distances[:, self.prismatic] = np.inf
+        return distances
+
+
+@dataclass(frozen=True)
+class JointChain:
+    """Joints of a robot as the displacement bound needs them (n joints; joint i is Pinocchio's joint i+1).
+
+    Attributes
+    ----------
+    parents : list of int
+        Pinocchio's index of the joint below each joint (0: base).
+    placements : list of pin.SE3
+        Frame of each joint at zero in the frame of its parent.
+    axes : ndarray, shape (n, 3)
+        Axes in the joints' own frames.
+    prismatic : ndarray of bool, shape (n,)
+        Which joints slide.
+    lower, upper : ndarray, shape (n,)
+        Limits [rad or m]; only those of prismatic joints are used.
+    """
+
+    parents: list[int]
+    placements: list[pin.SE3]
+    axes: FloatArray
+    prismatic: BoolArray
+    lower: FloatArray
+    upper: FloatArray
+
+    @classmethod
+    def from_model(
+        cls, model: pin.Model, prismatic: BoolArray, lower: FloatArray, upper: FloatArray
+    ) -> JointChain:
+        """Read the joints of `model`; the rest as above."""
+        axes = np.zeros((len(prismatic), 3))
+        neutral = pin.neutral(model)
+        for i, joint in enumerate(list(model.joints)[1:]):
+            joint_data = joint.createData()
+            joint.calc(joint_data, neutral)
+            subspace = np.asarray(joint_data.S, dtype=np.float64).ravel()
+            axes[i] = subspace[:3] if prismatic[i] else subspace[3:]
+        return cls(
+            [int(parent) for parent in model.parents][1:],
+            [pin.SE3(placement) for placement in model.jointPlacements][1:],
+            axes,
+            prismatic,
+            lower,
+            upper,
+        )
+
+    def path_to_root(self, joint: int) -> list[int]:
+        """Return the joints (0-based) that move Pinocchio's joint `joint`, the nearest first."""
+        path = []
+        while joint != 0:
+            path.append(joint - 1)
+            joint = self.parents[joint - 1]
+        return path
+
+    def radii(self, joint: int, body: Hull) -> FloatArray:
+        """Return the displacement radii R̄ (n,) of a body carried by Pinocchio's joint `joint`.
+
+        Parameters
+        ----------
+        joint : int
+            Pinocchio's index of the joint (0: fixed to the base, all radii zero).
+        body : Hull
+            The body in the frame of that joint.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Metres per radian; 1 for prismatic joints; 0 for joints that do not move the body.
+        """
+        radii = np.zeros(len(self.parents))
+        for i, region in self._regions(joint, body):
+            radii[i] = 1.0 if self.prismatic[i] else region.radius
+        return radii
+
+    def reach(self, joint: int, body: Hull) -> ReachCylinder:
+        """Return a cylinder in the world frame that the body never leaves, at any configuration within limits.
+
+        Raises
+        ------
+        ValueError
+            If no joint moves the body.
+        """
+        regions = self._regions(joint, body)
+        if not regions:
+            raise ValueError("the body is fixed to the base")
+        i, region = regions[-1]
+        return region.moved(self.placements[i])
+
+    @cached_property
+    def axis_reaches(self) -> AxisReaches:
+        """Where the axes of the joints can be in the world."""
+        regions = []
+        for parent, placement, axis in zip(self.parents, self.placements, self.axes, strict=True):
+            if parent == 0:  # the axis stays where it is
+                regions.append(ReachCylinder(placement.translation, placement.rotation @ axis, 0.0, 0.0))
+            else:
+                regions.append(self.reach(parent, Hull(placement.translation[None], 0.0)))
+        return AxisReaches(
+            np.array([region.center for region in regions]).reshape(-1, 3),
+            np.array([region.axis for region in regions]).reshape(-1, 3),
+            np.array([region.radius for region in regions]),
+            np.array([region.half_length for region in regions]),
+            np.array([parent == 0 for parent in self.parents], dtype=bool),
+            self.prismatic,
+        )
+
+    def _regions(self, joint: int, body: Hull) -> list[tuple[int, ReachCylinder]]:
+        """For each joint that moves the body, the nearest first: where the body can be, in the joint's frame."""
+        regions: list[tuple[int, ReachCylinder]] = []
+        for i in self.path_to_root(joint):
+            axis = self.axes[i]
+            if regions:
+                inner, region = regions[-1]
+                region = region.moved(self.placements[inner]).enclosed_about(axis)
+            else:
+                region = ReachCylinder.around(body, axis)
+            if self.prismatic[i]:
+                region = region.stretched(float(self.lower[i]), float(self.upper[i]))
+            regions.append((i, region))
+        return regions

@@ -1,1 +1,0 @@
-"""Planning problems as documents: robot, scene, start, goal, limits and parameters."""

@@ -1,0 +1,198 @@
+"""MotionBenchMaker problems in the JSON form of the VAMP planner.
+
+Reference: C. Chamzas et al., MotionBenchMaker: a tool to generate and benchmark motion planning datasets,
+IEEE Robotics and Automation Letters, 2022.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.robot import Robot
+from safe_ompl.scene.goal import configuration_for
+from safe_ompl.scene.scene import Scene
+
+WHERE_FROM = (
+    "such files come from VAMP's repository: resources/ROBOT/problems.tar.bz2, made into problems.json by its script "
+    "resources/problem_tar_to_pkl_json.py"
+)
+_SLIGHTLY = 0.1  # [rad or m]; a goal this far outside the limits is still believed
+
+
+@dataclass(frozen=True)
+class MbmProblem:
+    """One planning problem of a MotionBenchMaker file.
+
+    Attributes
+    ----------
+    family : str
+        Scene family that it belongs to.
+    index : int
+        Its number within the family, as the file gives it.
+    joint_names : tuple of str
+        Joints in the order of the values below; empty if the file names none.
+    start : tuple of float
+        Start configuration [rad].
+    goals : tuple of tuple of float
+        Goal configurations, any of which will do [rad].
+    scene : Scene
+        The obstacles, all of them dangerous with weight 1.
+    source : str
+        File and key, for errors.
+    """
+
+    family: str
+    index: int
+    joint_names: tuple[str, ...]
+    start: tuple[float, ...]
+    goals: tuple[tuple[float, ...], ...]
+    scene: Scene
+    source: str = field(compare=False)
+
+    def start_configuration(self, robot: Robot) -> FloatArray:
+        """Return the start (n,) in the order of the robot's joints.
+
+        Raises
+        ------
+        InputError
+            If the joints are not those of the robot, or a value is outside its limits.
+        """
+        return self._for(robot, "start", self.start)
+
+    def goal_configurations(self, robot: Robot) -> FloatArray:
+        """Return the goals (G, n) in the order of the robot's joints; errors as `start_configuration`."""
+        return np.array([self._for(robot, f"goals[{k}]", goal) for k, goal in enumerate(self.goals)])
+
+    def widened_limits(self, robot: Robot) -> dict[str, tuple[float, float]]:
+        """Return, for each joint that a goal takes slightly beyond its limits, limits that hold the goal."""
+        limits = {
+            name: (float(low), float(high))
+            for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=True)
+        }
+        wider: dict[str, tuple[float, float]] = {}
+        for goal in self.goals:
+            for name, value in zip(self.joint_names or robot.joint_names, goal, strict=False):
+                low, high = wider.get(name, limits[name])
+                if 0 < max(low - value, value - high) <= _SLIGHTLY:
+                    wider[name] = (min(low, value), max(high, value))
+        return {name: wider[name] for name in wider if not robot.continuous[robot.joint_names.index(name)]}
+
+    def _for(self, robot: Robot, key: str, values: tuple[float, ...]) -> FloatArray:
+        with document.within(self.source):
+            if not self.joint_names:
+                return configuration_for(robot, key, values)
+            return configuration_for(robot, key, dict(zip(self.joint_names, values, strict=True)))
+
+
+@dataclass(frozen=True)
+class MbmFile:
+    """A MotionBenchMaker file.
+
+    Attributes
+    ----------
+    robot : str
+        Name of the robot that the problems are for.
+    joint_names : tuple of str
+        Its joints.
+    """
+
+    path: Path
+    robot: str
+    joint_names: tuple[str, ...]
+    spacing: float
+    _families: Mapping[str, list[Any]] = field(repr=False)
+
+    @classmethod
+    def load(cls, path: str | Path, spacing: float = 0.1) -> MbmFile:
+        """Read a file.
+
+        Parameters
+        ----------
+        path : path-like
+            The JSON file.
+        spacing : float
+            Distance between the danger points of the scenes [m].
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, is not JSON, or does not hold lists of problems by family.
+        """
+        with document.within(str(path), ": "):
+            try:
+                data = document.mapping("document", _read_json(Path(path)))
+                families = document.mapping("problems", document.require(data, "problems"))
+            except InputError as error:
+                raise InputError(f"{error}; {WHERE_FROM}") from None
+            with document.within("problems"):
+                lists = {family: document.sequence(family, items) for family, items in families.items()}
+            names = document.sequence("joints", data.get("joints", ()))
+            joints = tuple(document.text("joints", name) for name in names)
+            robot = document.text("robot", data["robot"]) if "robot" in data else ""
+        return cls(Path(path), robot, joints, spacing, lists)
+
+    @property
+    def families(self) -> dict[str, int]:
+        """Number of problems of each family, in the order of the file."""
+        return {family: len(items) for family, items in self._families.items()}
+
+    def problems(self, family: str) -> Iterator[MbmProblem]:
+        """Yield the problems of a family, in the order of the file.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such family.
+        InputError
+            If a problem is malformed; the message names file, key and value.
+        """
+        if family not in self._families:
+            raise UnknownNameError("family", family, self._families, str(self.path))
+        return (self.problem(family, k) for k in range(len(self._families[family])))
+
+    def __iter__(self) -> Iterator[MbmProblem]:
+        return (problem for family in self._families for problem in self.problems(family))
+
+    def problem(self, family: str, k: int) -> MbmProblem:
+        """Return the k-th problem of a family; raise InputError if it is malformed."""
+        place = f"problems.{family}[{k}]"
+        with document.within(str(self.path), ": "):
+            data = document.mapping(place, self._families[family][k])
+            with document.within(place):
+                index = data.get("index", k)
+                if not isinstance(index, int) or isinstance(index, bool):
+                    raise InputError(f"must be a whole number, not {index!r}", "index")
+                goals = document.sequence("goals", document.require(data, "goals"))
+                if not goals:
+                    raise InputError("must hold at least one goal", "goals")
+                count = len(self.joint_names) or None
+                return MbmProblem(
+                    family,
+                    index,
+                    self.joint_names,
+                    document.numbers("start", document.require(data, "start"), count),
+                    tuple(document.numbers(f"goals[{i}]", goal, count) for i, goal in enumerate(goals)),
+                    Scene.from_mbm(data, self.spacing),
+                    f"{self.path}: {place}",
+                )
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise InputError(f"malformed JSON: {error.msg}", f"line {error.lineno}") from None
+    except RecursionError:
+        raise InputError("malformed JSON: nested too deeply") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"is not text in UTF-8 ({error})") from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})") from None

@@ -1,0 +1,186 @@
+"""People of a scenario: who counts, how fast she may move, and what contact is allowed; plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
+
+from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import LIMBS, Person
+from safe_ompl.scene.scene import Scene
+
+
+class BodyRegion(NamedTuple):
+    """What a region of the body may bear in a contact.
+
+    Attributes
+    ----------
+    force : float
+        Largest force of a transient contact [N]; 0: none.
+    mass : float
+        Effective mass [kg].
+    stiffness : float
+        [N/mm]
+    """
+
+    force: float
+    mass: float
+    stiffness: float
+
+
+# Values that are quoted publicly of ISO/TS 15066:2016, annex A, from secondary sources: circulating tables differ, and
+# the user must check them. Pressure may allow less than force, clamping halves it. Using them is not compliance.
+CONTACT_TABLE: dict[str, BodyRegion] = {
+    "head": BodyRegion(0, 4.4, 150),
+    "chest": BodyRegion(280, 40, 25),
+    "abdomen": BodyRegion(220, 40, 10),
+    "pelvis": BodyRegion(360, 40, 25),
+    "shoulder": BodyRegion(420, 40, 35),
+    "upper_arm": BodyRegion(300, 3, 30),
+    "forearm": BodyRegion(320, 2, 40),
+    "hand": BodyRegion(280, 0.6, 75),
+    "thigh": BodyRegion(440, 75, 50),
+    "lower_leg": BodyRegion(260, 75, 60),
+}
+_OF_LIMB = {
+    "neck": "head",
+    "torso": "chest",
+    "hips": "pelvis",
+    "shoulders": "shoulder",
+    "flank": "abdomen",
+    "shank": "lower_leg",
+    "foot": "lower_leg",
+}
+WALKING = 1.6  # [m/s]
+
+
+@dataclass(frozen=True)
+class People:
+    """People beside a robot, and what a trajectory assumes of them.
+
+    What is proven holds *if* no limb moves faster than its speed.
+
+    Parameters
+    ----------
+    who : sequence of str, optional
+        Obstacles that count; default: those that are persons.
+    speed : float
+        How fast any part of them may move [m/s].
+    speeds : mapping of str to float, optional
+        Limbs that may move at another speed, such as ``right_hand`` [m/s].
+    reaction_time : float
+        From when a person is measured until the robot begins to brake [s].
+    clearance : float
+        What must be left when the robot stands [m]: intrusion distance and uncertainties, C + Z_d + Z_r.
+    contact : bool
+        Whether the robot may touch people where it is slow enough for the region of the body.
+    regions : mapping of str to 3 float, optional
+        Regions whose force [N], mass [kg] and stiffness [N/mm] replace those of `CONTACT_TABLE`.
+    robot_mass : float, optional
+        Effective mass of the robot in a contact [kg]; default: half of its moving links' mass.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used; the message starts with its key.
+    """
+
+    who: tuple[str, ...] | None = None
+    speed: float = WALKING
+    speeds: Mapping[str, float] = field(default_factory=dict)
+    reaction_time: float = 0.1
+    clearance: float = 0.0
+    contact: bool = False
+    regions: Mapping[str, BodyRegion] = field(default_factory=dict)
+    robot_mass: float | None = None
+
+    def __post_init__(self) -> None:
+        values: dict[str, Any] = {
+            "speed": document.number("speed", self.speed, at_least=0.0),
+            "reaction_time": document.number("reaction_time", self.reaction_time, at_least=0.0),
+            "clearance": document.number("clearance", self.clearance, at_least=0.0),
+            "contact": document.flag("contact", self.contact),
+        }
+        if self.who is not None:
+            values["who"] = tuple(document.text("who", name) for name in document.sequence("who", self.who))
+            if not values["who"]:
+                raise InputError("name one obstacle at least, or leave it out", "who")
+        if self.robot_mass is not None:
+            values["robot_mass"] = document.number("robot_mass", self.robot_mass, above=0.0)
+        speeds = document.mapping("speeds", self.speeds)
+        with document.within("speeds"):
+            document.check_keys(speeds, LIMBS)
+            values["speeds"] = {name: document.number(name, v, at_least=0.0) for name, v in speeds.items()}
+        regions = document.mapping("regions", self.regions)
+        with document.within("regions"):
+            document.check_keys(regions, CONTACT_TABLE)
+            values["regions"] = {name: _region(name, given) for name, given in regions.items()}
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> People:
+        """Read people from a document."""
+        document.check_keys(data, [field.name for field in fields(cls)])
+        return cls(**data)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what `from_mapping` reads."""
+        standard = People()
+        given = {f.name: getattr(self, f.name) for f in fields(self)}
+        changed = {key: value for key, value in given.items() if value != getattr(standard, key)}
+        if "who" in changed:
+            changed["who"] = list(self.who or ())
+        if "regions" in changed:
+            changed["regions"] = {name: list(region) for name, region in self.regions.items()}
+        return changed
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """Return the obstacles that count.
+
+        Raises
+        ------
+        InputError
+            If the scene has no person, and none is named.
+        UnknownNameError
+            If the scene has no obstacle of such a name.
+        """
+        if self.who is not None:
+            return tuple(scene[name].name for name in self.who)
+        found = tuple(o.name for o in scene if isinstance(o.shape, Person))
+        if not found:
+            raise InputError(
+                "the scene has no person; name the obstacles that count, or give no people", "people"
+            )
+        return found
+
+    def speed_of(self, limb: str) -> float:
+        """Return how fast a limb may move [m/s]."""
+        return self.speeds.get(limb, self.speed)
+
+    def region_of(self, limb: str) -> BodyRegion:
+        """Return what a limb may bear; of what is no limb, what a head may.
+
+        Raises
+        ------
+        UnknownNameError
+            If a limb belongs to no region.
+        """
+        name = limb.removeprefix("left_").removeprefix("right_")
+        name = _OF_LIMB.get(name, name)
+        if limb not in LIMBS:
+            name = "head"
+        if name not in CONTACT_TABLE:
+            raise UnknownNameError("region of the body", name, CONTACT_TABLE)
+        return self.regions.get(name, CONTACT_TABLE[name])
+
+
+def _region(name: str, given: Any) -> BodyRegion:
+    force, mass, stiffness = document.numbers(name, given, 3)
+    return BodyRegion(
+        document.number(f"{name}[0]", force, at_least=0.0),
+        document.number(f"{name}[1]", mass, above=0.0),
+        document.number(f"{name}[2]", stiffness, above=0.0),
+    )

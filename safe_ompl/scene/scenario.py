@@ -1,0 +1,243 @@
+"""A planning problem in one file: robot, scene, start, goal, and the parameters of danger and planners."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.common import documents as yaml_documents
+from safe_ompl.robot import Robot, RobotSpec
+from safe_ompl.scene.constraints import MotionLimits, PathLimits
+from safe_ompl.scene.goal import Configuration, Goal, configuration_for, read_configuration
+from safe_ompl.scene.people import People
+from safe_ompl.scene.scene import Scene
+
+_TIME = 5.0  # [s]
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A planning problem.
+
+    Parameters
+    ----------
+    name : str
+        Name for reports.
+    robot : RobotSpec
+        Which robot.
+    scene : Scene
+        The obstacles.
+    start : sequence of float, or mapping of str to float
+        Start configuration, in the order of the robot's joints or by joint name [rad or m].
+    goal : Goal
+        Where to go.
+    description : str, optional
+        What happens here.
+    danger : mapping, optional
+        Parameters of the danger field, by name.
+    planners : mapping, optional
+        For each planner's name its parameters, by name.
+    limits : PathLimits, optional
+        What every path must keep to.
+    motion : MotionLimits, optional
+        How fast the robot may move, for trajectories.
+    people : People, optional
+        Who may come near it, for trajectories.
+    time : float, optional
+        Time limit [s].
+    file : Path, optional
+        Where the scenario came from, for errors.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used; the message starts with its key.
+    """
+
+    name: str
+    robot: RobotSpec
+    scene: Scene
+    start: Configuration
+    goal: Goal
+    description: str = ""
+    danger: Mapping[str, Any] = field(default_factory=dict)
+    planners: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    time: float = _TIME
+    limits: PathLimits = field(default_factory=PathLimits)
+    motion: MotionLimits = field(default_factory=MotionLimits)
+    people: People | None = None
+    file: Path | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        planners = document.mapping("planners", self.planners)
+        with document.within("planners"):
+            parameters = {name: _parameters(name, given) for name, given in planners.items()}
+        values = {
+            "name": document.text("name", self.name),
+            "start": read_configuration("start", self.start),
+            "danger": _parameters("danger", self.danger),
+            "planners": parameters,
+            "time": document.number("time", self.time, above=0.0),
+        }
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+        if not isinstance(self.description, str):
+            raise InputError(f"must be text, not {self.description!r}", "description")
+
+    # ------------------------------------------------------------------------------------------ documents
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scenario:
+        """Read a scenario from a YAML file; the files that it names are relative to it.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read or is not valid; the message names file, key and value.
+        """
+        file = Path(path)
+        if file.suffix.lower() in (".urdf", ".xacro"):
+            raise InputError(
+                f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it",
+                str(file),
+            )
+        with yaml_documents.reading(file) as data:
+            return cls._from_mapping(data, file)
+
+    @classmethod
+    def _from_mapping(cls, data: Mapping[str, Any], file: Path) -> Scenario:
+        document.check_keys(data, [field.name for field in fields(cls) if field.name != "file"])
+        robot = document.require(data, "robot")
+        robot = robot if isinstance(robot, str) else document.mapping("robot", robot)
+        with document.within("robot"):
+            spec = RobotSpec.from_mapping(robot, file.parent)
+        scene_keys = document.mapping("scene", data.get("scene") or {})
+        with document.within("scene"):
+            scene = Scene.from_mapping(scene_keys, file.parent)
+        goal_keys = document.mapping("goal", document.require(data, "goal"))
+        with document.within("goal"):
+            goal = Goal.from_mapping(goal_keys)
+        limit_keys = document.mapping("limits", data.get("limits") or {})
+        with document.within("limits"):
+            limits = PathLimits.from_mapping(limit_keys)
+        with document.within("motion"):
+            motion = MotionLimits.from_mapping(document.mapping("motion", data.get("motion") or {}))
+        people = None
+        if "people" in data:
+            with document.within("people"):
+                people = People.from_mapping(document.mapping("people", data["people"] or {}))
+                people.names(scene)
+        return cls(
+            name=data.get("name", file.stem),
+            robot=spec,
+            scene=scene,
+            start=document.require(data, "start"),
+            goal=goal,
+            description=data.get("description", ""),
+            danger=data.get("danger") or {},
+            planners=data.get("planners") or {},
+            limits=limits,
+            motion=motion,
+            people=people,
+            time=data.get("time", _TIME),
+            file=file,
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the scenario to a YAML file that `load` reads back exactly."""
+        folder = Path(path).parent
+        data = {
+            "name": self.name,
+            "description": self.description,
+            "robot": self.robot.to_mapping(folder),
+            "scene": self.scene.to_mapping(folder),
+            "start": self.start,
+            "goal": self.goal.to_mapping(),
+            "danger": self.danger,
+            "planners": self.planners,
+            **({"limits": self.limits.to_mapping()} if self.limits != PathLimits() else {}),
+            **({"motion": self.motion.to_mapping()} if self.motion != MotionLimits() else {}),
+            **({"people": self.people.to_mapping()} if self.people is not None else {}),
+            "time": self.time,
+        }
+        Path(path).write_text(yaml_documents.dump_document(data), encoding="utf-8")
+
+    # ----------------------------------------------------------------------------------------- for a robot
+
+    def build_robot(self) -> Robot:
+        """Return the robot; an InputError names the scenario file."""
+        with document.within(f"{self._source}: robot", ": "):
+            return self.robot.build()
+
+    def start_configuration(self, robot: Robot) -> FloatArray:
+        """Return the start as joint values (n,) [rad or m].
+
+        Raises
+        ------
+        InputError
+            If it does not fit the robot: a wrong number of values, an unknown joint, a value outside limits.
+        """
+        with document.within(self._source, ": "):
+            return configuration_for(robot, "start", self.start)
+
+    def goal_configurations(self, robot: Robot) -> FloatArray:
+        """Return the goal configurations (G, n) [rad or m]; errors as `start_configuration`.
+
+        Raises
+        ------
+        InputError
+            Also if the goal is a place of the tip only.
+        """
+        with document.within(f"{self._source}: goal"):
+            return self.goal.configuration_array(robot)
+
+    @property
+    def _source(self) -> str:
+        return str(self.file) if self.file else f"scenario {self.name!r}"
+
+
+def list_scenarios() -> dict[str, Path]:
+    """Return the scenario files by name: in ``scenarios`` here, then in the package, then in its checkout."""
+    folders = (Path("scenarios"), _PACKAGE / "scenarios", _PACKAGE.parent / "scenarios")
+    found: dict[str, Path] = {}
+    for file in (file for folder in folders for file in sorted(folder.glob("*.yaml"))):
+        found.setdefault(file.stem, file)
+    return dict(sorted(found.items()))
+
+
+def find_scenario(name_or_path: str | Path) -> Path:
+    """Return the scenario file of this path or, failing that, of this name; see `list_scenarios`.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is none; the message lists those that exist.
+    """
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    known = list_scenarios()
+    if str(name_or_path) not in known:
+        raise UnknownNameError("scenario file or name", str(name_or_path), known)
+    return known[str(name_or_path)]
+
+
+def _parameters(key: str, value: Any) -> dict[str, Any]:
+    """Return a mapping of names to finite numbers, flags, text, or lists of numbers."""
+    given = document.mapping(key, {} if value is None else value)
+    with document.within(key):
+        return {name: _parameter(name, item) for name, item in given.items()}
+
+
+def _parameter(key: str, value: Any) -> Any:
+    if isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, (list, tuple)):
+        return document.numbers(key, value)
+    number = document.number(key, value)
+    return value if isinstance(value, int) else number

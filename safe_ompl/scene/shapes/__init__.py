@@ -1,1 +1,0 @@
-"""Shapes of obstacles: basic solids, meshes, point clouds, people."""

@@ -1,0 +1,337 @@
+"""Kernels of motions in time: stopping thresholds, the fastest time law, and driving along a path cell by cell.
+
+The stop from (s, ṡ) stays on the path and never brakes harder than it began: from cell j on it decelerates by
+β_k = min(b_j … b_k) in cell k. It must never be in a cell k later than τ_k after it began, or be slow enough there. The
+faster it begins, or the farther on in its cell, the longer such a stop takes, for at the same ṡ it is at a place where
+β is no larger; with b_k alone a fast one, that is out of a weakly braked cell sooner, may be the shorter one.
+
+The latest instant in cell k, of all stops from cell j no faster than V, is
+
+    min(T_stop(V), T_jk),    T_jk: the stop from s_j that ends at the end of cell k.
+
+Slower stops end before that; faster ones have left the cell by then. The cell is reached only if V² > R_k, the ṡ² that
+braking takes away from the end of cell j to the start of cell k, and with ṡ² ≤ V² − R_k. So V is allowed if for every k
+
+    T_jk ≤ τ_k,    or    V² ≤ R_k + u_k²,    or    T_stop(V) ≤ τ_k,
+
+u_k the speed that is harmless in the cell. All three stay true when V falls. And a stop nowhere exceeds the cap of its
+cell, on which b_k rests: V² ≤ R_k + cap_k². At the end of the path, and in corners that are no blends, the robot
+stops: it never is so fast that it could not stop before, V² ≤ 2 Σ β h up to there.
+
+With the arc length s(t) and x = ṡ² the joints have q̈ = q′s̈ + q″x. In a cell s̈ = a is constant, so that x is linear in
+s, a = (x_end − x_start)/2h. Over the cell q′ and q″ stay in boxes; p·a + c·x is linear in each of p, c and x, so that
+|q̈| ≤ limit holds throughout if it holds for all corners of the boxes at both ends of the cell.
+
+In cell j the path speed keeps to x = ṡ² ≤ X_j and the path acceleration to |s̈| ≤ b_j. Every stop of the path is reached
+if x ≤ c(s), the ceiling, which falls by 2b_j before it: c(s) = c_(j+1) + 2b_j (s_(j+1) − s).
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, IntArray, compiled, part
+
+_HALVINGS = 50
+
+
+@part
+def _stopping_time(x: float, first: int, sizes: FloatArray, brakes: FloatArray) -> float:
+    """Return how long the stop from ṡ² = x takes that begins in a cell, at its end: the longest one from there."""
+    time, brake = 0.0, brakes[first]
+    for k in range(first + 1, len(sizes)):
+        brake = min(brake, brakes[k])
+        after = x - 2 * brake * sizes[k]
+        if after <= 0:
+            return float(time + sqrt(x) / brake)
+        time += 2 * sizes[k] / (sqrt(x) + sqrt(after))
+        x = after
+    return float(time + sqrt(x) / brake)
+
+
+@part
+def _latest(first: int, last: int, sizes: FloatArray, weakest: FloatArray) -> float:
+    """Return the time of the stop from the start of cell `first` that ends at the end of cell `last`."""
+    x, time = 0.0, 0.0
+    for k in range(last, first - 1, -1):
+        before = x + 2 * weakest[k] * sizes[k]
+        time += 2 * sizes[k] / (sqrt(x) + sqrt(before))
+        x = before
+    return float(time)
+
+
+@compiled
+def stopping_speeds(
+    sizes: FloatArray,
+    brakes: FloatArray,
+    times: FloatArray,
+    harmless: FloatArray,
+    caps: FloatArray,
+    ends: IntArray,
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return the largest ṡ (N,) of each cell, and for which of the M bodies and in which cell it is bounded (−1: none).
+
+    Parameters
+    ----------
+    sizes, brakes : (N,)
+        Lengths of the cells and decelerations b > 0.
+    times : (N, M)
+        τ of each cell for each of M bodies that may come [s].
+    harmless : (N, M)
+        u of each.
+    caps : (N,)
+        ṡ is no larger for other reasons.
+    ends : (N,)
+        The cell behind which the robot next stops in any case.
+    """
+    N, M = times.shape
+    speeds, body, where = caps.copy(), np.full(N, -1), np.full(N, -1)
+    weakest = np.empty(N)  # β
+    for j in range(N):
+        room, brake = 0.0, brakes[max(j - 1, 0)]  # the stop may begin just before
+        for k in range(j, ends[j] + 1):
+            brake = min(brake, brakes[k])
+            room += 2 * brake * sizes[k]
+            if room >= speeds[j] ** 2:
+                break
+        speeds[j] = min(speeds[j], sqrt(room))
+        gone = 0.0  # R_k
+        for k in range(j, ends[j] + 1):
+            if k > j + 1:
+                gone += 2 * weakest[k - 1] * sizes[k - 1]
+            if k > j and speeds[j] ** 2 <= gone:
+                break
+            speeds[j] = min(speeds[j], sqrt(gone + caps[k] ** 2))
+            weakest[k] = min(weakest[k - 1], brakes[k]) if k > j else brakes[k]
+            latest = inf
+            for m in range(M):
+                limit = times[k, m]
+                square = gone + harmless[k, m] ** 2
+                if speeds[j] ** 2 <= square:
+                    continue
+                if latest == inf:
+                    latest = _latest(j, k, sizes, weakest)
+                if latest <= limit:
+                    continue
+                good, bad = 0.0, speeds[j]
+                if limit > 0:
+                    if _stopping_time(bad * bad, j, sizes, brakes) <= limit:
+                        continue
+                    for _ in range(_HALVINGS):
+                        middle = 0.5 * (good + bad)
+                        if _stopping_time(middle * middle, j, sizes, brakes) <= limit:
+                            good = middle
+                        else:
+                            bad = middle
+                speeds[j], body[j], where[j] = max(good, sqrt(square)), m, k
+    return speeds, body, where
+
+
+_LAW_HALVINGS = 60
+_TIGHTER = 1e-10  # relative: limits are kept with what rounding adds
+
+
+@part
+def _next_range(
+    x: float,
+    h: float,
+    slope_low: FloatArray,
+    slope_high: FloatArray,
+    bend_low: FloatArray,
+    bend_high: FloatArray,
+    limits: FloatArray,
+    most: float,
+) -> tuple[float, float]:
+    """Return the interval of y = x_end that keeps |p (y−x)/2h + c {x, y}| ≤ limit; empty if low > high."""
+    low, high = 0.0, most
+    half = 0.5 / h
+    for i in range(len(limits)):
+        limit = limits[i] * (1 - _TIGHTER)
+        for side in range(4):
+            p = half * (slope_low[i] if side < 2 else slope_high[i])
+            c = bend_low[i] if side % 2 == 0 else bend_high[i]
+            for end in range(2):
+                # of end 0: p·y + (c − p)·x; of end 1: (p + c)·y − p·x
+                factor = p if end == 0 else p + c
+                rest = (c - p) * x if end == 0 else -p * x
+                if factor > 1e-14:
+                    high = min(high, (limit - rest) / factor)
+                    low = max(low, (-limit - rest) / factor)
+                elif factor < -1e-14:
+                    high = min(high, (-limit - rest) / factor)
+                    low = max(low, (limit - rest) / factor)
+                elif abs(rest) > limit:
+                    return 1.0, 0.0
+    return low, high
+
+
+@compiled
+def fastest(
+    sizes: FloatArray,
+    slope_low: FloatArray,
+    slope_high: FloatArray,
+    bend_low: FloatArray,
+    bend_high: FloatArray,
+    limits: FloatArray,
+    most: FloatArray,
+) -> FloatArray:
+    """Return the largest x = ṡ² (N+1,) at the grid points that ends at rest.
+
+    Backward, K_j is the largest x_j ≤ most_j from which some x_(j+1) ≤ K_(j+1) is reached; all smaller ones do as well,
+    for the feasible (x_j, x_(j+1)) are a convex set with the origin in it. Forward, each x_(j+1) is the largest one.
+
+    Parameters
+    ----------
+    sizes : (N,)
+        h [rad]
+    slope_low, slope_high, bend_low, bend_high : (N, n)
+        Boxes of q′ and q″.
+    limits : (n,)
+        Accelerations.
+    most : (N+1,)
+        Bounds of x; zero at the end. The first one is where it begins, if the rest can be driven from there.
+    """
+    N = len(sizes)
+    reach = most.copy()
+    for j in range(N - 1, -1, -1):
+        cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, reach[j + 1])
+        low, high = _next_range(most[j], sizes[j], *cell)
+        if low <= high:
+            continue
+        good, bad = 0.0, most[j]
+        for _ in range(_LAW_HALVINGS):
+            middle = (good + bad) / 2
+            low, high = _next_range(middle, sizes[j], *cell)
+            if low <= high:
+                good = middle
+            else:
+                bad = middle
+        reach[j] = good
+    x = np.zeros(N + 1)
+    x[0] = reach[0]
+    for j in range(N):
+        cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, reach[j + 1])
+        low, high = _next_range(x[j], sizes[j], *cell)
+        x[j + 1] = max(high, 0.0)
+    return x
+
+
+_NOWHERE = 1e-12  # [rad]
+_REST = 1e-14  # [rad²/s²] slower than this it stands
+_LINE = 1e-9  # relative: nearer to the ceiling than this is on it
+
+
+@compiled
+def ceilings(sizes: FloatArray, squares: FloatArray, brakes: FloatArray, stops: IntArray) -> FloatArray:
+    """Return c (N + 1,) at the ends of the cells, 0 at the end of the path and where it stops.
+
+    Parameters
+    ----------
+    sizes, squares, brakes : (N,)
+        Lengths h of the cells, X and b.
+    stops : (K,)
+        Ends of cells where the robot stops in any case.
+    """
+    N = len(sizes)
+    found = np.zeros(N + 1)
+    for j in range(N - 1, -1, -1):
+        for stop in stops:
+            if stop == j + 1:
+                found[j + 1] = 0.0
+        found[j] = min(squares[j], found[j + 1] + 2 * brakes[j] * sizes[j])
+        if j:
+            found[j] = min(found[j], squares[j - 1])
+    return found
+
+
+@compiled
+def drive(
+    edges: FloatArray,
+    squares: FloatArray,
+    brakes: FloatArray,
+    ceiling: FloatArray,
+    s: float,
+    x: float,
+    push: float,
+    tick: float,
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Return a motion of one tick from (s, ṡ² = x), and the stop after it: cells (W,), s, x and t (W + 1,).
+
+    In the tick it accelerates by `push`·b, −1 ≤ push ≤ 1, as far as X and the ceiling let it; then by −b until it
+    stands. W is 0 if it stands already, and stays so.
+
+    Parameters
+    ----------
+    edges, ceiling : (N + 1,)
+        Ends of the cells, and c there.
+    squares, brakes : (N,)
+        X and b.
+    s, x : float
+        Where it begins, and ṡ².
+    push : float
+        Share of b.
+    tick : float
+        [s]
+    """
+    N = len(brakes)
+    most = 4 * N + 8
+    cells = np.empty(most, dtype=np.intp)
+    S, X, T = np.empty(most + 1), np.empty(most + 1), np.empty(most + 1)
+    S[0], X[0], T[0] = s, x, 0.0
+    n, t = 0, 0.0
+    k = min(max(int(np.searchsorted(edges, s, side="right")) - 1, 0), N - 1)
+    ticking = True
+    while k < N and n < most:
+        h = edges[k + 1] - s
+        if h <= _NOWHERE:
+            k += 1
+            continue
+        b = brakes[k]
+        along, y = h, 0.0
+        if ticking:
+            line = ceiling[k + 1] + 2 * b * h
+            a = push * b
+            if x >= line * (1 - _LINE):
+                a = -b
+                y = min(ceiling[k + 1], x)
+            elif a > 0.0 and x >= squares[k] * (1 - _LINE):
+                a = 0.0
+                along = max(min(h, h - (x - ceiling[k + 1]) / (2 * b)), 0.0)
+                y = x
+            else:
+                if a + b > 0.0:
+                    along = min(along, (line - x) / (2 * (a + b)))
+                if a > 0.0:
+                    along = min(along, (squares[k] - x) / (2 * a))
+                elif a < 0.0:
+                    along = min(along, x / (-2 * a))
+                y = max(x + 2 * a * along, 0.0)
+                if a < 0.0 and along == x / (-2 * a):
+                    y = 0.0
+        else:
+            along = min(h, x / (2 * b))
+            y = x - 2 * b * along
+            if y < _REST:
+                y = 0.0
+        speeds = sqrt(x) + sqrt(max(y, 0.0))
+        if speeds <= 0.0 or along <= 0.0:
+            if not ticking or speeds <= 0.0:
+                break
+            along, y = min(_NOWHERE, h), x
+            speeds = 2 * sqrt(x)
+        span = 2 * along / speeds
+        if ticking and t + span >= tick:
+            rest = tick - t
+            a = (y - x) / (2 * along)
+            v = max(sqrt(x) + a * rest, 0.0)
+            along, y, span = min(along, rest * (sqrt(x) + v) / 2), v * v, rest
+            ticking = False
+        s, x, t = s + along, max(y, 0.0), t + span
+        cells[n] = k
+        n += 1
+        S[n], X[n], T[n] = s, x, t
+        if not ticking and x <= 0.0:
+            break
+    return cells[:n].copy(), S[: n + 1].copy(), X[: n + 1].copy(), T[: n + 1].copy()

@@ -1,0 +1,713 @@
+"""The command line, run in this process on a planar arm that the tests write themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ompl import util as ou
+
+from safe_ompl.apps.benchmark.campaign import failure
+from safe_ompl.apps.cli import pictures
+from safe_ompl.apps.cli.program import main
+from safe_ompl.planning.planners.registry import planner_names
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.view.pictures import results
+from safe_ompl.view.pictures.path import render_path
+from safe_ompl.view.pictures.results import render_comparison
+
+RECORD = [
+    "scenario",
+    "robot",
+    "planner",
+    "seed",
+    "status",
+    "solved",
+    "setup_time",
+    "planning_time",
+    "simplification_time",
+    "report_time",
+    "joint_names",
+    "path",
+    "length",
+    "danger",
+    "clearance",
+    "certified",
+    "validation",
+    "links_without_collision",
+    "counts",
+]
+SAVED = ["format", "version", "kind", *RECORD, "problem"]
+DANGER = ["mean", "max", "max_bound", "integral", "avoidable", "profile"]
+CLEARANCE = ["min", "mean", "length_below_50mm", "link", "obstacle", "at", "obstacles"]
+COUNTS = [
+    "nodes",
+    "collision_queries",
+    "margin_queries",
+    "bound_queries",
+    "distance_queries",
+    "field_configurations",
+    "field_points",
+]
+
+LINK = """
+  <link name="link{k}">
+    <collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.06 0.06"/></geometry></collision>
+  </link>
+  <joint name="joint{k}" type="revolute">
+    <parent link="{parent}"/><child link="link{k}"/><origin xyz="{x} 0 0"/><axis xyz="0 0 1"/>
+    <limit lower="-2.9" upper="2.9" effort="1" velocity="1"/>
+  </joint>"""
+URDF = (
+    '<robot name="arm">\n  <link name="base"/>'
+    + LINK.format(k=1, parent="base", x=0)
+    + LINK.format(k=2, parent="link1", x=0.4)
+    + '\n  <link name="tool"/>\n  <joint name="flange" type="fixed">'
+    + '<parent link="link2"/><child link="tool"/><origin xyz="0.4 0 0"/></joint>\n</robot>\n'
+)
+SRDF = '<robot name="arm"><disable_collisions link1="link1" link2="link2" reason="Adjacent"/></robot>\n'
+
+SCENARIO = """\
+name: test
+robot: {urdf: arm.urdf, srdf: arm.srdf, tip: tool}
+start: {joint1: 1.2, joint2: 0.2}
+goal:
+  configuration: {joint1: -1.2, joint2: -0.2}
+scene:
+  spacing: 0.05
+  obstacles:
+    - {name: person, sphere: {radius: 0.1}, position: [0.62, 0.0, 0.0], weight: 1}
+    - {name: post, box: {size: [0.1, 0.1, 0.3]}, position: [-0.6, 0.0, 0.0]}
+time: 2.0
+"""
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder, made the current one, with a robot and the scenario file ``test.yaml``."""
+    (tmp_path / "arm.urdf").write_text(URDF)
+    (tmp_path / "arm.srdf").write_text(SRDF)
+    (tmp_path / "test.yaml").write_text(SCENARIO)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def run(folder: Path, capfd: pytest.CaptureFixture[str]) -> Run:
+    """Return a function that runs the command line and returns status, standard output and standard error."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        capfd.readouterr()
+        status = main([str(argument) for argument in arguments])
+        return (status, *capfd.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def quick_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw coarsely; skip the test if nothing can be drawn."""
+    pytest.importorskip("matplotlib")
+
+    def coarse(draw: Callable[..., Any], **quality: Any) -> Callable[..., Any]:
+        return lambda *arguments, **options: draw(*arguments, **{**options, **quality})
+
+    monkeypatch.setattr(results, "render_path", coarse(render_path, ghosts=0))
+    monkeypatch.setattr(pictures, "render_comparison", coarse(render_comparison, panel=(60, 50)))
+
+
+def strict(text: str) -> Any:
+    """Read JSON that holds no NaN and no Infinity."""
+
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def assert_solved_record(record: dict[str, Any]) -> None:
+    assert list(record["danger"]) == DANGER
+    assert list(record["clearance"]) == CLEARANCE
+    assert list(record["counts"]) == COUNTS
+    assert record["solved"] is True
+    assert record["certified"] is True
+    assert record["status"] == "Exact solution"
+    assert record["planning_time"] > 0
+    assert record["simplification_time"] >= 0
+    path = np.array(record["path"])
+    assert path.shape[1] == len(record["joint_names"])
+    assert record["length"] == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    danger, clearance = record["danger"], record["clearance"]
+    assert len(danger["profile"]) == 101
+    assert 0 < danger["mean"] <= danger["max"] <= danger["max_bound"] <= 1.05 * danger["max"]
+    assert 0 <= danger["avoidable"] <= danger["integral"]
+    assert 0 < clearance["min"] <= clearance["mean"]
+    assert 0 <= clearance["at"] <= 1
+    assert 0 <= clearance["length_below_50mm"] <= record["length"] + 1e-9
+    assert all(isinstance(number, int) and number >= 0 for number in record["counts"].values())
+    assert record["counts"]["bound_queries"] > 0
+
+
+# ---------------------------------------------------------------------------------------------------- plan
+
+
+def test_plan_writes_json_to_standard_output_and_nothing_else(run: Run) -> None:
+    status, out, err = run("plan", "test.yaml", "--json", "-", "--seed", 3)
+    record = strict(out)
+    assert (status, err) == (0, "")
+    assert list(record) == SAVED
+    assert (record["scenario"], record["robot"], record["seed"]) == ("test", "arm", 3)
+    assert record["planner"] == "SafeRRTConnect"
+    assert record["joint_names"] == ["joint1", "joint2"]
+    assert record["path"][0] == [1.2, 0.2]
+    assert record["path"][-1] == [-1.2, -0.2]
+    assert record["clearance"]["obstacle"] in ("person", "post")
+    assert_solved_record(record)
+
+
+def test_plan_with_the_same_seed_gives_the_same_path(run: Run) -> None:
+    paths = [strict(run("plan", "test.yaml", "--json", "-", "--seed", 5)[1])["path"] for _ in range(2)]
+    assert paths[0] == paths[1]
+
+
+def test_plan_shows_a_table_beside_a_json_file(run: Run, folder: Path) -> None:
+    status, out, _ = run("plan", "test.yaml", "--planner", "RRTConnect", "--json", "result.json")
+    assert status == 0
+    for word in ("test", "arm", "RRTConnect", "Exact solution", "proven free", "avoidable", "nearer than"):
+        assert word in out
+    assert strict((folder / "result.json").read_text())["planner"] == "RRTConnect"
+
+
+def test_plan_not_solved_is_status_1_and_null(run: Run) -> None:
+    status, out, _ = run("plan", "test.yaml", "--time", "1e-9", "--json", "-")
+    record = strict(out)
+    assert status == 1
+    assert list(record) == SAVED
+    assert record["solved"] is False
+    assert record["certified"] is False
+    assert [record[key] for key in ("path", "length", "danger", "clearance")] == [None] * 4
+
+
+def test_plan_hands_parameters_to_the_planner(run: Run) -> None:
+    safe, bold = (
+        strict(run("plan", "test.yaml", "--json", "-", "--param", f"alpha={alpha}")[1]) for alpha in (5, 0)
+    )
+    assert safe["counts"]["field_configurations"] > bold["counts"]["field_configurations"]
+
+
+def test_plan_takes_another_robot(run: Run, folder: Path) -> None:
+    (folder / "twin.urdf").write_text(URDF.replace('name="arm"', 'name="twin"'))
+    robot = ("--urdf", "twin.urdf", "--srdf", "arm.srdf", "--package-dir", folder, "--tip", "link2")
+    status, out, _ = run("plan", "test.yaml", "--json", "-", *robot)
+    assert status == 0
+    assert strict(out)["robot"] == "twin"
+
+
+def test_plan_locks_joints_of_the_scenarios_robot(run: Run, folder: Path) -> None:
+    locked = SCENARIO.replace(", joint2: 0.2", "").replace(", joint2: -0.2", "").replace("0.62", "0.95")
+    (folder / "locked.yaml").write_text(locked)
+    status, out, _ = run("plan", "locked.yaml", "--json", "-", "--lock", "joint2=0.1")
+    assert status == 0
+    assert strict(out)["joint_names"] == ["joint1"]
+
+
+@pytest.mark.usefixtures("quick_renderer")
+def test_plan_draws_a_picture(run: Run, folder: Path) -> None:
+    status, _, _ = run("plan", "test.yaml", "--plot", "path.png")
+    assert status == 0
+    assert (folder / "path.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_log_is_shown_on_request_and_left_as_it_was(run: Run, folder: Path) -> None:
+    robot = ("--urdf", "arm.urdf")
+    before = (logging.getLogger("safe_ompl").handlers[:], logging.getLogger("safe_ompl").level)
+    level = ou.getLogLevel()
+    status, _, err = run("plan", "test.yaml", *robot)
+    assert status == 0
+    assert [line.startswith("safe-ompl: warning: ") for line in err.splitlines()] == [True]
+    _, _, err = run("plan", "test.yaml", "-v")
+    assert all(line.startswith("safe-ompl: info: ") for line in err.splitlines())
+    assert err
+    assert (logging.getLogger("safe_ompl").handlers[:], logging.getLogger("safe_ompl").level) == before
+    assert ou.getLogLevel() == level
+
+
+def test_interrupt_is_status_130_and_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*arguments: Any, **options: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SafeSetup, "plan", interrupted)
+    assert run("plan", "test.yaml") == (130, "", "safe-ompl: interrupted\n")
+
+
+# ------------------------------------------------------------------------------------------------ certificates
+
+
+def test_a_certificate_is_verified(run: Run, folder: Path) -> None:
+    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
+    content = strict((folder / "proof.json").read_text())
+    assert content["source"] == {"scenario": "test.yaml", "robot": None}
+    status, out, err = run("verify", "proof.json")
+    assert (status, err) == (0, "")
+    assert out.startswith("proof.json: every motion is free: ")
+    danger = content["danger"]
+    kind = f"{danger['aggregate']}, {danger['weighting']}, k1 {danger['k1']:g}, points {danger['spacing']:g} m apart"
+    assert f"danger at most {danger['bound']:.3f} ({kind})" in out
+    elsewhere = folder / "elsewhere"
+    elsewhere.mkdir()
+    assert run("plan", "test.yaml", "--urdf", "arm.urdf", "--certificate", "elsewhere/proof.json")[0] == 0
+    assert run("verify", "elsewhere/proof.json")[0] == 0
+    assert run("verify", "elsewhere/proof.json", "test.yaml")[0] == 0
+
+
+def test_without_a_path_there_is_no_certificate(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unsolved = failure("Timeout", "SafeRRTConnect", 0, ("a",))
+    monkeypatch.setattr(SafeSetup, "plan", lambda *arguments, **options: unsolved)
+    status, _, err = run("plan", "test.yaml", "--certificate", "proof.json")
+    assert (status, err) == (1, "safe-ompl: there is no path: nothing is written to proof.json\n")
+    assert not (folder / "proof.json").exists()
+
+
+def test_a_certificate_of_what_has_changed(run: Run, folder: Path) -> None:
+    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
+    (folder / "moved.yaml").write_text(SCENARIO.replace("[-0.6, 0.0, 0.0]", "[-0.6, 0.01, 0.0]"))
+    status, out, err = run("verify", "proof.json", "moved.yaml")
+    assert (status, out) == (1, "")
+    assert err == "safe-ompl: proof.json: the scene has changed since it was written\n"
+    (folder / "arm.urdf").write_text(URDF.replace("0.4 0.06 0.06", "0.4 0.06 0.07"))
+    status, _, err = run("verify", "proof.json")
+    assert status == 1
+    assert "the robot has changed: 'arm'" in err
+
+
+def test_a_certificate_of_another_danger(run: Run, folder: Path) -> None:
+    weak = "danger: {k1: 0.001}\n"
+    (folder / "weak.yaml").write_text(SCENARIO + weak)
+    assert run("plan", "weak.yaml", "--certificate", "proof.json")[0] == 0
+    assert run("verify", "proof.json")[0] == 0
+    status, out, err = run("verify", "proof.json", "test.yaml")
+    assert (status, out) == (1, "")
+    assert err == "safe-ompl: proof.json: danger: k1 is 0.001 in its claim, 1.0 is asked for\n"
+
+
+def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
+    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
+    content = strict((folder / "proof.json").read_text())
+    del content["edges"][0][0]
+    (folder / "proof.json").write_text(json.dumps(content))
+    status, _, err = run("verify", "proof.json")
+    assert status == 1
+    assert err.startswith("safe-ompl: proof.json: edge 0: no interval covers 0.000000 to ")
+    (folder / "proof.json").write_text(
+        json.dumps({**content, "source": {"scenario": "test.yaml", "robot": 3}})
+    )
+    status, _, err = run("verify", "proof.json")
+    assert status == 2
+    assert err == "safe-ompl: proof.json: source.robot: must be a mapping of keys to values, got int 3\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("not JSON", ["bad.json: cannot be read as a certificate"]),
+        ("[]", ["bad.json: this is not a safe-ompl certificate"]),
+        ('{"format": "safe-ompl certificate", "version": 9}', ["version 9", "not known"]),
+        ("[" * 100_000, ["bad.json: cannot be read as a certificate"]),
+    ],
+)
+def test_what_is_no_certificate(run: Run, folder: Path, text: str, words: list[str]) -> None:
+    (folder / "bad.json").write_text(text)
+    status, out, err = run("verify", "bad.json")
+    assert (status, out) == (2, "")
+    assert all(word in err for word in words), err
+
+
+# ------------------------------------------------------------------------------------------------- compare
+
+
+def test_compare_writes_table_and_report(run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "EXTRAS", ("no_such_module",))
+    arguments = ("--planners", "RRTConnect,SafeRRTConnect", "--runs", 4, "--seed", 7, "--out", "deep/out")
+    status, out, err = run("compare", "test.yaml", *arguments)
+    assert status == 0
+    assert "4/4" in out
+    assert "*" in out
+    assert "no_such_module" in err
+    assert "pip install" in err
+    report = strict((folder / "deep/out/report.json").read_text())
+    assert list(report) == ["scenario", "robot", "seed", "summary", "summary_as_planned", "runs"]
+    assert [(run["planner"], run["seed"]) for run in report["runs"]] == [
+        (planner, seed) for seed in range(7, 11) for planner in ("RRTConnect", "SafeRRTConnect")
+    ]
+    for record in report["runs"]:
+        assert list(record) == [*RECORD, "planned_path"]
+        assert_solved_record(record)
+        assert record["planned_path"][0] == record["path"][0]
+    for summary, planned in zip(report["summary"], report["summary_as_planned"], strict=True):
+        assert planned["planner"] == summary["planner"]
+        assert planned["danger_mean"]["median"] > summary["danger_mean"]["median"]
+        assert planned["simplification_time"]["median"] == 0 < summary["simplification_time"]["median"]
+    assert out.count("as planned") == 3, "a row for each planner, and the caption"
+    for summary in report["summary"]:
+        assert summary["solved"] == summary["runs"] == 4
+        assert list(summary["danger_mean"]) == ["median", "p15", "p85"]
+        assert summary["typical_seed"] in range(7, 11)
+
+
+def test_compare_leaves_paths_as_planned_on_request(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pictures, "EXTRAS", ("no_such_module",))
+    status, out, _ = run("compare", "test.yaml", "--planners", "RRTConnect", "--runs", 1, "--no-simplify")
+    assert status == 0
+    assert "as planned" not in out
+    report = strict((folder / "compare-test/report.json").read_text())
+    assert report["summary_as_planned"] == []
+    assert list(report["runs"][0]) == RECORD
+
+
+@pytest.mark.usefixtures("quick_renderer")
+def test_compare_draws_pictures(run: Run, folder: Path) -> None:
+    status, _, _ = run("compare", "test.yaml", "--planners", "RRTConnect,SafeRRTConnect", "--runs", 3)
+    assert status == 0
+    drawn = {file.name for file in (folder / "compare-test").glob("*.png")}
+    assert drawn == {"profiles.png", "bands.png", "times.png", "clearances.png", "paths.png"}
+
+
+def test_compare_without_solution_is_status_1(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pictures, "EXTRAS", ("no_such_module",))
+    status, out, _ = run(
+        "compare", "test.yaml", "--planners", "SafeRRTConnect", "--runs", 2, "--time", "1e-9"
+    )
+    assert status == 1
+    assert "0/2" in out
+
+
+# ----------------------------------------------------------------------------------------------------- mbm
+
+FREE: dict[str, Any] = {
+    "index": 4,
+    "start": [0.2, 1.2],
+    "goals": [[-0.2, -1.2]],
+    "box": [],
+    "cylinder": [],
+    "sphere": [{"name": "s", "radius": 0.1, "position": [0.62, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}],
+}
+
+
+@pytest.fixture
+def problems(folder: Path) -> Path:
+    """Return a file with two families; its joints are in another order than the robot's."""
+    families = {
+        "easy": [FREE, {**FREE, "index": 5, "goals": [[-0.2, -2.95]]}],
+        "bad": [
+            {**FREE, "start": [0.0, 0.0]},
+            {**FREE, "goals": [[9.0, 0.0]]},
+            {"index": 6},
+        ],
+    }
+    file = folder / "problems.json"
+    file.write_text(json.dumps({"robot": "arm", "joints": ["joint2", "joint1"], "problems": families}))
+    return file
+
+
+ARM = ("--urdf", "arm.urdf", "--srdf", "arm.srdf", "--tip", "tool")
+
+
+def test_mbm_writes_a_line_for_each_problem(run: Run, problems: Path) -> None:
+    status, out, err = run("mbm", problems, *ARM, "--families", "easy", "--seed", 2)
+    records = [strict(line) for line in out.splitlines()]
+    assert status == 0
+    assert "easy" in err
+    assert [(record["family"], record["index"]) for record in records] == [("easy", 4), ("easy", 5)]
+    for record in records:
+        assert list(record) == ["family", "index", *RECORD, "widened_limits"]
+        assert_solved_record(record)
+        assert (record["robot"], record["seed"]) == ("arm", 2)
+        assert record["joint_names"] == ["joint1", "joint2"]
+        assert record["path"][0] == [1.2, 0.2]
+
+
+def test_mbm_widens_limits_for_a_goal_slightly_outside(run: Run, problems: Path) -> None:
+    _, out, err = run("mbm", problems, *ARM, "--families", "easy")
+    first, second = (strict(line) for line in out.splitlines())
+    assert first["widened_limits"] == {}
+    assert second["widened_limits"] == {"joint1": [-2.95, 2.9]}
+    assert second["path"][-1] == [-2.95, -0.2]
+    assert "warning: easy 5" in err
+    assert "joint1 to [-2.95, 2.9]" in err
+
+
+def test_mbm_goes_on_after_bad_problems(run: Run, problems: Path) -> None:
+    status, out, _ = run("mbm", problems, *ARM, "--json", "lines.json")
+    lines = [strict(line) for line in (problems.parent / "lines.json").read_text().splitlines()]
+    assert (status, out) == (1, "")
+    assert [line["solved"] for line in lines] == [True, True, False, False, False]
+    for line, words in zip(
+        lines[2:],
+        (
+            ("start is in collision", "'link2' touches 's'"),
+            ("goals[0]", "'joint2' = 9", "[-2.9, 2.9]"),
+            ("problems.bad[2]", "missing"),
+        ),
+        strict=True,
+    ):
+        assert list(line) == ["family", "index", *RECORD, "widened_limits"]
+        assert line["status"].startswith("Invalid input: ")
+        assert all(word in line["status"] for word in words)
+
+
+def test_mbm_ends_on_ctrl_c(run: Run, problems: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    halfway = dataclasses.replace(failure("Timeout", "SafeRRTConnect", 0, ("a",)), interrupted=True)
+    monkeypatch.setattr(SafeSetup, "plan", lambda *arguments, **options: halfway)
+    status, out, err = run("mbm", problems, *ARM, "--simplify")
+    assert (status, out, err) == (130, "", "safe-ompl: interrupted\n")
+
+
+def test_mbm_takes_files_that_name_no_joints(run: Run, folder: Path) -> None:
+    problems = [{**FREE, "start": [1.2, 0.2], "goals": goals} for goals in ([[-1, 0], [-1]], [[-2.95, 0]])]
+    (folder / "nameless.json").write_text(json.dumps({"problems": {"easy": problems}}))
+    status, out, _ = run("mbm", "nameless.json", *ARM)
+    first, second = (strict(line) for line in out.splitlines())
+    assert status == 1
+    assert "goals[1]" in first["status"]
+    assert second["solved"]
+    assert second["widened_limits"] == {"joint1": [-2.95, 2.9]}
+
+
+def test_mbm_takes_a_range_of_problems(run: Run, problems: Path) -> None:
+    lines = run("mbm", problems, *ARM, "--problems", "0:1", "--planner", "RRTConnect")[1].splitlines()
+    assert [strict(line)["family"] for line in lines] == ["easy", "bad"]
+    assert strict(lines[0])["planner"] == "RRTConnect"
+
+
+# ---------------------------------------------------------------------------------------------------- lists
+
+
+def test_scenarios_lists_files_here_and_says_which_are_broken(run: Run, folder: Path) -> None:
+    (folder / "scenarios").mkdir()
+    (folder / "scenarios/broken.yaml").write_text("name: [")
+    status, out, _ = run("scenarios")
+    assert status == 0
+    assert "broken" in out
+    assert "malformed YAML" in out
+
+
+def test_robots_lists_the_examples(run: Run) -> None:
+    status, out, _ = run("robots")
+    assert status == 0
+    assert [line.split()[:2] for line in out.splitlines() if line.startswith(("panda", "ur5"))] == [
+        ["panda", "7"],
+        ["ur5", "6"],
+    ]
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["plan", "--help"]])
+def test_help_and_version(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        main(arguments)
+    assert exit_info.value.code == 0
+    assert "safe-ompl" in capsys.readouterr().out
+
+
+# ------------------------------------------------------------------------------------------------- bad input
+
+
+def assert_refused(outcome: tuple[int, str, str], *words: str) -> None:
+    """Assert status 2, and one line on standard error that holds all the words."""
+    status, out, err = outcome
+    assert (status, out) == (2, ""), err
+    assert len(err.splitlines()) == 1, err
+    assert err.startswith("safe-ompl: ")
+    for word in words:
+        assert word in err
+
+
+DRIVE = ["test.yaml", "--out", "drive"]
+BAD_OPTIONS: dict[str, tuple[list[str], list[str]]] = {
+    "no scenario": (["plan"], ["SCENARIO"]),
+    "unknown command": (["fly"], ["fly", "plan"]),
+    "unknown option": (["plan", "test.yaml", "--fast"], ["--fast"]),
+    "unknown scenario": (["plan", "nowhere"], ["'nowhere'"]),
+    "unknown planner": (["plan", "test.yaml", "--planner", "Fly"], ["'Fly'", *planner_names()]),
+    "unknown parameter": (["plan", "test.yaml", "--param", "alfa=1"], ["SafeRRTConnect", "'alfa'"]),
+    "parameter out of range": (["plan", "test.yaml", "--param", "alpha=-1"], ["alpha", "-1"]),
+    "parameter not a number": (["plan", "test.yaml", "--param", "alpha=nan"], ["alpha", "nan"]),
+    "parameter of wrong type": (
+        ["plan", "test.yaml", "--planner", "RRTConnect", "--param", "range=far"],
+        ["'range'", "RRTConnect", "'far'"],
+    ),
+    "parameter without value": (["plan", "test.yaml", "--param", "alpha"], ["--param", "'alpha'"]),
+    "parameter twice": (["plan", "test.yaml", "--param", "alpha=1", "--param", "alpha=2"], ["'alpha'"]),
+    "no time": (["plan", "test.yaml", "--time", "0"], ["--time", "'0'"]),
+    "negative time": (["plan", "test.yaml", "--time", "-1"], ["--time", "'-1'"]),
+    "time not a number": (["plan", "test.yaml", "--time", "nan"], ["--time", "'nan'"]),
+    "endless time": (["compare", "test.yaml", "--time", "inf"], ["--time", "'inf'"]),
+    "negative seed": (["plan", "test.yaml", "--seed", "-3"], ["--seed", "'-3'"]),
+    "seed of wrong type": (["plan", "test.yaml", "--seed", "1.5"], ["--seed", "'1.5'"]),
+    "no runs": (["compare", "test.yaml", "--runs", "0"], ["--runs", "'0'"]),
+    "empty planner name": (["compare", "test.yaml", "--planners", "RRT,"], ["--planners", "'RRT,'"]),
+    "unknown planner among several": (["compare", "test.yaml", "--planners", "RRT,Fly"], ["'Fly'"]),
+    "planner twice": (["compare", "test.yaml", "--planners", "RRT,RRT"], ["'RRT'", "twice"]),
+    "missing URDF": (["plan", "test.yaml", "--urdf", "no.urdf"], ["--urdf", "'no.urdf'"]),
+    "missing SRDF": (["plan", "test.yaml", "--urdf", "arm.urdf", "--srdf", "no.srdf"], ["--srdf", "no.srdf"]),
+    "SRDF alone": (["plan", "test.yaml", "--srdf", "arm.srdf"], ["--srdf", "--urdf"]),
+    "missing package folder": (["plan", "test.yaml", "--urdf", "arm.urdf", "--package-dir", "no"], ["no'"]),
+    "two robots": (["plan", "test.yaml", "--urdf", "arm.urdf", "--robot", "ur5"], ["--urdf", "--robot"]),
+    "unknown robot": (["plan", "test.yaml", "--robot", "r2d2"], ["'r2d2'", "panda"]),
+    "unknown tip": (["plan", "test.yaml", "--tip", "hand"], ["arm.urdf", "'hand'", "tool"]),
+    "unknown joint to lock": (["plan", "test.yaml", "--lock", "knee=0"], ["arm.urdf", "'knee'", "joint1"]),
+    "lock without value": (["plan", "test.yaml", "--lock", "joint1"], ["--lock", "'joint1'"]),
+    "lock not a number": (["plan", "test.yaml", "--lock", "joint1=nan"], ["--lock", "'joint1'", "'nan'"]),
+    "lock outside limits": (["plan", "test.yaml", "--lock", "joint1=9"], ["'joint1'", "9", "[-2.9, 2.9]"]),
+    "robot that does not fit": (["plan", "test.yaml", "--robot", "ur5"], ["test.yaml", "start", "'joint1'"]),
+    "JSON into a missing folder": (["plan", "test.yaml", "--json", "no/x.json"], ["--json", "'no/x.json'"]),
+    "JSON onto a folder": (["plan", "test.yaml", "--json", "."], ["--json", "'.'"]),
+    "picture into a missing folder": (["plan", "test.yaml", "--plot", "no/x.png"], ["--plot", "'no/x.png'"]),
+    "picture of unknown kind": (["plan", "test.yaml", "--plot", "x.doc"], ["--plot", "'x.doc'", ".png"]),
+    "report onto a file": (["compare", "test.yaml", "--out", "arm.urdf"], ["--out", "'arm.urdf'"]),
+    "missing problem file": (["mbm", "no.json"], ["no.json"]),
+    "problem file that is none": (["mbm", "arm.urdf"], ["arm.urdf", "JSON"]),
+    "problems of an unknown robot": (["mbm", "problems.json"], ["problems.json: robot", "'arm'", "--urdf"]),
+    "problems of another robot": (["mbm", "problems.json", "--robot", "ur5"], ["joints", "joint2", "elbow"]),
+    "unknown family": (["mbm", "problems.json", *ARM, "--families", "odd"], ["--families", "'odd'", "easy"]),
+    "no such problems": (["mbm", "problems.json", *ARM, "--problems", "9:"], ["--problems"]),
+    "problems backwards": (["mbm", "problems.json", *ARM, "--problems", "5:2"], ["--problems", "'5:2'"]),
+    "points of no trajectory": (["plan", "test.yaml", "--rate", "100"], ["--rate", "--trajectory"]),
+    "no points": (["plan", "test.yaml", "--timed", "--rate", "0"], ["--rate", "a positive number, not '0'"]),
+    "no recording": (["live", *DRIVE, "--people", "stroll:3"], ["--people", "random:N", "'stroll:3'"]),
+    "nobody at random": (["live", *DRIVE, "--people", "random:0"], ["--people", "'random:0'"]),
+    "a place of two": (["live", *DRIVE, "--place", "1,2"], ["--place", "X,Y,Z,YAW", "'1,2'"]),
+    "a place nowhere": (["live", *DRIVE, "--place", "1,2,nan,0"], ["--place", "finite", "'1,2,nan,0'"]),
+    "more frames lost than there are": (["live", *DRIVE, "--drops", "2"], ["--drops", "[0, 1]", "'2'"]),
+    "answers that are late": (["live", *DRIVE, "--late", "nan"], ["--late", "[0, 1]", "'nan'"]),
+    "errors that are none": (["live", *DRIVE, "--noise", "-1"], ["--noise", ">= 0", "'-1'"]),
+    "slower than not at all": (
+        ["live", *DRIVE, "--faster", "-1"],
+        ["--faster", "a positive number, not '-1'"],
+    ),
+    "unwritable lines": (["mbm", "problems.json", *ARM, "--json", "no/x"], ["--json", "'no/x'"]),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD_OPTIONS.values(), ids=list(BAD_OPTIONS))
+def test_bad_options(run: Run, problems: Path, arguments: list[str], words: list[str]) -> None:
+    assert_refused(run(*arguments), *words)
+
+
+@pytest.mark.parametrize(("options", "shown"), [((), False), (("-v",), True)])
+def test_messages_of_ompl_come_with_verbose(run: Run, options: tuple[str, ...], shown: bool) -> None:
+    handler = ou.OutputHandlerSTD()
+    ou.useOutputHandler(handler)
+    _, out, err = run("plan", "test.yaml", "--planner", "RRTConnect", *options)
+    assert ("RRTConnect: Starting planning" in out + err) is shown
+
+
+@pytest.mark.parametrize(
+    "command", [("plan",), ("compare", "--runs", "1", "--planners", "SafeRRTConnect,SafePRM")]
+)
+def test_where_nothing_is_dangerous_danger_is_zero(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr("safe_ompl.apps.cli.compare.how_to_get_pictures", lambda: "not now")
+    (folder / "harmless.yaml").write_text(SCENARIO.replace(", weight: 1", ""))
+    name, *options = command
+    status, out, _ = run(name, "harmless.yaml", *options, "--simplify", "0.1")
+    assert status == 0
+    assert "0.0" in out
+
+
+BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
+    "malformed YAML": ("start:", "start: [", ["malformed YAML", ".yaml:"]),
+    "unknown key": ("time: 2.0", "tine: 2.0", ["tine", "did you mean 'time'"]),
+    "missing key": ("start: {joint1: 1.2, joint2: 0.2}\n", "", ["start", "missing"]),
+    "time limit of zero": ("time: 2.0", "time: 0", ["time", "0"]),
+    "time limit that is no number": ("time: 2.0", "time: .nan", ["time", "nan"]),
+    "missing URDF": ("arm.urdf", "leg.urdf", ["robot.urdf", "leg.urdf"]),
+    "start outside limits": ("joint1: 1.2", "joint1: 7", ["start", "'joint1'", "7", "[-2.9, 2.9]"]),
+    "goal outside limits": ("joint2: -0.2", "joint2: -7", ["goal", "'joint2'", "-7", "[-2.9, 2.9]"]),
+    "start in collision": ("1.2, joint2: 0.2", "0, joint2: 0", ["start", "collision", "'link2'", "'person'"]),
+    "goal in collision": ("-1.2, joint2: -0.2", "0, joint2: 0", ["goal", "collision", "'link2'", "'person'"]),
+    "start not a number": ("joint1: 1.2", "joint1: .nan", ["start", "joint1", "nan"]),
+    "unknown joint": ("joint1: 1.2", "knee: 1.2", ["start", "'knee'", "joint1"]),
+    "missing joint": ("joint1: 1.2, ", "", ["start", "'joint1'"]),
+    "negative radius": ("radius: 0.1", "radius: -0.1", ["obstacles[0]", "'person'", "radius", "-0.1"]),
+    "negative size": ("size: [0.1, 0.1", "size: [0.1, -0.1", ["obstacles[1]", "'post'", "size", "-0.1"]),
+    "name given twice": ("name: post", "name: person", ["obstacles[1].name", "'person'"]),
+    "unknown danger parameter": ("time: 2.0", "danger: {charm: 1}", ["danger", "charm"]),
+    "bad danger parameter": ("time: 2.0", "danger: {aggregate: sum}", ["aggregate", "'sum'", "max"]),
+    "unknown planner": ("time: 2.0", "planners: {Fly: {}}", ["planners", "'Fly'"]),
+    "unknown parameter": ("time: 2.0", "planners: {SafeRRTConnect: {alfa: 1}}", ["'alfa'"]),
+    "missing mesh": (
+        "box: {size: [0.1, 0.1, 0.3]}",
+        "mesh: {file: no.stl}",
+        ["obstacles[1]", "'post'", "no.stl"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "words"), BAD_SCENARIOS.values(), ids=list(BAD_SCENARIOS))
+@pytest.mark.parametrize("command", ["plan", "compare"])
+def test_bad_scenarios(run: Run, folder: Path, command: str, old: str, new: str, words: list[str]) -> None:
+    assert old in SCENARIO
+    (folder / "bad.yaml").write_text(SCENARIO.replace(old, new))
+    assert_refused(run(command, "bad.yaml"), "bad.yaml", *words)
+
+
+BAD_URDFS: dict[str, tuple[str, str, list[str]]] = {
+    "malformed": ("</robot>", "", ["XML"]),
+    "missing mesh": ('<box size="0.4 0.06 0.06"/>', '<mesh filename="no.stl"/>', ["'link1'", "no.stl"]),
+    "missing package": (
+        '<box size="0.4 0.06 0.06"/>',
+        '<mesh filename="package://arm/no.stl"/>',
+        ["'link1'", "package://arm/no.stl", "package"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "words"), BAD_URDFS.values(), ids=list(BAD_URDFS))
+def test_bad_urdfs(run: Run, folder: Path, old: str, new: str, words: list[str]) -> None:
+    (folder / "bad.urdf").write_text(URDF.replace(old, new))
+    assert_refused(run("plan", "test.yaml", "--urdf", "bad.urdf"), "bad.urdf", *words)
+
+
+def test_output_is_checked_before_planning(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*arguments: Any, **options: Any) -> Iterator[None]:
+        raise AssertionError("planning started")
+
+    monkeypatch.setattr(SafeSetup, "plan", never)
+    assert_refused(run("plan", "test.yaml", "--json", "no/x.json"), "--json")
+
+
+def test_checking_an_output_file_leaves_it_alone(run: Run, folder: Path) -> None:
+    (folder / "old.json").write_text("precious")
+    assert_refused(run("plan", "nowhere", "--json", "old.json"), "nowhere")
+    assert_refused(run("plan", "nowhere", "--json", "new.json"), "nowhere")
+    assert (folder / "old.json").read_text() == "precious"
+    assert not (folder / "new.json").exists()
+
+
+def test_pictures_without_the_extra_are_refused_with_advice(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pictures, "EXTRAS", ("no_such_module",))
+    assert_refused(
+        run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]"
+    )
+
+
+def test_one_file_for_two_results(tmp_path, capsys):
+    file = str(tmp_path / "both.json")
+    assert main(["plan", "planar3", "--json", file, "--certificate", file]) == 2
+    assert "--certificate" in (error := capsys.readouterr().err)
+    assert "is written by --json already: give another file" in error.replace("\n", " ")

@@ -1,0 +1,72 @@
+"""`safe-ompl doctor`, `completion`, `python -m safe_ompl`, and the one place of the version."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+import safe_ompl
+from safe_ompl.apps.cli import doctor
+from safe_ompl.apps.cli.program import main
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_the_doctor_says_versions_and_plans(capsys):
+    assert main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(rf"ompl +{re.escape(version('ompl'))}", out)
+    assert re.search(r"SafeRRTConnect in planar2: \d+ way points, proven", out)
+
+
+def test_the_doctor_tells_what_is_missing(capsys, monkeypatch):
+    needed = [
+        doctor.Requirement("no-such-package", ">=2", ""),
+        doctor.Requirement("no-such-extra", "", "viewer"),
+    ]
+    monkeypatch.setattr(doctor, "requirements", lambda: iter(needed))
+    assert main(["doctor"]) == 1
+    out = capsys.readouterr().out
+    assert re.search(r"no-such-package +missing +needs >=2", out)
+    assert "pip install 'safe-ompl[viewer]'" in out
+
+
+@pytest.mark.parametrize(
+    ("bounds", "fits"), [(">=1", True), (">=0.1,<999", True), ("<0.1", False), (">=999", False), ("", True)]
+)
+def test_versions_are_compared(bounds, fits):
+    assert doctor.Requirement("numpy", bounds, "").fits is fits
+
+
+def test_what_is_needed_is_known():
+    needed = {item.name: item for item in doctor.requirements()}
+    assert {"numpy", "ompl", "pin", "coal"} <= {name for name, item in needed.items() if not item.extra}
+    assert needed["matplotlib"].extra == "plots"
+    assert "pytest" not in needed
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_is_for_the_program(shell, capsys):
+    assert main(["completion", shell]) == 0
+    assert "safe-ompl" in capsys.readouterr().out
+
+
+def test_the_package_is_a_program():
+    run = subprocess.run(
+        [sys.executable, "-m", "safe_ompl", "--version"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    assert run.stdout.strip() == f"safe-ompl {safe_ompl.__version__}"
+
+
+def test_the_version_is_the_same_everywhere():
+    assert f"\nversion: {safe_ompl.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"## {safe_ompl.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")

@@ -1,0 +1,297 @@
+"""`safe-ompl new`: a robot of one's own has a scenario that can be planned, and stumbling stones have signs."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from safe_ompl import Scenario
+from safe_ompl.apps.cli.program import main
+
+SCARA = """
+<robot name="scara">
+  <link name="base"/>
+  <link name="inner"><collision>
+    <origin xyz="0.2 0 0"/><geometry><box size="0.4 0.08 0.06"/></geometry></collision></link>
+  <link name="outer"><collision>
+    <origin xyz="0.15 0 0"/><geometry><box size="0.3 0.07 0.05"/></geometry></collision></link>
+  <link name="quill"><collision><geometry><cylinder radius="0.02" length="0.3"/></geometry></collision></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="inner"/><origin xyz="0 0 0.4"/>
+    <axis xyz="0 0 1"/><limit lower="-2.4" upper="2.4" velocity="4" effort="1"/></joint>
+  <joint name="elbow" type="continuous"><parent link="inner"/><child link="outer"/><origin xyz="0.4 0 0.06"/>
+    <axis xyz="0 0 1"/><limit velocity="5" effort="1"/></joint>
+  <joint name="z" type="prismatic"><parent link="outer"/><child link="quill"/><origin xyz="0.3 0 0"/>
+    <axis xyz="0 0 1"/><limit lower="-0.2" upper="0.05" velocity="1" effort="1"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    folder = tmp_path / "robots"
+    folder.mkdir()
+    file = folder / "scara.urdf"
+    file.write_text(SCARA)
+    return file
+
+
+def test_a_new_scenario_can_be_planned(urdf, tmp_path, capsys):
+    file, result = tmp_path / "mine.yaml", tmp_path / "result.json"
+    assert main(["new", str(urdf), "-o", str(file)]) == 0
+    assert "3 joints, tip 'quill', reach 0.70 m" in capsys.readouterr().err
+    scenario = Scenario.load(file)
+    robot = scenario.build_robot()
+    ends = np.array([scenario.start_configuration(robot), *scenario.goal_configurations(robot)])
+    left, right = robot.keypoints_batch(ends)[:, -1]
+    assert left[1] > 0.1 > -0.1 > right[1]  # on either side of the person
+    assert scenario.scene["person"].weight == 1.0
+    assert main(["plan", str(file), "--json", str(result)]) == 0
+    assert json.loads(result.read_text())["certified"]
+
+
+def test_nothing_is_overwritten(urdf, tmp_path, capsys):
+    file = tmp_path / "mine.yaml"
+    file.write_text("mine")
+    assert main(["new", str(urdf), "-o", str(file)]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert file.read_text() == "mine"
+    assert main(["new", str(urdf), "-o", str(tmp_path / "mine.json")]) == 2
+    assert "must end in .yaml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["plan", "view"])
+def test_a_urdf_in_place_of_a_scenario_is_told_what_to_do(command, urdf, capsys):
+    assert main([command, str(urdf)]) == 2
+    assert "`safe-ompl new" in capsys.readouterr().err
+
+
+def test_without_a_command_there_are_first_steps(capsys):
+    with pytest.raises(SystemExit) as left:
+        main([])
+    assert left.value.code == 0
+    assert "first steps" in capsys.readouterr().out
+
+
+# ------------------------------------------------------------------------- two arms, a gripper, wheels, a camera
+
+
+def link(name, size="", mesh=""):
+    shape = f'<box size="{size}"/>' if size else f'<mesh filename="{mesh}"/>'
+    return f'<link name="{name}"><collision><geometry>{shape}</geometry></collision></link>'
+
+
+def joint(name, parent, child, xyz, axis="0 0 1", kind="revolute", limits="-1.5 1.5", rest=""):
+    lower, upper = limits.split()
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/>'
+        f'<axis xyz="{axis}"/><limit lower="{lower}" upper="{upper}" velocity="1" effort="1"/>{rest}</joint>'
+    )
+
+
+def arm(side, y):
+    """Return an arm of four joints with a jointed gripper, whose second jaw mimics the first, and a camera."""
+    parts = [joint(f"{side}_1", "torso", f"{side}_a", f"0 {y} 0.3")]
+    for k, (below, link_name) in enumerate(zip("abc", "bcd", strict=True)):
+        axis = "0 1 0" if k % 2 else "0 0 1"
+        parts.append(joint(f"{side}_{k + 2}", f"{side}_{below}", f"{side}_{link_name}", "0.25 0 0", axis))
+    for finger, out in (("left", 0.02), ("right", -0.02)):
+        rest = f'<mimic joint="{side}_left_jaw" multiplier="-1"/>' if finger == "right" else ""
+        name = f"{side}_{finger}_jaw"
+        parts.append(joint(name, f"{side}_d", f"{name}_link", f"0.2 {out} 0", limits="-0.5 0.5", rest=rest))
+    parts.append(joint(f"{side}_camera", f"{side}_d", f"{side}_camera_link", "0.3 0 0.1", kind="fixed"))
+    links = [link(f"{side}_{part}", "0.1 0.04 0.04") for part in "abc"]
+    links += [link(f"{side}_d", mesh="package://butler/meshes/palm.obj")]
+    links += [link(f"{side}_{finger}_jaw_link", "0.03 0.01 0.02") for finger in ("left", "right")]
+    return "".join(links + parts) + f'<link name="{side}_camera_link"/>'
+
+
+BUTLER = (
+    '<robot name="butler"><link name="base"/>'
+    + link("slide", "0.3 0.3 0.1")
+    + link("torso", "0.1 0.1 0.2")
+    + "".join(link(f"wheel_{k}", "0.05 0.02 0.05") for k in range(2))
+    + joint("roam", "base", "slide", "0 0 0.1", "1 0 0", "prismatic", "-1e9 1e9")
+    + joint("lift", "slide", "torso", "0 0 0.3", "0 0 1", "prismatic", "0 0.3")
+    + "".join(joint(f"wheel_{k}", "slide", f"wheel_{k}", f"0 {0.3 - 0.6 * k} 0", "0 1 0") for k in range(2))
+    + arm("left", 0.2)
+    + arm("right", -0.2)
+    + "</robot>"
+)
+BUTLER_SRDF = """<robot name="butler">
+  <group name="whole"><joint name="lift"/><joint name="left_1"/><joint name="right_1"/></group>
+  <group name="right_arm_and_lift"><chain base_link="slide" tip_link="right_d"/></group>
+  <group name="right_arm"><chain base_link="torso" tip_link="right_d"/><joint name="right_left_jaw"/></group>
+  <group name="left_arm"><chain base_link="torso" tip_link="left_c"/></group>
+  <group name="broken"><joint name="tail"/></group>
+  <group name="gripper"><joint name="right_left_jaw"/></group>
+  <end_effector name="hand" parent_link="right_d" group="gripper"/>
+</robot>"""
+
+
+@pytest.fixture
+def butler(tmp_path, data_folder, monkeypatch):
+    """Write a robot into one folder, its package into another that only an option or ROS's variables lead to."""
+    package = tmp_path / "share" / "butler"
+    (package / "meshes").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>butler</name></package>")
+    vertices = (data_folder / "wedge.obj").read_text()
+    smaller = re.sub(
+        r"^v (\S+) (\S+) (\S+)",
+        lambda v: "v " + " ".join(str(0.05 * float(x)) for x in v.groups()),
+        vertices,
+        flags=re.MULTILINE,
+    )
+    (package / "meshes" / "palm.obj").write_text(smaller)
+    work = tmp_path / "work" / "here"
+    work.mkdir(parents=True)
+    (work / "butler.urdf").write_text(BUTLER)
+    (work / "butler.srdf").write_text(BUTLER_SRDF)
+    monkeypatch.chdir(work)
+    return tmp_path / "share"
+
+
+def printed(text):
+    """Return the commands that `new` printed, without the view in the browser."""
+    commands = [shlex.split(line) for line in re.findall(r"^    safe-ompl (.*)$", text, re.MULTILINE)]
+    return [words for words in commands if words[0] != "view" or "--html" in words]
+
+
+def test_what_is_printed_runs_as_it_stands(butler, capsys):
+    """An arm is planned for, without lift, wheels and fingers, to the hand and not to the camera."""
+    pytest.importorskip("viser")
+    assert main(["new", "butler.urdf", "-o", "my first.yaml", "--package-dir", str(butler)]) == 0
+    commands = printed(capsys.readouterr().err)
+    assert [words[0] for words in commands] == ["plan", "verify", "view"]
+    scenario = Scenario.load("my first.yaml")
+    robot = scenario.build_robot()
+    assert robot.joint_names == ("left_1", "left_2", "left_3", "left_4")
+    assert robot.tip == "left_d"
+    assert set(scenario.robot.locked) == {
+        *("roam", "lift", "wheel_0", "wheel_1", "left_left_jaw", "right_left_jaw"),
+        *("right_1", "right_2", "right_3", "right_4"),
+    }
+    for words in commands:
+        assert main(words) == 0, words
+        assert "held, as not" not in capsys.readouterr().err, "the scenario says where joints are held"
+
+
+def test_the_srdf_says_which_arm(butler, capsys, monkeypatch):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(butler.parent))
+    assert main(["new", "butler.urdf", "-o", "srdf.yaml", "--srdf", "butler.srdf"]) == 0
+    assert "4 joints of the group 'right_arm', tip 'right_d'" in capsys.readouterr().err
+    assert (
+        main(["new", "butler.urdf", "-o", "left.yaml", "--srdf", "butler.srdf", "--group", "left_arm"]) == 0
+    )
+    spec = Scenario.load("left.yaml").robot
+    assert (spec.group, spec.tip) == ("left_arm", "left_c")
+    assert spec.build().joint_names == ("left_1", "left_2", "left_3")
+    assert main(["new", "butler.urdf", "-o", "tip.yaml", "--srdf", "butler.srdf", "--tip", "left_c"]) == 0
+    assert Scenario.load("tip.yaml").build_robot().joint_names == ("lift", "left_1", "left_2", "left_3")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], ["butler.urdf", "link 'left_d'", "'package://butler/meshes/palm.obj' not found", "package dir"]),
+        (["--package-dir", "nowhere"], ["--package-dir", "'nowhere' does not exist"]),
+        (["--tip", "beak"], ["--tip", "'beak'", "left_d"]),
+        (["--group", "left_arm"], ["--group", "give --srdf"]),
+        (["--srdf", "butler.srdf", "--group", "legs"], ["butler.srdf", "'legs'", "left_arm"]),
+        (["--srdf", "butler.srdf", "--group", "broken"], ["butler.srdf", "'broken'", "'tail'"]),
+        (["--srdf", "butler.srdf", "--locked-state", "home"], ["butler.srdf", "'home'"]),
+        (["--srdf", "nothing.srdf"], ["srdf", "'nothing.srdf' does not exist"]),
+        (["--srdf", "butler.urdf"], ["srdf", "'butler.urdf' must end in .srdf or .xml"]),
+        (["--srdf", "empty.srdf"], ["empty.srdf", "not a valid SRDF"]),
+        (["--lock", "tail=0"], ["butler.urdf", "joint to lock 'tail'", "left_1"]),
+        (["--lock", "lift=2"], ["butler.urdf", "'lift'", "2 is outside its limits [0, 0.3]"]),
+    ],
+)
+def test_wrong_options_are_one_line(words, said, butler, capsys, tmp_path):
+    (tmp_path / "work" / "here" / "empty.srdf").write_text("")
+    folder = [] if not words or words[0] == "--package-dir" else ["--package-dir", str(butler)]
+    assert main(["new", "butler.urdf", "-o", "mine.yaml", *folder, *words]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert all(part in " ".join(lines) for part in said), lines
+    assert sum(line.startswith("safe-ompl: ") and "warning" not in line for line in lines) == 1
+    assert not (tmp_path / "work" / "here" / "mine.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "not well-formed XML"),
+        ("<html/>", "not a URDF: the outermost tag is <html>"),
+        ("<robot/>", "it has no link"),
+        ('<robot name="r"><link name="a"/></robot>', "no joint"),
+        ('<robot name="r"><xacro:include filename="b"/></robot>', "expand it with: xacro bad.urdf"),
+    ],
+)
+def test_wrong_urdfs_are_one_line(text, said, tmp_path, capfd, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.urdf").write_text(text)
+    assert main(["new", "bad.urdf", "-o", "mine.yaml"]) == 2
+    told = capfd.readouterr().err
+    assert said in told
+    assert "bad.urdf" in told
+
+
+def test_a_drive_can_be_looked_at_here_and_elsewhere(butler, capsys, monkeypatch):
+    """Its ticks carry the robot; the page that is written at once needs nothing but the robot in memory."""
+    pytest.importorskip("viser")
+    folder = ["--package-dir", str(butler)]
+    assert main(["new", "butler.urdf", "-o", "mine.yaml"]) == 2
+    assert main(["new", "butler.urdf", "-o", "mine.yaml", *folder]) == 0
+    text = Path("mine.yaml").read_text()
+    Path("mine.yaml").write_text(re.sub(r"  package_dirs: .*\n", "", text))  # as if made on another machine
+    drive = [
+        "live",
+        "mine.yaml",
+        "--movers",
+        "1",
+        "--seconds",
+        "0.2",
+        "--out",
+        "drive",
+        "--html",
+        "drive.html",
+    ]
+    assert main(drive) == 2
+    assert "palm.obj' not found" in " ".join(capsys.readouterr().err.split())
+    monkeypatch.setattr("safe_ompl.io.problems.SMALL", 10)
+    assert main([*drive, *folder]) == 0
+    ticks = ["view", "drive/ticks.jsonl", "--html", "ticks.html"]
+    capsys.readouterr()
+    assert main(ticks) == 2
+    assert "drive/ticks.jsonl: robot: " in capsys.readouterr().err
+    assert main([*ticks, *folder]) == 0
+    monkeypatch.undo()
+    monkeypatch.chdir(butler.parent / "work" / "here")
+    assert main([*drive, *folder]) == 0
+    butler.rename(butler.parent / "gone")
+    assert main(ticks) == 0
+
+
+def test_a_gripper_without_an_arm_has_no_sides(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    slide = joint("slide", "palm", "finger", "0 0 0.1", "1 0 0", "prismatic", "0 0.004")
+    text = f'<robot name="hand"><link name="palm"/>{link("finger", "0.02 0.02 0.1")}{slide}</robot>'
+    Path("hand.urdf").write_text(text)
+    assert main(["new", "hand.urdf", "-o", "mine.yaml"]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "hand.urdf: no start and goal on either side of a person" in told
+    assert "the tip does not move from one side to the other" in told
+
+
+@pytest.mark.parametrize("command", ["plan", "view", "live", "compare"])
+def test_package_folders_are_for_robots_from_a_urdf(command, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    out = {"live": ["--out", "drive"], "view": ["--html", "view.html"]}.get(command, [])
+    assert main([command, "panda_shelf", "--package-dir", str(tmp_path), *out]) == 2
+    assert "--package-dir: is for robots from a URDF; 'panda' brings its own" in " ".join(
+        capsys.readouterr().err.split()
+    )

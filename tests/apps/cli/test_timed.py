@@ -1,0 +1,138 @@
+"""`safe-ompl plan --timed`, `PlanResult.timed`, and the keys of the scenario that they read."""
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from safe_ompl.apps.cli.program import main
+from safe_ompl.common.errors import InputError
+from safe_ompl.planning.from_scenario import plan
+from safe_ompl.scene.constraints import MotionLimits
+from safe_ompl.scene.people import People
+from safe_ompl.scene.scenario import Scenario, find_scenario
+
+
+@pytest.fixture(scope="module")
+def beside_her():
+    scenario = Scenario.load(find_scenario("panda_shelf"))
+    accelerations = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
+    return replace(
+        scenario,
+        motion=MotionLimits(acceleration=accelerations, tool_speed=1.0),
+        people=People(speed=0.2, reaction_time=0.05),
+    )
+
+
+@pytest.fixture(scope="module")
+def scenario_file(beside_her, tmp_path_factory):
+    file = tmp_path_factory.mktemp("timed") / "beside_her.yaml"
+    beside_her.save(file)
+    return file
+
+
+def test_scenarios_hold_limits_and_people(beside_her, scenario_file):
+    read = Scenario.load(scenario_file)
+    assert read.motion == beside_her.motion
+    assert read.people == beside_her.people
+
+
+@pytest.mark.parametrize(
+    ("key", "name", "value"),
+    [("motion", "acceleration", 0), ("people", "speed", -1), ("people", "who", ["nobody"])],
+)
+def test_wrong_values_in_a_scenario_are_named(scenario_file, tmp_path, key, name, value):
+    document = yaml.safe_load(scenario_file.read_text())
+    document[key][name] = value
+    broken = tmp_path / "broken.yaml"
+    broken.write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError, match=rf"broken.yaml:\d+: {key}.*{value[0] if name == 'who' else name}"):
+        Scenario.load(broken)
+
+
+def test_where_people_allow_no_motion_the_command_says_so(beside_her, tmp_path, capsys):
+    file = tmp_path / "crowded.yaml"
+    replace(beside_her, people=People(reaction_time=2.0)).save(file)
+    assert main(["plan", str(file), "--timed"]) == 2
+    assert "nothing allows the robot to move at" in capsys.readouterr().err
+
+
+def test_the_command_times_and_writes_a_joint_trajectory(scenario_file, tmp_path, capsys):
+    file = tmp_path / "trajectory.json"
+    arguments = ["plan", str(scenario_file), "--time", "5", "--trajectory", str(file), "--rate", "50"]
+    assert main(arguments) == 0
+    assert "timed: " in capsys.readouterr().out
+    told = json.loads(file.read_text())
+    assert {"joint_names", "points", "duration", "limits", "caps"} <= set(told)
+    assert [cap["name"] for cap in told["caps"]] == [
+        "joint velocity",
+        "bends beside people",
+        "separation",
+        "tool speed",
+    ]
+    times = [point["time_from_start"] for point in told["points"]]
+    np.testing.assert_allclose(np.diff(times)[:-1], 0.02)
+
+
+def test_the_certificate_of_a_timed_plan_claims_its_stops(scenario_file, tmp_path, capsys):
+    file = tmp_path / "certificate.json"
+    assert main(["plan", str(scenario_file), "--time", "5", "--timed", "--certificate", str(file)]) == 0
+    assert main(["verify", str(file)]) == 0
+    assert "it stands before anyone of operator who moves no faster than 0.2 m/s" in capsys.readouterr().out
+
+
+def test_results_are_timed_where_they_were_made(beside_her):
+    result = plan(beside_her, time=5.0, seed=0)
+    trajectory = result.timed(tool_speed=0.5)
+    np.testing.assert_allclose(trajectory.at(0.0).q, result.path[0], atol=1e-9)
+    sent = pickle.loads(pickle.dumps(result))
+    with pytest.raises(InputError, match="call time_path"):
+        sent.timed()
+    with pytest.raises(InputError, match="there is no path to time"):
+        replace(result, path=None).timed()
+
+
+def test_danger_in_motion_is_told_and_kept(beside_her, tmp_path, capsys):
+    result = plan(beside_her, time=5.0, seed=0)
+    free = result.timed()
+    field = result.danger_field()
+    assert field.gamma == 1
+    limit = 0.5 * (free.danger(field.moving).peak + field.values(free.at(free.law.times).q).max())
+    capped = result.timed(max_danger=limit)
+    assert capped.duration > free.duration
+    assert capped.danger(field.moving).peak <= limit
+    file = tmp_path / "dangerous.yaml"
+    motion = replace(beside_her.motion, max_danger=limit)
+    replace(beside_her, motion=motion, people=None, danger={"gamma": 0.0}).save(file)
+    assert Scenario.load(file).motion.max_danger == limit
+    assert main(["plan", str(file), "--timed"]) == 0
+    assert "danger in motion: mean" in capsys.readouterr().out
+    with pytest.raises(InputError, match="danger: give a danger"):
+        replace(result, danger=None).timed(max_danger=limit)
+    with pytest.raises(InputError, match="knows no danger"):
+        replace(result, danger=None).danger_field()
+
+
+def test_a_picture_of_the_motion(scenario_file, tmp_path):
+    pytest.importorskip("matplotlib")
+    file = tmp_path / "motion.png"
+    assert main(["plan", str(scenario_file), "--time", "5", "--timed-plot", str(file)]) == 0
+    assert file.stat().st_size > 10_000
+    assert main(["plan", str(scenario_file), "--timed-plot", str(tmp_path / "motion.txt")]) == 2
+
+
+def test_compare_tells_durations(scenario_file, tmp_path, capsys):
+    folder = tmp_path / "out"
+    planners = ["--planners", "SafeRRTConnect", "--runs", "2", "--time", "2", "--out", str(folder)]
+    assert main(["compare", str(scenario_file), "--timed", *planners]) == 0
+    assert "duration, s" in capsys.readouterr().out
+    runs = json.loads((folder / "report.json").read_text())["runs"]
+    assert all(run["duration"] > 1 for run in runs)
+
+
+def test_planned_for_duration_by_the_command(scenario_file, capsys):
+    assert main(["plan", str(scenario_file), "--optimise", "1.5", "--cost", "duration", "--timed"]) == 0
+    assert "timed: " in capsys.readouterr().out

@@ -1,0 +1,407 @@
+"""Certificates: what is proven verifies, in a fresh process too, and whatever was tampered with is refused by name."""
+
+import copy
+import json
+import subprocess
+import sys
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from safe_ompl.certificates.claims import Danger
+from safe_ompl.certificates.issue import Pairs, certificate, terms_of_field
+from safe_ompl.certificates.verifier.danger import PlainDanger
+from safe_ompl.certificates.verifier.verify import verify
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.common.errors import CertificateError, InputError, PlanningError
+from safe_ompl.danger.field import DangerField
+from safe_ompl.geometry.basic import Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.io.scene_document import carried_scene
+from safe_ompl.io.schema import digest, record
+from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+
+ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
+seeds = st.integers(0, 2**32 - 1)
+
+
+@cache
+def motion_of(robot, scene):
+    return CertifiedMotion(CollisionChecker(robot, scene))
+
+
+def free_path(robot, scene, seed, edges=1):
+    """Return a path of free edges of up to 1 rad, or None."""
+    rng = np.random.default_rng(seed)
+    motion, path = motion_of(robot, scene), [rng.uniform(robot.lower, robot.upper)]
+    for _ in range(60):
+        end = path[-1] + rng.uniform(0, 1) * rng.normal(size=robot.n) / np.sqrt(robot.n)
+        end = np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
+        if motion.is_free(path[-1], end):
+            path.append(end)
+        if len(path) > edges:
+            return np.array(path)
+    return None
+
+
+@pytest.fixture(scope="module")
+def path(ur5, clutter):
+    """Three edges of a UR5 that pass near something: each needs several intervals."""
+    paths = (free_path(ur5, clutter, seed, 3) for seed in range(200))
+    contents = (certificate(path, ur5, clutter) for path in paths if path is not None)
+    return next(np.array(c["path"]) for c in contents if min(map(len, c["edges"])) >= 4)
+
+
+@pytest.fixture(scope="module")
+def written(path, ur5, clutter):
+    return json.loads(json.dumps(certificate(path, ur5, clutter)))
+
+
+@pytest.fixture
+def tampered(written):
+    """Return a copy to tamper with."""
+    return copy.deepcopy(written)
+
+
+def signed(content):
+    """Return the content with the digest that belongs to it: whoever tampers can compute that."""
+    return {**content, "digest": digest(content)}
+
+
+# ------------------------------------------------------------------------------------------------- what holds
+
+
+@settings(max_examples=25)
+@given(st.sampled_from(ROBOTS), seeds)
+def test_what_is_written_is_verified(robot_named, clutter, name, seed):
+    robot = robot_named(name)
+    free = free_path(robot, clutter, seed)
+    assume(free is not None)
+    found = verify(certificate(free, robot, clutter), robot, clutter)
+    assert found.edges == 1
+    assert found.intervals >= 1
+
+
+def test_a_path_over_the_half_turn(kinova):
+    rest = [2.9, 1.3, 3.0, 1.8, -3.0]
+    over = np.array([[3.0, *rest], [-3.0, *rest]])
+    content = certificate(over, kinova, Scene())
+    assert verify(content, kinova, Scene()).edges == 1
+    content["path"][1][0] = 3.0 - (2 * np.pi - 6)  # as far, the other way
+    assert verify(signed(content), kinova, Scene()).edges == 1
+
+
+def test_a_path_of_one_configuration(ur5, clutter, path):
+    assert verify(certificate(path[:1], ur5, clutter), ur5, clutter).edges == 1
+
+
+def test_another_process_verifies_it(written, tmp_path):
+    (tmp_path / "certificate.json").write_text(json.dumps(written))
+    code = """if True:
+        import json, sys
+        sys.path.insert(0, sys.argv[2])
+        from conftest import _robot, clutter
+        from safe_ompl.certificates.verifier.verify import verify
+        print(verify(json.load(open(sys.argv[1])), _robot("ur5"), clutter.__wrapped__()))
+    """
+    tests = str(Path(__file__).parents[1])
+    call = [sys.executable, "-c", code, str(tmp_path / "certificate.json"), tests]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout.startswith("Verified(edges=3"), done.stderr
+
+
+# ----------------------------------------------------------------------------------------------- what does not
+
+
+def refused(content, robot, scene, match):
+    with pytest.raises(CertificateError, match=match):
+        verify(content, robot, scene)
+
+
+def test_a_dropped_interval(tampered, ur5, clutter):
+    tampered["edges"][1].pop(len(tampered["edges"][1]) // 2)
+    refused(signed(tampered), ur5, clutter, r"edge 1: no interval covers [\d.]+ to [\d.]+ of it")
+
+
+def test_a_dropped_edge(tampered, ur5, clutter):
+    tampered["edges"].pop()
+    refused(signed(tampered), ur5, clutter, "the path has 3 edges, the certificate 2")
+
+
+def test_a_shifted_interval(tampered, ur5, clutter):
+    tampered["edges"][2][0]["centre"] += 0.02
+    refused(signed(tampered), ur5, clutter, "edge 2: no interval covers 0.000000 to 0.0")
+
+
+def test_a_lengthened_interval(tampered, ur5, clutter):
+    tampered["edges"][0] = [{**tampered["edges"][0][0], "centre": 0.5, "half_length": 0.5}]
+    refused(signed(tampered), ur5, clutter, r"edge 0, interval 0 \(centre 0.5.* mm are needed")
+
+
+def test_an_enlarged_margin(tampered, ur5, clutter):
+    margins = tampered["edges"][1][0]["margins"]
+    margins[0] += 3.0
+    pair = [name.removeprefix("obstacle:") for name in tampered["pairs"][0]]
+    refused(
+        signed(tampered),
+        ur5,
+        clutter,
+        rf"edge 1, interval 0 .*'{pair[0][:-2]}' and .* apart, .* mm are claimed",
+    )
+
+
+def test_a_margin_that_is_too_small(tampered, ur5, clutter):
+    tampered["edges"][1][0]["margins"] = [0.0] * len(tampered["pairs"])
+    refused(
+        signed(tampered), ur5, clutter, "edge 1, interval 0 .*the margin of .* is 0.000 mm, .* mm are needed"
+    )
+
+
+def test_a_way_point_in_an_obstacle(tampered, ur5, clutter, plain_check):
+    plain = plain_check(ur5, clutter)
+    rng = np.random.default_rng(0)
+    touching = next(q for q in rng.uniform(ur5.lower, ur5.upper, (100, 6)) if plain.nearest(q) <= 0)
+    tampered["path"][2] = touching.tolist()
+    refused(signed(tampered), ur5, clutter, "edge 1, interval")
+
+
+def test_a_way_point_outside_the_limits(tampered, ur5, clutter):
+    tampered["path"][2][3] = 7.0
+    refused(signed(tampered), ur5, clutter, "way point 2: joint 'wrist_1_joint' = 7 is outside its limits")
+
+
+def test_swapped_joints(tampered, ur5, clutter):
+    names = tampered["joint_names"]
+    names[0], names[1] = names[1], names[0]
+    refused(signed(tampered), ur5, clutter, "joint order: ")
+
+
+def test_a_moved_obstacle(written, ur5, clutter):
+    ball = Obstacle("ball", Sphere(0.12), Pose((-0.45, 0.35, 0.6001)))
+    refused(written, ur5, clutter.without("ball").with_obstacles(ball), "the scene has changed")
+
+
+def test_another_robot(written, clutter, ur5):
+    other = Robot.from_example("ur5", tip="wrist_3_link")
+    assert robot_hash(other) != robot_hash(ur5)
+    refused(written, other, clutter, "the robot has changed")
+    wider = ur5.with_limits({ur5.joint_names[0]: (-1.0, 1.0)})
+    refused(written, wider, clutter, "the robot has changed")
+
+
+def test_pairs_that_are_missing(tampered, ur5, clutter):
+    tampered["pairs"].pop()
+    for edge in tampered["edges"]:
+        for interval in edge:
+            interval["margins"].pop()
+    refused(signed(tampered), ur5, clutter, "its pairs of bodies are not those of robot and scene")
+
+
+def test_anything_else_changes_the_digest(tampered, ur5, clutter):
+    tampered["edges"][0][0]["margins"][0] += 1e-6
+    refused(tampered, ur5, clutter, "its digest differs")
+
+
+@pytest.mark.parametrize(
+    "broken", [[{}], [{"centre": 0.5, "half_length": 0.5}], [None], 3, [{"centre": None}]]
+)
+def test_edges_that_are_malformed(tampered, ur5, clutter, broken):
+    tampered["edges"][0] = broken
+    with pytest.raises(InputError, match=r"^certificate\.edges\[0\]"):
+        verify(signed(tampered), ur5, clutter)
+
+
+@pytest.mark.parametrize("key", ["centre", "half_length", "margins", "path"])
+def test_numbers_that_no_float_holds(tampered, ur5, clutter, key):
+    if key == "path":
+        tampered["path"][0][0] = 10**400
+    else:
+        tampered["edges"][0][0][key] = [10**400] * len(tampered["pairs"]) if key == "margins" else 10**400
+    with pytest.raises((CertificateError, InputError), match=r"must be (a finite number|numbers)"):
+        verify(signed(tampered), ur5, clutter)
+
+
+def test_angles_so_large_that_turns_are_lost(kinova):
+    rest = [2.9, 1.3, 3.0, 1.8, -3.0]
+    leap = [[3.0, *rest], [1e17, *rest], [1.0, *rest]]  # both differences come out as zero
+    refused(certificate(leap, kinova, Scene()), kinova, Scene(), "way point 1: .* is more than 10000 rad")
+
+
+def test_what_is_no_certificate(tampered, ur5, clutter):
+    for content, message in (
+        ({}, "not a safe-ompl certificate"),
+        ([], "not a safe-ompl certificate"),
+        ({**tampered, "version": 3}, "version 3 of the format is not known, 2 is"),
+        ({k: v for k, v in tampered.items() if k != "pairs"}, "pairs: missing, but needed"),
+    ):
+        with pytest.raises(InputError, match=message):
+            verify(content, ur5, clutter)
+
+
+def test_a_path_that_is_not_free_gets_none(ur5, clutter, plain_check):
+    rng = np.random.default_rng(0)
+    plain = plain_check(ur5, clutter)
+    touching = next(q for q in rng.uniform(ur5.lower, ur5.upper, (100, 6)) if plain.nearest(q) <= 0)
+    with pytest.raises(PlanningError, match="edge 0 cannot be certified: too near at "):
+        certificate([touching, touching + 0.1], ur5, clutter)
+
+
+# -------------------------------------------------------------------------------------------------- clearance
+
+
+def clearance(scene, distance, exempt=()):
+    return {"distance": distance, "obstacles": list(scene.names), "exempt": [list(pair) for pair in exempt]}
+
+
+def test_a_claim_of_clearance(path, ur5, clutter, plain_check):
+    plain = plain_check(ur5, clutter)
+    t = np.linspace(0, 1, 100)[:, None]
+    dense = np.concatenate([a + t * (b - a) for a, b in pairwise(path)])
+    to_obstacles = [k for k, pair in enumerate(plain.pairs) if pair[1] in clutter.names]
+    least = min(plain.distances(q)[to_obstacles].min() for q in dense)
+    content = certificate(path, ur5, clutter, clearance=clearance(clutter, 0.9 * least))
+    assert verify(content, ur5, clutter).edges == 3
+    content["clearance"]["distance"] = 1.1 * least
+    refused(signed(content), ur5, clutter, "mm are needed")
+    with pytest.raises(PlanningError, match="cannot be certified"):
+        certificate(path, ur5, clutter, clearance=clearance(clutter, 1.1 * least))
+    everywhere = np.array([plain.distances(q) for q in dense])
+    nearest = [plain.pairs[k] for k in to_obstacles if everywhere[:, k].min() < 1.2 * least]
+    exempted = clearance(clutter, 1.1 * least, nearest)
+    assert verify(certificate(path, ur5, clutter, clearance=exempted), ur5, clutter).edges == 3
+
+
+def test_a_negative_clearance_lets_nothing_overlap(ur5, clutter, plain_check):
+    plain, alone, pairs = plain_check(ur5, clutter), Pairs(ur5, Scene()), Pairs(ur5, clutter)
+    drawn = np.random.default_rng(0).uniform(ur5.lower, ur5.upper, (100, 6))
+    q = next(q for q in drawn if plain.nearest(q) <= 0 < alone.distances(q).min() - 1e-3)
+    free = certificate([q], ur5, Scene())
+    content = {
+        **free,
+        "scene": carried_scene(clutter),
+        "pairs": [list(pair) for pair in pairs.names],
+        "clearance": clearance(clutter, -5.0),
+        "edges": [[{"centre": 0.5, "half_length": 0.5, "margins": (pairs.distances(q) - 1e-4).tolist()}]],
+    }
+    with pytest.raises(InputError, match=r"clearance\.distance: must be a finite number >= 0, got -5"):
+        verify(signed(content), ur5, clutter)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("distance", "0.1", "must be a (finite|positive) number"),
+        ("distance", float("nan"), "must be a finite number"),
+        ("distance", 10**400, "must be a finite number"),
+        ("obstacles", ["ghost"], "unknown obstacle 'ghost'"),
+        ("obstacles", "ball", "must be a list"),
+        ("obstacles", [], "must name one obstacle at least"),
+        ("exempt", [["ghost", "ball"]], "unknown link 'ghost'"),
+        ("exempt", [["wrist_3_link", "ghost"]], "unknown obstacle 'ghost'"),
+        ("exempt", [3], "must be a list"),
+        ("exempt", [["ball"]], "must have 2 entries"),
+        ("extra", 1, "unknown key"),
+    ],
+)
+def test_clearances_that_cannot_be_claimed(tampered, ur5, clutter, key, value, message):
+    tampered["clearance"] = {**clearance(clutter, 0.0), key: value}
+    with pytest.raises(InputError, match=rf"clearance.*{message}"):
+        verify(signed(tampered), ur5, clutter)
+
+
+# ----------------------------------------------------------------------------------------------------- danger
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("bound", float("inf"), "must be a finite number"),
+        ("bound", float("nan"), "must be a finite number"),
+        ("bound", "9.0", "must be a (finite|positive) number"),
+        ("k1", -1.0, "must be a positive number"),
+        ("k1", 0, "must be a positive number"),
+        ("spacing", None, "must be a (finite|positive) number"),
+        ("sharpness", 0, "must be a positive number"),
+        ("sharpness", -1e-6, "must be a positive number"),
+        ("aggregate", "least", "unknown aggregate 'least'"),
+        ("weighting", [], "unknown weighting"),
+        ("extra", 1, "unknown key"),
+    ],
+)
+def test_dangers_that_cannot_be_claimed(tampered, ur5, clutter, key, value, message):
+    usual = {"bound": 9.0, "spacing": 0.1, "aggregate": "softmax", "weighting": "unit"}
+    tampered["danger"] = {**usual, "k1": 1.0, "sharpness": 10.0, key: value}
+    with pytest.raises(InputError, match=rf"danger.*{message}"):
+        verify(signed(tampered), ur5, clutter)
+
+
+def dangerous(scene, name="ball"):
+    ball = scene[name]
+    return scene.without(name).with_obstacles(Obstacle(name, ball.shape, ball.pose, weight=1.5))
+
+
+@pytest.mark.parametrize("aggregate", ["max", "mean", "softmax"])
+@pytest.mark.parametrize("weighting", ["unit", "length"])
+@pytest.mark.parametrize("name", ["ur5", "slider"])
+def test_a_claim_of_danger(robot_named, clutter, name, aggregate, weighting):
+    robot, scene = robot_named(name), dangerous(clutter)
+    path = next(p for seed in range(80) if (p := free_path(robot, scene, seed, 2)) is not None)
+    points, weights, _ = scene.danger_points(0.1)
+    field = DangerField(
+        robot, points, weights, aggregate=aggregate, weighting=weighting, k1=2.0, sharpness=3.0
+    )
+    content = certificate(path, robot, scene, field=field, spacing=0.1)
+    assert verify(content, robot, scene).edges == 2
+    plain = PlainDanger(robot, scene, record(Danger)("danger", content["danger"]))
+    assert plain.exceeded(path[0], np.zeros(robot.n), field.value(path[0]) * (1 + 1e-5)) is None
+    assert plain.exceeded(path[0], np.zeros(robot.n), field.value(path[0]) * (1 - 1e-5)) is not None
+    t = np.linspace(0, 1, 500)[:, None]
+    dense = field.values(np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)]))
+    assert dense.max() <= content["danger"]["bound"] <= 1.06 * dense.max()
+    limit = 1.001 * dense.max()
+    limited = certificate(path, robot, scene, field=field, spacing=0.1, max_danger=limit)
+    assert limited["danger"]["bound"] == limit
+    assert verify(limited, robot, scene).edges == 2
+    above = certificate(path, robot, scene, field=field, spacing=0.1, max_danger=0.9 * limit)
+    assert above["danger"] == content["danger"]
+    content["danger"]["bound"] = 0.99 * dense.max()
+    refused(signed(content), robot, scene, r"edge \d: danger .* is claimed")
+
+
+@pytest.mark.parametrize(
+    ("options", "spacing"),
+    [
+        ({"k1": 1e-3}, 0.1),
+        ({"aggregate": "mean"}, 0.1),
+        ({"weighting": "length"}, 0.1),
+        ({"sharpness": 50.0}, 0.1),
+        ({}, 0.2),
+    ],
+)
+def test_a_danger_of_another_kind_is_no_claim_of_this_one(ur5, clutter, path, options, spacing):
+    scene, usual = dangerous(clutter), {"aggregate": "softmax", "k1": 2.0}
+    points, weights, _ = scene.danger_points(spacing)
+    content = certificate(
+        path, ur5, scene, field=DangerField(ur5, points, weights, **{**usual, **options}), spacing=spacing
+    )
+    assert verify(content, ur5, scene).edges == 3, "it says itself of what kind it is"
+    asked = DangerField(ur5, *scene.danger_points(0.1)[:2], **usual)
+    key = next(iter(options), "spacing")
+    with pytest.raises(CertificateError, match=rf"danger: {key} is .* in its claim, .* is asked for"):
+        verify(content, ur5, scene, terms=terms_of_field(asked, 0.1))
+    own = DangerField(ur5, points, weights, **{**usual, **options})
+    assert verify(content, ur5, scene, terms=terms_of_field(own, spacing)).edges == 3
+
+
+def test_without_a_claim_of_danger_there_is_nothing_to_compare(written, ur5, clutter):
+    field = DangerField(ur5, [[1.0, 0.0, 0.0]])
+    assert verify(written, ur5, clutter, terms=terms_of_field(field, 0.1)).edges == 3

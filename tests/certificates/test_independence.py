@@ -1,0 +1,48 @@
+"""What verifies certificates runs no code of what plans, proves motions, or issues certificates."""
+
+import ast
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+CERTIFICATE = "safe_ompl.certificates"
+VERIFIER = Path(find_spec(f"{CERTIFICATE}.verifier").origin).parent
+PROVERS = (
+    "collision",
+    "danger",
+    "maths",
+    "planners",
+    "plugins",
+    "setup",
+    "paths.simplify",
+    "paths.certificate.issue",
+    "trajectories",
+)
+
+
+def imported(module):
+    """Return the modules of the package that a module imports when it runs, type checking aside."""
+    tree = ast.parse(Path(find_spec(module).origin).read_text(encoding="utf-8"))
+    nodes = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    found = {f"{node.module}.{name.name}" for node in nodes for name in node.names}
+    return {name for name in found if name.startswith("safe_ompl.")}
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        *("claims", "schema", "robot_document", "scene_document"),
+        *(f"verifier.{file.stem}" for file in VERIFIER.glob("[a-z]*.py")),
+    ],
+)
+def test_the_verifier_imports_no_prover(module):
+    names = imported(f"{CERTIFICATE}.{module}")
+    assert names
+    assert not [name for name in names if name.startswith(tuple(f"safe_ompl.{room}" for room in PROVERS))]
+
+
+def test_what_issues_does():
+    names = imported(f"{CERTIFICATE}.issue")
+    assert any(name.startswith("safe_ompl.danger") for name in names)
+    assert not any(name.startswith(f"{CERTIFICATE}.verifier") for name in names)

@@ -1,0 +1,105 @@
+"""Mutated certificates, by the means of `bench/mutations.py`, are refused or claim nothing false."""
+
+import json
+import logging
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from safe_ompl.certificates.claims import Certificate
+from safe_ompl.certificates.verifier.verify import verify
+from safe_ompl.common.errors import CertificateError
+from safe_ompl.io.schema import digest
+from safe_ompl.robot.fingerprint import robot_hash
+
+BENCH = Path(__file__).parents[2] / "bench"
+NUMBER = 120
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """Return the module that mutates certificates and judges what is accepted."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(BENCH)
+        import mutations
+
+        yield mutations
+    for name in ("mutations", "_judge", "_timing"):
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture
+def quiet(caplog):
+    caplog.set_level(logging.ERROR)
+
+
+def test_what_is_not_mutated_is_accepted_and_true(bench, quiet):
+    for case in bench.cases():
+        assert bench.judged(case, case.content) == {"given": "true", "carried": "true"}
+
+
+def test_random_mutations_are_refused_or_claim_nothing_false(bench, quiet):
+    found = Counter()
+    for k in range(NUMBER):
+        case = bench.cases()[k % len(bench.cases())]
+        content = bench.mutation(case, 1, k)
+        assert json.dumps(content, sort_keys=True) == json.dumps(bench.mutation(case, 1, k), sort_keys=True)
+        for mode, result in bench.judged(case, content).items():
+            assert result in ("refused", "true"), (k, case.name, mode, result)
+            found[mode, result] += 1
+    assert min(found.values()) > NUMBER / 50, found
+
+
+def signed(content):
+    return {**content, "digest": digest(content)}
+
+
+@pytest.mark.parametrize(
+    ("number", "at", "factor"),
+    [
+        (0, ("danger", "bound"), 0.9),
+        (0, ("danger", "k1"), 1.2),
+        (0, ("clearance", "distance"), 20),
+        (0, ("moving_obstacles", "time"), 30),
+        (0, ("tool", "position", "y", 0), 0.2),
+        (0, ("path", 1, 1), -1),
+        (2, ("trajectory", "duration"), 0.9),
+        (2, ("trajectory", "velocity", 0), 0.5),
+        (2, ("trajectory", "acceleration", 0), 0.5),
+        (2, ("trajectory", "tool_speed"), 0.1),
+        (2, ("trajectory", "link_speed"), 0.1),
+        (2, ("trajectory", "stops", "speed"), 5),
+        (2, ("trajectory", "stops", "clearance"), 1),
+        (2, ("trajectory", "danger", "bound"), 0.9),
+        (3, ("trajectory", "jerk", 1), 0.1),
+        (3, ("trajectory", "stops", "contact", "person"), 0.2),
+    ],
+)
+def test_the_judge_finds_what_is_false_and_so_does_the_verifier(bench, quiet, number, at, factor):
+    """Sentences that are made of a claim that does not hold are false, and nobody but the verifier looks at it."""
+    case = bench.cases()[number]
+    content = bench.replaced(case.content, at, lambda value: factor * value if value else 0.5)
+    claims = Certificate.read(signed(content)).sentences("")
+    judge = bench.Judge(case.robot, case.scene)
+    assert not judge.true(claims, content, ())
+    assert judge.true(Certificate.read(case.content).sentences(""), case.content, ())
+    with pytest.raises(CertificateError):
+        verify(signed(content), case.robot, case.scene)
+
+
+def test_a_forged_robot_is_the_files_own_or_refused(bench, quiet):
+    """Thinner shapes, the fingerprint of these, and a proof for them: what is said is said of the file's robot."""
+    case = bench.cases()[0]
+    thinner = case.content["robot"]["recipe"]["urdf"]["text"].replace('radius="0.04"', 'radius="0.001"')
+    recipe = {**case.content["robot"]["recipe"], "urdf": {"name": "planar2.urdf", "text": thinner}}
+    robot = bench.built_robot({**case.content["robot"], "recipe": recipe})
+    document = {**case.content["robot"], "recipe": recipe, "hash": robot_hash(robot)}
+    forged = bench.issued_anew(case, document, robot, case.scene)
+    assert forged["robot"]["hash"] != case.content["robot"]["hash"]
+    with pytest.raises(CertificateError, match="the robot has changed"):
+        verify(forged, case.robot, case.scene)
+    said = verify(forged, scene=case.scene)
+    assert said.own == ("robot",)
+    assert said.claims[0] == "every motion is free, for the robot that the file itself carries"

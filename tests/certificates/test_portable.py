@@ -1,0 +1,335 @@
+"""Certificates carry robot and scene: they verify where neither is given, and no other one passes for theirs."""
+
+import copy
+import json
+import re
+import shutil
+from base64 import b64encode
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from safe_ompl.certificates.issue import certificate, terms_of
+from safe_ompl.certificates.verifier.verify import verify
+from safe_ompl.common.errors import CertificateError, InputError
+from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.mesh import Mesh
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.person import Person
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.io.robot_document import built_robot, carried_robot
+from safe_ompl.io.scene_document import built_scene, carried_scene, unpack
+from safe_ompl.io.schema import digest
+from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scenario import Scenario
+from safe_ompl.scene.scene import Scene
+
+ROBOTS = Path(__file__).parents[2] / "scenarios" / "robots"
+
+
+PLAIN = {"locked": {}, "limits": {}, "hulls": True}  # of a recipe
+
+
+def travelled(data):
+    """Return what arrives when plain data is written to a file and read again."""
+    return json.loads(json.dumps(data, allow_nan=False))
+
+
+def signed(content):
+    return {**content, "digest": digest(content)}
+
+
+@pytest.fixture
+def files(tmp_path, data_folder):
+    """Return a folder with a mesh and a point cloud."""
+    shutil.copy(data_folder / "wedge.obj", tmp_path / "wedge.obj")
+    np.save(tmp_path / "points.npy", np.random.default_rng(0).uniform(2.0, 3.0, (200, 3)))
+    return tmp_path
+
+
+@pytest.fixture
+def everything(files):
+    """Return a scene with an obstacle of each kind, all out of reach."""
+    far = Pose((3.0, 0.0, 0.0), (0.6, 0.0, 0.0, 0.8))
+    return Scene(
+        (
+            Obstacle("box", Box((0.1, 0.2, 0.3)), far, weight=0.5, color="#102030"),
+            Obstacle("ball", Sphere(0.1), far),
+            Obstacle("post", Cylinder(0.1, 0.3), far),
+            Obstacle("beam", Capsule(0.1, 0.3), far),
+            Obstacle("person", Person(1.8, {"right_wrist": (0.2, -0.3, 1.3)}), far),
+            Obstacle("few", PointCloud(0.01, points=((0.1, 1 / 3, 0.3), (2, 3, 4.5))), far),
+            Obstacle("cloud", PointCloud(0.01, files / "points.npy"), weight=1.0),
+            Obstacle("hull", Mesh(files / "wedge.obj", (0.5, 0.5, 0.5)), far),
+            Obstacle("shell", Mesh(files / "wedge.obj", convex=False), far),
+        ),
+        spacing=0.2,
+    )
+
+
+def test_a_scene_of_all_kinds_travels_without_its_files(everything, files):
+    carried = travelled(carried_scene(everything))
+    shutil.rmtree(files)
+    arrived = built_scene(carried)
+    assert arrived.content_hash() == everything.content_hash()
+    assert arrived.names == everything.names
+    assert str(files) not in json.dumps(carried)
+
+
+def test_another_scene_does_not_pass_for_the_one_of_the_hash(everything):
+    carried = travelled(carried_scene(everything))
+    carried["content"]["obstacles"][1]["sphere"]["radius"] = 0.05
+    with pytest.raises(CertificateError, match="scene that it carries is not the one"):
+        built_scene(carried)
+
+
+def test_another_file_does_not_pass_for_the_one_of_the_hash(everything):
+    carried = travelled(carried_scene(everything))
+    assert sorted(carried["files"]) == ["0.npy", "1.obj", "2.obj"]
+    wedge = (Path(__file__).parents[1] / "data" / "wedge.obj").read_text().replace("1", "2")
+    carried["files"]["2.obj"] = b64encode(wedge.encode()).decode()
+    with pytest.raises((CertificateError, InputError)):
+        built_scene(carried)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"files": {}}, r"obstacles\[6\].pointcloud.file: the file '0.npy' is not carried"),
+        ({"files": {"0.npy": "?", "1.obj": "AA==", "2.obj": "AA=="}}, "0.npy: not in base 64"),
+        (
+            {"files": {"../0.npy": "", "0.npy": "AA==", "1.obj": "AA==", "2.obj": "AA=="}},
+            "not the name of a file",
+        ),
+        ({"content": 3}, "content: must be a mapping"),
+        ({"content": {"obstacles": 3}}, "obstacles: must be a list"),
+        ({"extra": 3}, "unknown key"),
+    ],
+)
+def test_scenes_that_cannot_be_read(everything, tmp_path, change, message):
+    carried = {**travelled(carried_scene(everything)), **change}
+    with pytest.raises(InputError, match=message):
+        built_scene(carried)
+    assert not (tmp_path.parent / "0.npy").exists()
+
+
+def test_a_file_that_has_changed_or_gone_is_not_carried(everything, files):
+    np.save(files / "points.npy", np.ones((3, 3)))
+    with pytest.raises(InputError, match="has changed since it was read"):
+        carried_scene(everything)
+    (files / "points.npy").unlink()
+    with pytest.raises(InputError, match=r"points.npy: cannot be carried in a certificate \(No such file"):
+        carried_scene(everything)
+
+
+# ------------------------------------------------------------------------------------------------------ robot
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "planar3", "anthro6"])
+def test_a_robot_is_built_from_what_is_carried(robot_named, name):
+    own = ROBOTS / f"{name}.urdf"
+    robot = Robot.from_urdf(own, own.with_suffix(".srdf"), name="mine") if own.exists() else robot_named(name)
+    assert robot_hash(built_robot(travelled(carried_robot(robot)))) == robot_hash(robot)
+
+
+def test_limits_tip_and_locked_joints_travel(data_folder):
+    robot = Robot.from_example("ur5", tip="wrist_2_link", locked={"elbow_joint": 0.3})
+    robot = robot.with_limits({robot.joint_names[0]: (-1.0, 0.5)})
+    carried = travelled(carried_robot(robot))
+    assert "text" not in carried["recipe"]["urdf"], "its files are where example-robot-data is"
+    built = built_robot(carried)
+    assert built.upper[0] == 0.5
+    assert robot_hash(built) == robot_hash(robot)
+
+
+def test_a_robot_with_meshes_needs_its_packages(tmp_path, data_folder):
+    """Its URDF travels, its mesh does not; but it may be elsewhere on another machine."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    (here / "arm").mkdir(parents=True)
+    text = (ROBOTS / "planar2.urdf").read_text()
+    shape = re.search("<collision>.*?(<geometry>.*?)</geometry>", text, re.DOTALL).group(1)
+    mesh = '<geometry><mesh filename="package://arm/wedge.obj" scale="0.1 0.1 0.1"/>'
+    (here / "arm" / "arm.urdf").write_text(text.replace(shape, mesh))
+    shutil.copy(data_folder / "wedge.obj", here / "arm" / "wedge.obj")
+    robot = Robot.from_urdf(here / "arm" / "arm.urdf")
+    carried = travelled(carried_robot(robot))
+    here.rename(there)
+    with pytest.raises(InputError, match=r"'planar2' cannot be built .* give its URDF, or the folder"):
+        built_robot(carried)
+    for found in ({"package_dirs": [there]}, {"urdf": there / "arm" / "arm.urdf"}):
+        assert robot_hash(built_robot(carried, **found)) == robot_hash(robot)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"recipe": None}, "carries no recipe of its robot 'ur5'"),
+        ({"recipe": 3}, "recipe: must be a mapping"),
+        ({"recipe": {}}, "recipe: must have one of the keys urdf, base, mobile_base, attached, robots"),
+        (
+            {"recipe": {**PLAIN, "urdf": {"example_robot_data": "../../../etc/passwd"}}},
+            "is not in example-robot-data",
+        ),
+        ({"recipe": {"urdf": {"text": ""}}}, "recipe.urdf.text: must be text"),
+        ({"recipe": {"urdf": {"text": "<robot/>"}, "wheels": 4}}, "wheels: unknown key"),
+        ({"extra": 3}, "unknown key"),
+    ],
+)
+def test_robots_that_cannot_be_built(ur5, change, message):
+    with pytest.raises(InputError, match=message):
+        built_robot({**travelled(carried_robot(ur5)), **change})
+
+
+# ------------------------------------------------------------------------------------------------ certificates
+
+
+@pytest.fixture(scope="module")
+def written(ur5, clutter):
+    path = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.3, -1.5, 0.5, 0, 0, 0]])
+    return travelled(certificate(path, ur5, clutter, clearance=None))
+
+
+def test_it_verifies_with_nothing_given(written, ur5, clutter):
+    given, own = verify(written, ur5, clutter), verify(written)
+    assert given.own == ()
+    assert given.claims == ("every motion is free",)
+    assert own.claims == ("every motion is free, for the robot and the scene that the file itself carries",)
+    assert replace(own, own=(), claims=given.claims) == given
+    assert verify(written, ur5).claims[0].endswith(", for the scene that the file itself carries")
+
+
+def test_what_is_not_claimed_is_listed(written, ur5, clutter):
+    found = verify(written, ur5, clutter)
+    assert found.claims == ("every motion is free",)
+    assert found.not_claimed == ("clearance", "danger", "moving obstacles", "tool")
+    assert found.not_covered == ()
+    claim = {"distance": 0.01, "obstacles": ["ball"], "exempt": []}
+    claimed = travelled(certificate(written["path"], ur5, clutter, clearance=claim))
+    assert verify(claimed).not_claimed == ("danger", "moving obstacles", "tool")
+    withdrawn = signed({**claimed, "clearance": None})
+    assert verify(withdrawn).not_claimed == ("clearance", "danger", "moving obstacles", "tool")
+
+
+@pytest.mark.parametrize("key", ["source", "clearance", "danger", "moving_obstacles", "also_sampled"])
+def test_nothing_can_be_left_out(written, key):
+    content = {k: v for k, v in written.items() if k != key}
+    with pytest.raises(InputError, match=f"{key}: missing, but needed"):
+        verify(signed(content))
+
+
+def test_nothing_can_be_added(written):
+    with pytest.raises(InputError, match="certified_by: unknown key"):
+        verify(signed({**written, "certified_by": "me"}))
+
+
+def test_a_carried_scene_that_is_not_the_given_one(written, ur5, clutter):
+    content = copy.deepcopy(written)
+    content["scene"]["content"]["obstacles"].pop()
+    with pytest.raises(CertificateError, match="scene that it carries is not the one"):
+        verify(signed(content), ur5, clutter)
+
+
+def test_what_was_sampled_is_not_covered(written, ur5, clutter):
+    said = "your checker, sampled at 0.01 rad"
+    content = travelled(certificate(written["path"], ur5, clutter, also_sampled=said))
+    assert verify(content, ur5, clutter).not_covered == (said,)
+    with pytest.raises(InputError, match="also_sampled: must be text"):
+        verify(signed({**content, "also_sampled": 3}), ur5, clutter)
+
+
+def test_links_without_collision_geometry_are_named(written, ur5, clutter, monkeypatch):
+    monkeypatch.setattr(ur5, "links_without_collision", ("wrist_2", "forearm"), raising=False)
+    with pytest.raises(
+        CertificateError, match=r"without collision geometry: it names \[\], the robot has \['forearm"
+    ):
+        verify(written, ur5, clutter)
+    content = travelled(certificate(written["path"], ur5, clutter))
+    assert verify(content, ur5, clutter).not_covered == (
+        "links without collision geometry: forearm, wrist_2",
+    )
+    content["robot"]["links_without_collision"].pop()
+    with pytest.raises(CertificateError, match="without collision geometry"):
+        verify(signed(content), ur5, clutter)
+
+
+def test_the_first_version_is_refused_in_a_clear_line(written):
+    with pytest.raises(InputError, match=r"version 1 of the format .* write it anew with `safe-ompl plan"):
+        verify({**written, "version": 1})
+
+
+# ---------------------------------------------------------------------------------------------- hostile documents
+
+
+def arm_with_mesh(name):
+    """Return what is carried of an arm with a mesh of this name in the place of a shape."""
+    text = (ROBOTS / "planar2.urdf").read_text()
+    carried = travelled(carried_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
+    shape = re.search("<collision>.*?(<geometry>.*?)</geometry>", text, re.DOTALL).group(1)
+    carried["recipe"]["urdf"]["text"] = text.replace(shape, f'<geometry><mesh filename="{name}"/>')
+    return carried
+
+
+@pytest.mark.parametrize(
+    "name", ["{}/wedge.obj", "file://{}/wedge.obj", "package:/{}/wedge.obj", "../../..{}/wedge.obj"]
+)
+def test_a_carried_urdf_reads_no_mesh_that_it_names_where_it_likes(files, name):
+    carried = arm_with_mesh(name.format(files))
+    with pytest.raises(InputError, match=r"cannot be built from what is carried; .*wedge\.obj' not found"):
+        built_robot(carried)
+    if name.startswith(("{}", "file")):
+        assert built_robot(carried, package_dirs=[files]) is not None, "the user names the folder"
+
+
+def test_a_carried_urdf_reads_no_other_file(files, monkeypatch):
+    (files / "inner").mkdir()
+    monkeypatch.chdir(files)
+    for name in ("wedge.obj", "package://wedge.obj", "package://inner/../wedge.obj"):
+        with pytest.raises(InputError, match="not found"):
+            built_robot(arm_with_mesh(name), package_dirs=[files / "inner"])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: '<!DOCTYPE robot [<!ENTITY a "b">]>' + text, "must not declare entities"),
+        (lambda text: 1000 * "<a>" + text, "tags in tags, more than 100 deep"),
+        (lambda text: text + 20_000_000 * " ", "characters, 20000000 are the most"),
+    ],
+)
+def test_texts_that_grow_when_they_are_read(change, message):
+    carried = travelled(carried_robot(Robot.from_urdf(ROBOTS / "planar2.urdf")))
+    carried["recipe"]["urdf"]["text"] = change(carried["recipe"]["urdf"]["text"])
+    with pytest.raises(InputError, match=f"recipe.urdf.text: .*{message}"):
+        built_robot(carried)
+
+
+@pytest.mark.parametrize("name", ["..", "", ".", ".hidden", "a/b", "a\\b", "a\0", 101 * "a"])
+def test_names_that_are_none_of_files(everything, name):
+    carried = travelled(carried_scene(everything))
+    with pytest.raises(InputError, match=r"is not the name of a file|text.* that can be printed"):
+        built_scene({**carried, "files": {**carried["files"], name: "AA=="}})
+
+
+def test_a_carried_mesh_names_no_other_file(everything, files, tmp_path):
+    named = tmp_path / "named"
+    named.mkdir()
+    carried = travelled(carried_scene(everything))
+    wedge = (files / "wedge.obj").read_bytes()
+    for line in (b"mtllib /etc/hostname\n", b"  MTLLIB a\n", b"mtl\\\nlib /etc/hostname\n"):
+        unpack({"a.obj": b64encode(line + wedge).decode()}, named)
+        assert b"hostname" not in re.sub(rb"mtl +lib.*", b"", (named / "a.obj").read_bytes())
+    carried["files"]["1.obj"] = b64encode(b"mtllib /etc/hostname\n" + wedge).decode()
+    assert built_scene(carried).content_hash() == everything.content_hash()
+
+
+def test_certificates_that_the_version_before_wrote_still_verify():
+    content = json.loads((Path(__file__).parents[1] / "data" / "certificate_of_planar3.json").read_text())
+    scenario = Scenario.load(ROBOTS.parent / "planar3.yaml")
+    robot = scenario.build_robot()
+    assert verify(content).own == ("robot", "scene")
+    found = verify(content, robot, scenario.scene, terms=terms_of(scenario, robot, timed=False))
+    assert found.claims[1].startswith("danger at most 7.81222 (max, unit, k1 1")

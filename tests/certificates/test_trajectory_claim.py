@@ -1,0 +1,408 @@
+"""Certificates of timed motions: limits, freedom of the curve, stops; and that no mutation claims what is false."""
+
+import copy
+import json
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.certificates.claims import at_most
+from safe_ompl.certificates.issue import certificate, terms_of_field
+from safe_ompl.certificates.verifier.distances import corners
+from safe_ompl.certificates.verifier.verify import verify
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.common.errors import CertificateError, InputError
+from safe_ompl.danger.field import DangerField
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.io.schema import digest
+from safe_ompl.scene.people import People
+from safe_ompl.trajectories.caps import StandstillError
+from safe_ompl.trajectories.curve import BlendedCurve, Piece
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.time_law import TimeLaw
+from safe_ompl.trajectories.timing import time_path
+from safe_ompl.trajectories.trajectory import Trajectory
+
+PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
+PEOPLE = People(who=("ball",), speed=1.2, reaction_time=0.05, clearance=0.01)
+
+
+@pytest.fixture(scope="module")
+def scene(clutter):
+    return clutter
+
+
+@pytest.fixture(scope="module")
+def made(ur5, scene):
+    """Return a trajectory beside a ball that may move."""
+    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    with pytest.MonkeyPatch.context() as patch:  # fewer cells: what is tested takes less time
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        return time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion, people=PEOPLE)
+
+
+@pytest.fixture(scope="module")
+def written(ur5, scene, made):
+    return json.loads(json.dumps(certificate(PATH, ur5, scene, trajectory=made)))
+
+
+def again(written, change):
+    """Return the certificate with a change of its trajectory, and the digest that belongs to it."""
+    content = copy.deepcopy(written)
+    change(content["trajectory"])
+    return {**content, "digest": digest(content)}
+
+
+def motion_of(claim, robot):
+    """Return the trajectory that a claim describes, as the package itself evaluates it."""
+    pieces = [
+        Piece(
+            *(np.array(piece[key], dtype=float) for key in ("start", "forward", "inward")),
+            piece["length"],
+            piece["curvature"],
+        )
+        for piece in claim["pieces"]
+    ]
+    law = TimeLaw.through(np.array(claim["edges"], dtype=float), np.array(claim["squares"], dtype=float))
+    limits = RateLimits.of(robot, claim["velocity"], claim["acceleration"])
+    brakes = None if claim["stops"] is None else np.array(claim["stops"]["brakes"], dtype=float)
+    return Trajectory(BlendedCurve(pieces, claim["corners"]), law, limits, brakes=brakes)
+
+
+def assert_true(content, robot, plain):
+    """Assert what a certificate claims of a timed motion at many instants, and of many stops."""
+    claim = content["trajectory"]
+    motion = motion_of(claim, robot)
+    assert motion.duration == pytest.approx(claim["duration"])
+    state = motion.at(np.linspace(0, motion.duration, 300))
+    assert (abs(state.qd) <= motion.limits.velocity * (1 + 1e-6)).all()
+    assert (abs(state.qdd) <= motion.limits.acceleration * (1 + 1e-6)).all()
+    assert abs(robot.difference(state.q[[0, -1]], np.array(content["path"])[[0, -1]])).max() < 1e-6
+    assert all((plain.distances(q) > 0).all() for q in state.q[::30])
+    stops = claim["stops"]
+    if stops is None:
+        return
+    for begin in np.linspace(0, motion.duration, 12):
+        stop = motion.stop_from(begin)
+        for t in np.linspace(0, stop.duration * (1 - 1e-6), 4):
+            q, qd, qdd = stop.at(t)
+            assert (abs(qdd) <= motion.limits.acceleration * (1 + 1e-6)).all()
+            if abs(qd).max() < 1e-9:
+                continue
+            reach = stops["clearance"] + stops["speed"] * (stops["reaction_time"] + t)
+            near = [d for d, (_, o) in zip(plain.distances(q), plain.pairs, strict=True) if o in stops["who"]]
+            assert min(near) > reach - 1e-9
+
+
+def test_a_timed_motion_is_claimed_and_verified(written, ur5, scene, made, plain_check):
+    found = verify(written, ur5, scene)
+    assert found.claims[-2].startswith(f"driven in {made.duration:.3f} s")
+    assert "anyone of ball who moves no faster than 1.2 m/s comes nearer than 10 mm" in found.claims[-1]
+    assert "stops" not in found.not_claimed
+    assert_true(written, ur5, plain_check(ur5, scene))
+
+
+def test_what_is_not_claimed_is_said(ur5, scene):
+    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    plain = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), motion=motion)
+    assert "stops" in verify(certificate(PATH, ur5, scene, trajectory=plain), ur5, scene).not_claimed
+    assert "stops" not in verify(certificate(PATH, ur5, scene), ur5, scene).not_claimed
+
+
+@pytest.fixture(scope="module")
+def touching(ur5, scene):
+    """Return the certificate of a trajectory that may touch the ball, which is as near as nobody could stop for."""
+    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    allowed = People(who=("ball",), reaction_time=0.5, contact=True, regions={"head": (100, 4.4, 150)})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        limits = RateLimits.of(ur5, 2.0, 4.0)
+        made = time_path(PATH, ur5, limits, motion=motion, people=allowed)
+        with pytest.raises(StandstillError):
+            time_path(PATH, ur5, limits, motion=motion, people=replace(allowed, contact=False))
+    return json.loads(json.dumps(certificate(PATH, ur5, scene, trajectory=made)))
+
+
+def fastest_point(robot, q, qd):
+    """Return the speed of the fastest vertex of any body."""
+    model, data = robot.shared.model, robot.shared.model.createData()
+    pin.forwardKinematics(model, data, robot.pinocchio_configuration(q), qd)
+    speeds = []
+    for body in robot.shared.collision_model.geometryObjects:
+        points, pad = corners(body.geometry)
+        motion = data.v[body.parentJoint]
+        local = points @ body.placement.rotation.T + body.placement.translation
+        turned = np.cross(motion.angular, local) + motion.linear
+        speeds.append(np.linalg.norm(turned, axis=1).max() + pad * np.linalg.norm(motion.angular))
+    return max(speeds)
+
+
+def test_contacts_are_slow_enough(touching, ur5, scene, plain_check):
+    """Whenever the ball may be there, in motion or in a stop, no point of the robot is faster than is claimed."""
+    found = verify(touching, ur5, scene)
+    stops = touching["trajectory"]["stops"]
+    bears = stops["contact"]["ball"]
+    assert found.claims[-1].endswith(f"or no point of it is faster then than ball {at_most(bears)} m/s")
+    motion, plain, met = motion_of(touching["trajectory"], ur5), plain_check(ur5, scene), 0
+    for begin in np.linspace(0, motion.duration, 15):
+        stop = motion.stop_from(begin)
+        for t in np.linspace(0, stop.duration * (1 - 1e-6), 4):
+            q, qd, _ = stop.at(t)
+            near = [d for d, (_, o) in zip(plain.distances(q), plain.pairs, strict=True) if o == "ball"]
+            if min(near) <= stops["clearance"] + stops["speed"] * (stops["reaction_time"] + t):
+                met += 1
+                assert fastest_point(ur5, q, qd) <= bears * (1 + 1e-9)
+    assert met > 10
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"contact": {"ball": 0.0}}, "are needed"),
+        ({"contact": {"table": 0.5}}, "unknown limb"),
+        ({"contact": {"ball": -0.1}}, "contact.ball: must be"),
+        ({"contact": {}}, "are needed"),
+        ({"contact": 1}, "contact"),
+    ],
+)
+def test_contacts_that_are_not_so_slow_are_refused(touching, ur5, scene, change, message):
+    with pytest.raises((CertificateError, InputError), match=message):
+        verify(again(touching, stronger(**change)), ur5, scene)
+
+
+def test_contacts_a_tenth_slower_are_refused_where_the_robot_is_as_fast_as_it_may(touching, ur5, scene):
+    slower = {"contact": {"ball": 0.9 * touching["trajectory"]["stops"]["contact"]["ball"]}}
+    with pytest.raises(CertificateError, match="are needed"):
+        verify(again(touching, stronger(**slower)), ur5, scene)
+
+
+@pytest.fixture(scope="module", params=["max", "softmax"])
+def endangering(request, ur5, scene):
+    """Return a certificate that claims the danger in motion, and the field."""
+    ball = scene["ball"]
+    weighed = scene.without("ball").with_obstacles(Obstacle("ball", ball.shape, ball.pose, weight=1.0))
+    field = DangerField.of_scene(ur5, weighed, aggregate=request.param)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        made = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0))
+    content = certificate(PATH, ur5, weighed, trajectory=made, field=field)
+    return json.loads(json.dumps(content)), field, weighed, made
+
+
+def test_danger_in_motion_is_claimed_and_verified(endangering, ur5):
+    content, field, scene, made = endangering
+    found = verify(content, ur5, scene, terms=terms_of_field(field, scene.spacing))
+    claim = content["trajectory"]["danger"]
+    assert found.claims[-1].startswith(f"danger in motion at most {at_most(claim['bound'])}")
+    assert "danger in motion" not in found.not_claimed
+    state = made.at(np.linspace(0, made.duration, 500))
+    peak = field.moving.values(state.q, state.qd).max()
+    assert peak < claim["bound"] < 1.06 * peak
+    assert field.values(state.q).max() < 0.9 * peak  # it is the motion that makes it so large
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"bound": 0.9}, "danger in motion is not below"),
+        ({"k2": 1.2}, "danger in motion is not below"),
+        ({"gamma": 1.3}, "danger in motion is not below"),
+        ({"k1": 1.2}, "danger in motion is not below"),
+    ],
+)
+def test_a_smaller_danger_in_motion_is_refused(endangering, ur5, change, message):
+    content, _, scene, _ = endangering
+    (key, factor), *_ = change.items()
+    with pytest.raises(CertificateError, match=message):
+        verify(again(content, lambda t: t["danger"].update({key: factor * t["danger"][key]})), ur5, scene)
+
+
+def test_danger_in_motion_of_another_kind_is_refused(endangering, ur5):
+    content, field, scene, _ = endangering
+    weaker = again(content, lambda t: t["danger"].update(k2=0.1))
+    verify(weaker, ur5, scene)
+    with pytest.raises(CertificateError, match=r"danger in motion: k2 is 0\.1"):
+        verify(weaker, ur5, scene, terms=terms_of_field(field, scene.spacing))
+    for change in ({"gamma": -1}, {"more": 1}, {"k2": None}):
+        with pytest.raises(InputError, match="danger"):
+            verify(again(content, lambda t, change=change: t["danger"].update(change)), ur5, scene)
+
+
+def test_the_limit_of_the_danger_is_what_is_claimed(endangering, ur5):
+    content, field, scene, made = endangering
+    if field.aggregate != "max":
+        return
+    limit = 0.9 * content["trajectory"]["danger"]["bound"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        slow = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), danger=field.moving, max_danger=limit)
+    assert slow.duration > made.duration
+    capped = certificate(PATH, ur5, scene, trajectory=slow)
+    assert capped["trajectory"]["danger"]["bound"] == limit
+    verify(capped, ur5, scene)
+
+
+def test_danger_points_that_are_not_the_scenes_cannot_be_claimed(endangering, ur5):
+    _, field, scene, made = endangering
+    other = field.with_points(field.points[1:], None)
+    with pytest.raises(InputError, match="are not those of the scene"):
+        certificate(PATH, ur5, scene, trajectory=made, field=other)
+
+
+def test_corners_in_which_it_stops(ur5, scene):
+    trajectory = time_path(PATH, ur5, RateLimits.of(ur5, 2.0, 4.0), people=None)
+    content = certificate(PATH, ur5, scene, trajectory=trajectory)
+    verify(content, ur5, scene)
+    with pytest.raises(CertificateError, match="begins in another direction"):
+        verify(again(content, lambda t: t["corners"].clear()), ur5, scene)
+
+
+def scaled(key, factor):
+    def change(claim):
+        value = claim[key]
+        claim[key] = [factor * x for x in value] if isinstance(value, list) else factor * value
+
+    return change
+
+
+def faster(claim):
+    claim["squares"] = [1.05 * x for x in claim["squares"]]
+    claim["duration"] /= 1.05**0.5
+
+
+def stronger(**claims):
+    return lambda claim: claim["stops"].update(claims)
+
+
+def bent(claim):
+    claim["pieces"][1]["curvature"] *= 1.01
+
+
+def moved(claim):
+    claim["pieces"][0]["start"][0] += 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (faster, "its limit|apart near|goes beyond"),
+        (scaled("duration", 0.999), "are claimed"),
+        (scaled("velocity", 0.3), "is faster than its limit"),
+        (scaled("acceleration", 0.9), "accelerates more than its limit"),
+        (stronger(speed=1.25), "are needed"),
+        (stronger(reaction_time=0.06), "are needed"),
+        (stronger(clearance=0.02), "are needed"),
+        (stronger(who=["ball", "table"]), "are needed"),
+        (stronger(who=[]), "must name one obstacle"),
+        (stronger(who=["nobody"]), "unknown obstacle"),
+        (stronger(speed=-0.1), "speed: must be"),
+        (
+            lambda claim: claim["stops"].update(brakes=[1.5 * b for b in claim["stops"]["brakes"]]),
+            "in a stop joint",
+        ),
+        (
+            lambda claim: claim["stops"].update(brakes=[0.2 * b for b in claim["stops"]["brakes"]]),
+            "stop|are needed",
+        ),
+        (lambda claim: claim["stops"]["brakes"].__setitem__(5, 0.0), "does not decelerate"),
+        (bent, "neither a line|begins where|does not begin|another direction"),
+        (moved, "begin where the path does|the one before ends"),
+        (lambda claim: claim["pieces"].pop(), "does not end where the path does|not corners"),
+        (lambda claim: claim.update(pieces=[]), "must name one piece"),
+        (lambda claim: claim["corners"].append(1), "does not stand at"),
+        (lambda claim: claim["corners"].append(99), "are not corners"),
+        (lambda claim: claim["squares"].__setitem__(0, 0.1), "does not stand at"),
+        (lambda claim: claim["squares"].__setitem__(7, -0.1), "do not cover"),
+        (lambda claim: claim["edges"].__setitem__(7, claim["edges"][9]), "not in order"),
+        (lambda claim: claim.pop("squares"), "squares"),
+        (lambda claim: claim.update(more=1), "more"),
+        (lambda claim: claim.update(velocity=[0.0] * 6), "velocity"),
+        (lambda claim: claim["pieces"][0].pop("length"), "length: missing"),
+    ],
+)
+def test_what_does_not_hold_is_refused(written, ur5, scene, change, message):
+    with pytest.raises((CertificateError, InputError), match=message):
+        verify(again(written, change), ur5, scene)
+
+
+def test_a_curve_through_an_obstacle_is_refused(ur5, scene):
+    """A motion that was timed elsewhere: its arcs are not free."""
+    low = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.4, 0.3, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
+    trajectory = time_path(low, ur5, RateLimits.of(ur5, 2.0, 4.0))
+    safe = certificate(PATH, ur5, scene)
+    content = again({**safe, "trajectory": None}, lambda _: None)
+    other = certificate(low[[0]], ur5, scene, trajectory=trajectory)["trajectory"]
+    content["trajectory"] = other
+    with pytest.raises(CertificateError, match="apart near"):
+        verify({**content, "digest": digest(content)}, ur5, scene)
+
+
+@pytest.fixture(scope="module")
+def smooth(ur5, scene):
+    """Return the certificate of a trajectory with limits of jerk, tool and links."""
+    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    limits = RateLimits.of(ur5, 2.0, 4.0, 50.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("safe_ompl.trajectories.timing.CELLS", 40)
+        made = time_path(PATH, ur5, limits, motion=motion, people=PEOPLE, tool_speed=0.3, link_speed=0.32)
+    assert {"tool speed", "link speed"} & set(made.binding())
+    return json.loads(json.dumps(certificate(PATH, ur5, scene, trajectory=made)))
+
+
+def test_jerk_and_speeds_of_tool_and_links_are_claimed(smooth, ur5, scene):
+    found = verify(smooth, ur5, scene)
+    assert "accelerations of (4, 4, 4, 4, 4, 4), jerks of (50, 50, 50, 50, 50, 50)" in found.claims[-4]
+    assert found.claims[-3] == "the tip is no faster than 0.3 m/s"
+    assert found.claims[-2] == "no point of a link, nor the tip, is faster than 0.32 m/s"
+    assert not {"stops", "jerk", "tool speed", "link speed"} & set(found.not_claimed)
+    assert "danger in motion" in found.not_claimed
+    without = again(smooth, lambda claim: [claim.pop(key) for key in ("tool_speed", "jerk")])
+    assert {"tool speed", "jerk"} <= set(verify(without, ur5, scene).not_claimed)
+
+
+def phase(number, change):
+    def changed(claim):
+        duration, jerk = claim["phases"][number]
+        claim["phases"][number] = [change[0] * duration, change[1] * jerk]
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (scaled("tool_speed", 0.9), "the tool is faster than 0.27 m/s"),
+        (scaled("link_speed", 0.9), "a link is faster than 0.288 m/s"),
+        (scaled("jerk", 0.99), "has more jerk than its limit"),
+        (scaled("acceleration", 0.3), "accelerates more than its limit"),
+        (scaled("velocity", 0.1), "is faster than its limit"),
+        (scaled("duration", 0.999), "are claimed"),
+        (lambda claim: claim.pop("phases"), "are claimed|the jerk is not limited"),
+        (lambda claim: claim["phases"].pop(), "do not end at rest"),
+        (phase(0, (1.01, 1.0)), "do not end|rises and falls|not those|no grid point|backwards"),
+        (phase(0, (1.0, 1.01)), "do not end|rises and falls|not those|no grid point|backwards"),
+        (phase(0, (-1.0, 1.0)), "lasts no time"),
+        (
+            lambda claim: claim["squares"].__setitem__(3, 1.01 * claim["squares"][3]),
+            "not those of its phases",
+        ),
+        (lambda claim: claim.update(jerk=[0.0] * 6), "jerk"),
+        (lambda claim: claim.update(tool_speed=-1), "tool_speed: must be"),
+        (stronger(speed=1.3), "are needed"),
+        (
+            lambda claim: claim["stops"].update(brakes=[0.9 * b for b in claim["stops"]["brakes"]]),
+            "slows down harder",
+        ),
+    ],
+)
+def test_what_does_not_hold_of_jerk_and_speeds_is_refused(smooth, ur5, scene, change, message):
+    with pytest.raises((CertificateError, InputError), match=message):
+        verify(again(smooth, change), ur5, scene)
+
+
+def test_a_motion_with_arcs_has_no_phases(written, ur5, scene):
+    with pytest.raises(CertificateError, match=r"it has arcs|do not end"):
+        verify(again(written, lambda claim: claim.update(phases=[[1.0, 1.0]])), ur5, scene)

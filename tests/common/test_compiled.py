@@ -1,0 +1,202 @@
+"""Kernels are compiled once, for one kind of arguments each, kept on disk, and said so once."""
+
+import ctypes
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pytest
+from numba import njit
+from numba.core import event
+
+import safe_ompl
+from safe_ompl.common import compilation as compiled
+from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.kernels import danger, field
+from safe_ompl.robot.kernels import kinematics as joints
+
+PROGRAM = """
+import logging, sys
+logging.basicConfig(format="%(name)s %(message)s", stream=sys.stdout)
+import numpy as np
+from safe_ompl.danger.kernels.field import link_distances
+from safe_ompl.danger.kernels.danger import aggregates
+link_distances(np.zeros((1, 2, 3)), np.array([[0, 1]]), np.ones((1, 3, 1)))
+print(aggregates(np.ones((1, 2)), 0, 1.0), link_distances.stats.cache_hits)
+"""
+
+
+def run(cache: Path, **options: str) -> list[str]:
+    folder = str(Path(safe_ompl.__file__).parents[0])
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": folder} | options
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True
+    )
+    assert not done.stderr
+    return done.stdout.splitlines()
+
+
+def test_says_once_that_it_compiles_and_keeps_what_it_compiled(tmp_path):
+    first, second = run(tmp_path), run(tmp_path)
+    assert first[0].startswith("safe_ompl.common.compilation compiling kernels")
+    assert [first[1:], second] == [["[1.] Counter()"], [second[0]]]
+    assert second[0].startswith("[1.] Counter({")
+
+
+def test_each_kernel_is_compiled_for_one_kind_of_arguments(robot_named, rng):
+    """Whatever users give: another kind would be compiled while somebody waits for a path."""
+    robot = robot_named("ur5")
+    frozen = rng.uniform(-1, 1, (4, robot.n))
+    frozen.setflags(write=False)
+    batches = (frozen, np.asfortranarray(frozen), frozen[::2], frozen[:1].tolist())
+    points = rng.normal(size=(3, 3))
+    fields = (
+        DangerField(robot, points),
+        DangerField(robot, lambda q: points, [1.0, 2.0, 3.0], aggregate="mean"),
+    )
+    for Q in batches:
+        for one in fields:
+            one.values_and_gradients(Q)
+            one.terms_above(Q, 0.0)
+        fields[0].link_fields(robot.keypoints_batch(Q))
+        fields[0].field(Q[0], points.T[:, :3])
+    used = (danger.dangers, field.fields, field.link_fields, field.link_distances, joints.keypoints)
+    assert [len(kernel.signatures) for kernel in used] == [1] * len(used)
+
+
+def test_compiles_without_keeping_anything_where_nothing_can_be_written(monkeypatch):
+    def no_folder(cache=False, **options):
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        return njit(**options)
+
+    monkeypatch.setattr(compiled, "njit", no_folder)
+    assert compiled.compiled(lambda x: 1 / x)(0.0) == np.inf
+
+
+def test_constants_cause_no_compilation_of_their_own():
+    @compiled.part
+    def plus(x, n):
+        return x + n
+
+    @njit
+    def three(n):
+        return plus(plus(n, 0), 3)
+
+    assert three(4) == 7
+    assert len(plus.signatures) == 1
+
+
+@pytest.fixture
+def made():
+    """Return the event that a kernel of the package, wherever it is, is compiled."""
+
+    class Dispatcher:
+        __module__ = "safe_ompl.anywhere.somewhere"
+
+    return event.Event("numba:compile", event.EventStatus.START, {"dispatcher": Dispatcher()})
+
+
+def test_the_clock_of_time_limits_stands_while_kernels_are_compiled(made):
+    """A first plan after an installation would be over before it began."""
+    compilation = compiled._Compilation()
+    compilation.on_start(made)
+    compilation.on_start(made)  # one that it calls
+    compilation.on_end(made)
+    assert compilation.seconds == 0.0
+    compilation.on_end(made)
+    once = compilation.seconds
+    assert once > 0.0
+    before = perf_counter() - compiled._compilation.seconds
+    assert before <= compiled.clock() <= perf_counter() - compiled._compilation.seconds
+
+
+@pytest.mark.parametrize("heard", ["as the kernel ends", "as the next one begins"])
+def test_ctrl_c_is_not_lost_where_the_compiler_calls_python_from_c(made, heard, monkeypatch):
+    """A command that was interrupted while machine code was written went on, and ended well 88 s later."""
+    ignored = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: ignored.append(unraisable.exc_type))
+
+    @ctypes.CFUNCTYPE(None)
+    def called_from_c():
+        os.kill(os.getpid(), signal.SIGINT)
+
+    before, compilation = signal.getsignal(signal.SIGINT), compiled._Compilation()
+    compilation.on_start(made)
+    called_from_c()
+    assert ignored == [KeyboardInterrupt], "it was lost"
+    if heard == "as the kernel ends":
+        with pytest.raises(KeyboardInterrupt):
+            compilation.on_end(made)
+    else:
+        with pytest.raises(KeyboardInterrupt):
+            compilation.on_start(made)
+        compilation.on_end(made)
+        compilation.on_end(made)
+    assert signal.getsignal(signal.SIGINT) is before
+    compilation.on_start(made)
+    compilation.on_end(made)
+
+
+CALLER = """
+from safe_ompl.common.compilation import compiled
+from safe_ompl.third.callee import one
+
+
+@compiled
+def two(x):
+    return one(x) + one(x)
+"""
+CALLEE = """
+from safe_ompl.common.compilation import (
+    part,
+)
+
+
+@part
+def one(x):
+    return {} * x
+"""
+
+
+def test_a_kernel_is_compiled_anew_when_what_it_calls_in_another_folder_changes(tmp_path):
+    """What it calls is compiled into it: else a stale proof would run."""
+    package = tmp_path / "safe_ompl"
+    shutil.copytree(Path(safe_ompl.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder, name, text in (("other", "caller", CALLER), ("third", "callee", CALLEE.format(1.0))):
+        (package / folder).mkdir()
+        (package / folder / "__init__.py").touch()
+        (package / folder / f"{name}.py").write_text(text)
+    program = "from safe_ompl.other.caller import two; print(two(1.0), sum(two.stats.cache_hits.values()))"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+
+    def answer():
+        done = subprocess.run(
+            [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True
+        )
+        assert not done.returncode, done.stderr
+        return done.stdout.split()
+
+    assert [answer(), answer()] == [["2.0", "0"], ["2.0", "1"]]
+    (package / "third" / "callee.py").write_text(CALLEE.format(10.0))
+    assert answer() == ["20.0", "0"]
+    (package / "third" / "__init__.py").write_text("# no kernel\n")
+    assert answer() == ["20.0", "1"], "a file without kernels leaves them as they are"
+
+
+def test_kernels_call_and_use_nothing_of_files_that_are_not_watched():
+    """Constants of other modules are compiled into kernels, too."""
+    package = Path(safe_ompl.__file__).parent
+    files = compiled.sources(package)
+    assert Path(danger.__file__) in files
+    watched = {".".join(("safe_ompl", *file.relative_to(package).with_suffix("").parts)) for file in files}
+    for module in watched & set(sys.modules):
+        for name, value in vars(sys.modules[module]).items():
+            home = getattr(value, "__module__", None) or getattr(value, "__name__", "")
+            if home.startswith("safe_ompl") and home != compiled.__name__:
+                assert home in watched, f"{module} uses {name} of {home}"

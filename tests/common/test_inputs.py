@@ -1,0 +1,95 @@
+"""Checks of what users give: types of people's values, bounds, and messages in one voice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from safe_ompl.common import inputs
+from safe_ompl.common.errors import InputError
+
+
+@pytest.mark.parametrize("value", [3, 3.0, np.float32(3), np.int64(3), np.uint8(3), np.array(3.0)])
+def test_numbers_of_all_kinds_are_floats(value: object) -> None:
+    number = inputs.number("x", value)
+    assert number == 3.0
+    assert type(number) is float
+
+
+@pytest.mark.parametrize(
+    ("value", "bounds", "message"),
+    [
+        ("3", {}, "x must be a finite number, got '3'"),
+        (True, {}, "x must be a finite number, got True"),
+        (np.bool_(True), {}, "x must be a finite number, got np.True_"),
+        (None, {}, "x must be a finite number, got None"),
+        (float("nan"), {"at_least": 0}, "x must be a finite number >= 0, got nan"),
+        (float("inf"), {"above": 0}, "x must be a positive number, got inf"),
+        (10**400, {"at_most": 2}, "x must be a finite number <= 2, got 1000"),
+        (0, {"above": 0, "kind": "length"}, "x must be a positive length, got 0"),
+        (1, {"above": 1}, "x must be a finite number > 1, got 1"),
+        (5, {"above": 0, "at_most": 4}, "x must be a finite number in (0, 4], got 5"),
+        (-1, {"at_least": 0, "at_most": 4}, "x must be a finite number in [0, 4], got -1"),
+        (np.array([1.0]), {}, "x must be a finite number, got array([1.])"),
+        ([], {}, "x must be a finite number, got []"),
+    ],
+)
+def test_what_is_no_such_number_is_refused(value: object, bounds: dict, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        inputs.number("x", value, **bounds)
+    assert str(caught.value).startswith(message)
+
+
+def test_bounds_that_are_met_exactly() -> None:
+    assert inputs.number("x", 0, at_least=0, at_most=0) == 0.0
+    assert inputs.fraction("x", 1) == 1.0
+    assert inputs.whole_number("n", np.int64(1), at_least=1) == 1
+    assert type(inputs.whole_number("n", np.int64(1))) is int
+    assert inputs.seed(np.uint32(2**32 - 1)) == 2**32 - 1
+
+
+@pytest.mark.parametrize(
+    ("check", "message"),
+    [
+        (lambda: inputs.fraction("x", 1.1), "x must be a finite number in [0, 1], got 1.1"),
+        (lambda: inputs.whole_number("n", 3.0), "n must be a whole number, got 3.0"),
+        (lambda: inputs.whole_number("n", 0, at_least=1), "n must be a whole number >= 1, got 0"),
+        (lambda: inputs.whole_number("n", True), "n must be a whole number, got True"),
+        (lambda: inputs.seed(-1), "seed must be a whole number in [0, 4294967295], got -1"),
+        (lambda: inputs.flag("f", 1), "f must be true or false, got 1"),
+        (lambda: inputs.text("t", "  "), "t must be text that is not empty, got '  '"),
+        (lambda: inputs.text("t", 7), "t must be text that is not empty, got 7"),
+        (lambda: inputs.finite_array([[1, 2], [3]], (None,), "q"), "q must be numbers, got [[1, 2], [3]]"),
+        (lambda: inputs.finite_array(["1", "2"], (2,), "q"), "q must be numbers, got ['1', '2']"),
+        (lambda: inputs.finite_array([True, False], (2,), "q"), "q must be numbers, got [True, False]"),
+        (lambda: inputs.finite_array(None, (2,), "q"), "q must be numbers, got None"),
+        (lambda: inputs.finite_array([1, 2, 3], (None, 3), "p"), "p must have shape (any, 3), got (3,)"),
+        (lambda: inputs.finite_array([1, np.nan], (2,), "q"), "q must be finite, got [1.0, nan]"),
+    ],
+)
+def test_everything_else_speaks_alike(check, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        check()
+    assert str(caught.value) == message
+
+
+def test_flags_may_be_numpy_s() -> None:
+    assert inputs.flag("f", np.bool_(False)) is False
+
+
+def test_a_message_is_short_whatever_is_given() -> None:
+    points = np.zeros((1000, 3))
+    points[500, 2] = np.nan
+    with pytest.raises(InputError, match=r"^p must be finite, got nan at \[500, 2\]$"):
+        inputs.finite_array(points, (None, 3), "p")
+    with pytest.raises(InputError) as caught:
+        inputs.number("x", "a" * 10_000)
+    assert len(str(caught.value)) < 300
+
+
+def test_an_array_is_new_and_of_floats() -> None:
+    given = np.arange(3, dtype=np.float32)
+    array = inputs.finite_array(given, (3,), "q")
+    array[0] = 7
+    assert given[0] == 0
+    assert array.dtype == np.float64

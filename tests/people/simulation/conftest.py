@@ -1,0 +1,67 @@
+"""A Panda that goes to and fro over a table, and a replanner for it."""
+
+import pytest
+
+from safe_ompl.geometry.basic import Box, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.people.body import TrackedBody
+from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
+from safe_ompl.people.skeletons import find_skeleton
+from safe_ompl.people.tracking import Tracker
+from safe_ompl.scene.people import People
+from safe_ompl.scene.scene import Scene
+from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.timing import time_path
+
+PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
+WAYS = [
+    [-1.2, 0.0, 0, -2.0, 0, 2.2, 0.785],
+    [0.0, -0.4, 0, -2.0, 0, 2.0, 0.785],
+    [1.2, 0.0, 0, -2.0, 0, 2.2, 0.785],
+]
+ONLY = ("head", "torso", "shoulders", "right_upper_arm", "right_forearm", "right_hand")
+
+
+@pytest.fixture(scope="session")
+def table():
+    return Scene(
+        (
+            Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.1))),
+            Obstacle("ball", Sphere(0.1), Pose((1.2, 0.0, 0.5))),
+        )
+    )
+
+
+@pytest.fixture(scope="session")
+def tracker():
+    return Tracker(find_skeleton("coco17"), TrackedBody(1.75, ONLY))
+
+
+@pytest.fixture
+def replanner_for(panda, table, tracker):
+    """Return a function that makes a replanner: with a person, a ball, or both."""
+
+    def make(*who, ball=1.6, trackers=None, people=None, **options):
+        trackers = trackers or {name: tracker for name in who if name != "ball"}
+        return Replanner(
+            panda,
+            table,
+            trackers,
+            {"ball": ball} if "ball" in who else {},
+            people=People(speed=1.6) if people is None else people,
+            options=ReplanningOptions(**options),
+        )
+
+    return make
+
+
+@pytest.fixture
+def to_and_fro(panda):
+    """Return a function that makes the trajectories there and back for a replanner."""
+
+    def make(replanner):
+        limits = RateLimits.of(panda, acceleration=PANDA_ACCELERATIONS)
+        return [time_path(way, panda, limits, motion=replanner.motion) for way in (WAYS, WAYS[::-1])]
+
+    return make

@@ -1,0 +1,343 @@
+"""SafeJTRRT: what it solves, how it steps, what danger changes, and what it says where it cannot plan."""
+
+import logging
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from ompl import base as ob
+
+from safe_ompl.common.errors import InputError
+from safe_ompl.geometry.basic import Box, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.ompl.states import ScratchState
+from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
+from safe_ompl.planning.planners.registry import make_planner
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene.scene import Scene
+
+START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
+POSITION = np.array([0.35, -0.45, 0.35])
+ROTATION = pin.rpy.rpyToMatrix(3.0, 0.2, -0.4)
+FAR = [1.1, 0.0, 0.5]  # out of reach, but not provably so
+
+PANDA_START = np.array([1.2, 0.1, 0.0, -1.7, 0.0, 2.0, 0.785])
+PANDA_POSITION = np.array([0.25, -0.5, 0.4])
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Scene(
+        (
+            Obstacle("ball", Sphere(0.12), Pose((0.5, 0.0, 0.55)), weight=1.0),
+            Obstacle("shelf", Box((0.3, 0.6, 0.02)), Pose((0.5, 0.0, 0.1))),
+        )
+    )
+
+
+@pytest.fixture(scope="module")
+def far_ball():
+    """Danger, but nothing in the way."""
+    return Scene((Obstacle("ball", Sphere(0.02), Pose((0.9, 0.0, 0.9)), weight=1.0),))
+
+
+@pytest.fixture
+def setup(ur5, scene):
+    setup = SafeSetup(ur5, scene)
+    setup.setStartConfiguration(START)
+    setup.setWorkspaceGoal(POSITION)
+    return setup
+
+
+def panda_setup(panda, scene, rotation=None):
+    setup = SafeSetup(panda, scene)
+    setup.setStartConfiguration(PANDA_START)
+    setup.setWorkspaceGoal(PANDA_POSITION, rotation)
+    return setup
+
+
+def tips(robot, path):
+    return np.array([robot.tip_pose(q).translation for q in path])
+
+
+# ------------------------------------------------------------------------------------------------ what it can solve
+
+
+@pytest.mark.parametrize("rotation", [None, ROTATION])
+@pytest.mark.parametrize("planner", ["SafeJTRRT", "ClassicJTRRT"])
+def test_the_path_leads_from_the_start_to_the_place(setup, ur5, planner, rotation):
+    setup.setWorkspaceGoal(POSITION, rotation, tolerance=0.005)
+    for seed in range(5):
+        result = setup.plan(planner, time=10.0, seed=seed)
+        assert result.status == "Exact solution"
+        np.testing.assert_array_equal(result.path[0], START)
+        assert setup.getGoal().place.distance(result.path[-1]) < 0.005
+        assert result.report.certified
+        assert all(ur5.within_limits(q, 0.0).all() for q in result.path)
+        assert result.counts.nodes > 0
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "slider"])
+def test_robots_of_other_kinds(robot_named, rng, name):
+    robot = robot_named(name)
+    setup = SafeSetup(robot, Scene(()), danger=None)
+    ends = []
+    while len(ends) < 2:
+        q = robot.lower + (robot.upper - robot.lower) * rng.random(robot.n)
+        if not setup.checker.in_collision(q):
+            ends.append(q)
+    setup.setStartConfiguration(ends[0])
+    setup.setWorkspaceGoal(robot.tip_pose(ends[1]).translation)
+    for planner in ("SafeJTRRT", "ClassicJTRRT"):
+        result = setup.plan(planner, time=10.0)
+        assert result.status == "Exact solution"
+        assert result.report.certified
+
+
+def test_with_nothing_in_the_way_the_tip_goes_straight(panda, far_ball):
+    """The known answer: J† takes the tip along the line, whatever the null space does for safety."""
+    setup = panda_setup(panda, far_ball)
+    result = setup.plan("SafeJTRRT", parameters={"goal_bias": 1.0, "step": 0.05})
+    path = tips(panda, result.path)
+    way = path[-1] - path[0]
+    offset = path - path[0]
+    along = offset @ way / (way @ way)
+    assert (np.diff(along) > 0).all()
+    assert np.linalg.norm(offset - along[:, None] * way, axis=1).max() < 0.01
+    assert np.linalg.norm(way - (PANDA_POSITION - path[0])) < 0.01
+    assert result.counts.nodes == len(path) - 1
+
+
+def test_steps_are_no_longer_than_asked(setup, ur5):
+    path = setup.plan(
+        "SafeJTRRT", parameters={"goal_bias": 1.0, "step": 0.07, "range": 0.2, "slide": 0.0}
+    ).path
+    lengths = [np.linalg.norm(b - a) for a, b in pairwise(path)]
+    assert max(lengths) <= 0.2 + 1e-9
+    assert sum(length <= 0.07 + 1e-9 for length in lengths) > 5
+
+
+def test_a_start_at_the_place_is_the_path(setup, ur5):
+    setup.setWorkspaceGoal(ur5.tip_pose(START).translation)
+    result = setup.plan("SafeJTRRT")
+    assert result.status == "Exact solution"
+    assert len(result.path) == 1
+
+
+def test_the_same_seed_gives_the_same_path(setup):
+    first, other, again = (setup.plan("SafeJTRRT", seed=seed).path for seed in (1, 2, 1))
+    np.testing.assert_array_equal(first, again)
+    assert first.shape != other.shape or not np.allclose(first, other)
+
+
+def test_it_goes_on_with_its_tree_after_the_time_is_up(setup):
+    planner = make_planner("SafeJTRRT", setup.getSpaceInformation())
+    setup.setPlanner(planner)
+    setup.setup()
+    assert setup.solve(1e-9).asString() == "Timeout"
+    assert setup.solve(10.0).asString() == "Exact solution"
+    kept = planner.counts.nodes
+    assert setup.solve(1.0).asString() == "Exact solution"
+    assert planner.counts.nodes == kept
+
+
+def test_another_place_is_reached_with_the_same_tree(setup, ur5):
+    planner = make_planner("SafeJTRRT", setup.getSpaceInformation())
+    setup.setPlanner(planner)
+    assert setup.solve(10.0).asString() == "Exact solution"
+    setup.getProblemDefinition().clearSolutionPaths()
+    setup.setWorkspaceGoal([0.4, 0.4, 0.4])
+    assert setup.solve(10.0).asString() == "Exact solution"
+    np.testing.assert_allclose(ur5.tip_pose(setup.solution()[-1]).translation, [0.4, 0.4, 0.4], atol=0.01)
+
+
+def test_no_node_is_chosen_twice_for_the_goal(setup):
+    setup.setWorkspaceGoal(FAR)
+    planner = SafeJTRRT(setup.getSpaceInformation(), goal_bias=0.5)
+    chosen = []
+    choose = planner._best_for_goal
+    planner._best_for_goal = lambda: chosen.append(choose()) or chosen[-1]
+    assert not setup.plan(planner, time=0.5)
+    nodes = [node for node in chosen if node is not None]
+    assert len(nodes) > 10
+    assert len(set(nodes)) == len(nodes)
+
+
+# ------------------------------------------------------------------------------------------------------------ danger
+
+
+def test_null_space_motion_makes_the_way_safer(panda, far_ball):
+    """Everything else equal: the same straight way of the tip, with and without k₁."""
+    setup = panda_setup(panda, far_ball)
+    only_goal = {"goal_bias": 1.0}
+    safe, plain = (
+        setup.plan("SafeJTRRT", parameters={**only_goal, "null_space_gain": k1}).report.danger
+        for k1 in (1.0, 0.0)
+    )
+    assert safe.mean < plain.mean
+    assert safe.profile[-1] < 0.98 * plain.profile[-1]
+
+
+def test_the_safe_planner_is_much_safer_than_the_classical_one():
+    handover = setup_scenario(Scenario.load(find_scenario("ur5_handover")))
+    safe, classic = (
+        np.mean([handover.plan(planner, time=10.0, seed=seed).report.danger.mean for seed in range(6)])
+        for planner in ("SafeJTRRT", "ClassicJTRRT")
+    )
+    assert safe < 0.7 * classic
+
+
+def test_the_classical_planner_does_not_look_at_danger(setup, ur5, scene):
+    blind = SafeSetup(ur5, scene, danger=None)
+    blind.setStartConfiguration(START)
+    blind.setWorkspaceGoal(POSITION)
+    result = setup.plan("ClassicJTRRT", seed=5)
+    np.testing.assert_array_equal(result.path, blind.plan("ClassicJTRRT", seed=5).path)
+    assert result.counts.field_configurations == 0
+
+
+def test_the_classical_step_follows_the_transpose(setup, ur5):
+    """With the goal bias at 1 every step of the path is Jᵀ times the tip's error, scaled."""
+    path = setup.plan("ClassicJTRRT", parameters={"goal_bias": 1.0, "step": 0.05}).path
+    place = setup.getGoal().place
+    straight = [
+        (b - a)
+        @ (pull := place.jacobian(a).T @ place.error(a))
+        / np.linalg.norm(b - a)
+        / np.linalg.norm(pull)
+        for a, b in pairwise(path)
+        if np.linalg.norm(b - a) <= 0.05 + 1e-9
+    ]
+    assert len(straight) > 10
+    assert min(straight) > 1 - 1e-9
+
+
+def test_no_node_is_as_dangerous_as_the_threshold(setup):
+    """With danger out of the choice of nodes, so that only the threshold can keep the arm from it."""
+    plain = {"alpha": 0.0, "null_space_gain": 0.0, "transpose": True}
+    peak = max(
+        setup.field.values(setup.plan("SafeJTRRT", seed=seed, parameters=plain).path).max()
+        for seed in range(5)
+    )
+    threshold = 0.5 * (setup.field.value(START) + peak)
+    assert peak > 1.05 * threshold
+    for seed in range(5):
+        path = setup.plan("SafeJTRRT", seed=seed, parameters={**plain, "danger_threshold": threshold}).path
+        assert setup.field.values(path).max() < threshold
+
+
+def test_a_start_above_the_threshold_may_only_become_safer(setup):
+    threshold = 0.9 * setup.field.value(START)
+    path = setup.plan("SafeJTRRT", time=10.0, parameters={"danger_threshold": threshold}).path
+    danger = setup.field.values(path)
+    assert all(b < max(threshold, a) for a, b in pairwise(danger))
+
+
+def test_without_a_danger_objective_it_plans_all_the_same(ur5, scene):
+    setup = SafeSetup(ur5, scene, danger=None)
+    setup.setStartConfiguration(START)
+    setup.setWorkspaceGoal(POSITION)
+    assert setup.plan("SafeJTRRT", time=10.0)
+
+
+# -------------------------------------------------------------------------------------------------- what it cannot do
+
+
+@pytest.mark.parametrize("planner", ["SafeJTRRT", "ClassicJTRRT"])
+def test_out_of_reach_it_says_that_time_is_up(setup, planner):
+    setup.setWorkspaceGoal(FAR, ROTATION)
+    result = setup.plan(planner, time=0.3)
+    assert result.status == "Timeout"
+    assert result.path is None
+
+
+def test_a_place_within_an_obstacle_is_not_reached(setup):
+    setup.setWorkspaceGoal([0.5, 0.0, 0.55], tolerance=0.005)
+    assert setup.plan("SafeJTRRT", time=0.3).status == "Timeout"
+
+
+def test_without_null_space_it_says_so_and_goes_on(setup, panda, scene, caplog):
+    with caplog.at_level(logging.INFO, "safe_ompl"):
+        setup.setWorkspaceGoal(POSITION, ROTATION)
+        assert setup.plan("SafeJTRRT", time=10.0)
+        assert "takes all 6 joints and leaves no null space" in caplog.text
+        caplog.clear()
+        setup.setWorkspaceGoal(POSITION)
+        assert setup.plan("SafeJTRRT", time=10.0)
+        assert panda_setup(panda, scene, ROTATION).plan("SafeJTRRT", time=10.0)
+        assert "null space" not in caplog.text
+
+
+@pytest.mark.parametrize("place_first", [True, False])
+def test_solve_plans_to_the_place_though_there_are_goal_configurations_too(setup, place_first):
+    place = setup.getGoal().place
+    setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
+    if not place_first:
+        setup.setWorkspaceGoal(POSITION)
+    setup.setPlanner(make_planner("SafeJTRRT", setup.getSpaceInformation()))
+    assert setup.solve(10.0).asString() == "Exact solution"
+    assert place.distance(setup.solution()[-1]) < setup.getGoal().tolerance
+    setup.simplifySolution(0.1, free_goal=True)
+    assert place.distance(setup.solution()[-1]) < setup.getGoal().tolerance
+
+
+def test_solve_plans_to_a_goal_of_ones_own(setup):
+    own = ob.GoalStates(setup.getSpaceInformation())
+    setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
+    own.addState(ScratchState(setup.wiring.bridge).set(START * [-1, 1, 1, 1, 1, 1]))
+    setup.setGoal(own)
+    setup.setPlanner(make_planner("SafeJTRRT", setup.getSpaceInformation()))
+    assert setup.solve(1.0).asString() == "Unrecognized goal type"
+
+
+def test_goal_configurations_are_refused(ur5, scene, caplog):
+    setup = SafeSetup(ur5, scene)
+    setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
+    assert setup.plan("SafeJTRRT").status == "Unrecognized goal type"
+    assert "SafeJTRRT plans to a WorkspaceGoal, not to a GoalStates" in caplog.text
+
+
+def test_an_invalid_start_is_reported(setup):
+    setup.getSpaceInformation().setStateValidityChecker(lambda state: False)
+    assert setup.plan("SafeJTRRT").status == "Invalid start"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"step": 0.0}, "step must be a positive number, got 0.0"),
+        ({"step": np.nan}, "step must be a positive number, got nan"),
+        ({"goal_bias": 1.5}, r"goal_bias must be a finite number in \[0, 1\], got 1.5"),
+        ({"null_space_gain": -1.0}, "null_space_gain must be a finite number >= 0, got -1.0"),
+        ({"danger_threshold": 0.0}, "danger_threshold must be a positive number, got 0.0"),
+        ({"danger_threshold": np.nan}, "danger_threshold must be a positive number, got nan"),
+    ],
+)
+def test_parameters_that_make_no_sense(setup, options, message):
+    with pytest.raises(InputError, match=message):
+        SafeJTRRT(setup.getSpaceInformation(), **options)
+
+
+def test_parameters_can_be_read_back(setup):
+    planner = SafeJTRRT(
+        setup.getSpaceInformation(),
+        step=0.05,
+        goal_bias=0.3,
+        null_space_gain=2.0,
+        danger_threshold=9.0,
+        transpose=True,
+        alpha=0.5,
+        range=0.4,
+    )
+    assert planner.getStep() == 0.05
+    assert planner.getGoalBias() == 0.3
+    assert planner.getNullSpaceGain() == 2.0
+    assert planner.getDangerThreshold() == 9.0
+    assert planner.getTranspose() is True
+    assert planner.getAlpha() == 0.5
+    assert planner.getRange() == 0.4
+    assert isinstance(planner, ob.Planner)

@@ -1,0 +1,218 @@
+"""The life of planners and setups: solving again, clearing, other problems, threads, processes, and their ends."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import pickle
+import threading
+import weakref
+from typing import Any
+
+import numpy as np
+import pytest
+from ompl import base as ob
+from ompl import util as ou
+
+from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.scene.scenario import Scenario, find_scenario
+
+OURS = [name for name in planner_names() if is_ours(name)]
+SAFE = [name for name in OURS if not name.startswith("Classic")]
+MOTION = np.array([0.4, 0.2, -0.15])  # short enough for every planner to find in no time
+
+
+def load() -> Scenario:
+    return Scenario.load(find_scenario("planar3"))
+
+
+def build(planner: str, scenario: Scenario | None = None) -> SafeSetup:
+    scenario = scenario or load()
+    setup = SafeSetup(scenario.build_robot(), scenario.scene)
+    start = scenario.start_configuration(setup.robot)
+    if needs_place(planner):
+        setup.setStartConfiguration(start)
+        setup.setWorkspaceGoal(setup.robot.tip_pose(start + MOTION).translation)
+    else:
+        setup.setConfigurations(start, start + MOTION)
+    return setup
+
+
+def solved(setup: SafeSetup) -> np.ndarray:
+    assert setup.solve(10.0).getStatus() == ob.PlannerStatus.EXACT_SOLUTION
+    path = setup.solution()
+    assert setup.report(path).certified
+    return path
+
+
+def with_planner(name: str, seed: int = 0) -> tuple[SafeSetup, Any]:
+    setup = build(name)
+    planner = make_planner(name, setup.getSpaceInformation())
+    planner.setSeed(seed)
+    setup.setPlanner(planner)
+    return setup, planner
+
+
+def rows(graph: Any) -> set[bytes]:
+    return {q.tobytes() for q in graph.configurations}
+
+
+def path_of(planner: str, seed: int, scenario: Scenario | None = None) -> np.ndarray:
+    return build(planner, scenario).plan(planner, time=20.0, seed=seed).path
+
+
+def send_path(pipe: Any, planner: str, seed: int) -> None:
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    pipe.send(path_of(planner, seed))
+
+
+# ------------------------------------------------------------------------------------------------ solving again
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_solving_again_goes_on_with_what_there_is(name: str) -> None:
+    setup, planner = with_planner(name)
+    solved(setup)
+    before = rows(planner.plannerGraph())
+    solved(setup)
+    assert before <= rows(planner.plannerGraph())
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_clear_forgets(name: str) -> None:
+    setup, planner = with_planner(name)
+    solved(setup)
+    setup.clear()
+    assert not setup.haveSolutionPath()
+    assert rows(planner.plannerGraph()) == set()
+    assert planner.counts.nodes == 0
+    solved(setup)
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_after_clear_query_the_query_is_taken_again(name: str) -> None:
+    setup, planner = with_planner(name)
+    solved(setup)
+    planner.clearQuery()
+    setup.getProblemDefinition().clearSolutionPaths()
+    solved(setup)
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_another_problem(name: str) -> None:
+    setup, _ = with_planner(name)
+    solved(setup)
+    start = load().start_configuration(setup.robot) + np.array([0.05, 0.05, 0.0])
+    setup.clear()
+    if needs_place(name):
+        setup.setStartConfiguration(start)
+    else:
+        setup.setConfigurations(start, start + MOTION)
+    path = solved(setup)
+    np.testing.assert_array_equal(path[0], start)
+    if not needs_place(name):
+        np.testing.assert_array_equal(path[-1], start + MOTION)
+
+
+# --------------------------------------------------------------------------------------------------------- ends
+
+
+@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("first", ["planner", "setup", "both"])
+def test_any_order_of_ends(name: str, first: str) -> None:
+    setup, planner = with_planner(name)
+    path = solved(setup)
+    if first == "planner":
+        del planner
+        gc.collect()
+        solved(setup)
+        del setup
+    elif first == "setup":
+        del setup
+        gc.collect()
+        assert len(planner.plannerGraph().configurations)
+        planner.clear()
+        del planner
+    else:
+        del planner, setup
+    gc.collect()
+    assert len(path) >= 2
+
+
+@pytest.mark.parametrize("name", [*OURS, "TRRT", "BiTRRT", "GradienTRRT"])
+def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name: str) -> None:
+    planner = make_planner(name, build(name).getSpaceInformation())
+    part = weakref.ref(planner._problem)
+    gc.disable()
+    try:
+        del planner
+        assert part() is None
+    finally:
+        gc.enable()
+
+
+# ------------------------------------------------------------------------ the same seed, the same path, wherever
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_in_any_order_and_in_two_setups_at_once(name: str) -> None:
+    one, other = build(name), build(name)
+    first = [setup.plan(name, time=20.0, seed=seed).path for setup, seed in ((one, 1), (other, 2), (one, 3))]
+    again = [setup.plan(name, time=20.0, seed=seed).path for setup, seed in ((other, 3), (one, 2), (one, 1))]
+    for path, same in zip(first, again[::-1], strict=True):
+        np.testing.assert_array_equal(path, same)
+
+
+@pytest.mark.parametrize("name", SAFE)
+def test_in_threads(name: str) -> None:
+    expected = [path_of(name, seed) for seed in (1, 2)]
+    found: dict[int, np.ndarray] = {}
+
+    def work(seed: int) -> None:
+        found[seed] = path_of(name, seed)
+
+    threads = [threading.Thread(target=work, args=(seed,)) for seed in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    for seed, path in zip((1, 2), expected, strict=True):
+        np.testing.assert_array_equal(found[seed], path)
+
+
+@pytest.mark.parametrize("name", SAFE)
+def test_in_a_process_that_is_forked(name: str) -> None:
+    np.testing.assert_array_equal(path_in_process("fork", name), path_of(name, 4))
+
+
+def test_in_a_process_that_is_spawned() -> None:
+    np.testing.assert_array_equal(path_in_process("spawn", "SafePRM"), path_of("SafePRM", 4))
+
+
+def path_in_process(method: str, name: str) -> np.ndarray:
+    context = multiprocessing.get_context(method)
+    ours, theirs = context.Pipe()
+    process = context.Process(target=send_path, args=(theirs, name, 4))
+    process.start()
+    theirs.close()
+    path = ours.recv()
+    process.join(60)
+    assert process.exitcode == 0
+    return path
+
+
+@pytest.mark.parametrize("name", SAFE)
+def test_from_a_problem_that_was_pickled(name: str) -> None:
+    scenario = load()
+    travelled = pickle.loads(pickle.dumps(scenario))
+    np.testing.assert_array_equal(path_of(name, 5, travelled), path_of(name, 5, scenario))
+    robot, scene = (pickle.loads(pickle.dumps(part)) for part in (scenario.build_robot(), scenario.scene))
+    assert robot.joint_names == scenario.build_robot().joint_names
+    assert scene == scenario.scene
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_the_seed_is_in_the_report(name: str) -> None:
+    result = build(name).plan(name, time=20.0, seed=77)
+    assert result.seed == result.as_dict()["seed"] == 77

@@ -1,0 +1,26 @@
+"""Plans again and again with the planner that is named, until Ctrl-C; then plans once more."""
+
+import sys
+
+from ompl import util as ou
+
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.scene.scenario import Scenario, find_scenario
+
+
+def main(name: str) -> None:
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    setup.plan(name, time=0.3)
+    try:
+        print("ready", flush=True)
+        while True:
+            setup.clear()
+            setup.solve(60.0)
+    except KeyboardInterrupt:
+        print("interrupted")
+    result = setup.plan(name, time=0.5, seed=1)
+    assert not result or result.report.certified
+
+
+main(sys.argv[1])

@@ -1,0 +1,29 @@
+"""Plan with OMPL's PRM in a plain SimpleSetup that has our checkers and, if asked for, our objective."""
+
+import sys
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+
+from safe_ompl.apps.cli.arguments import load_scenario
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.ompl.motion import CertifiedMotionValidator
+from safe_ompl.planning.ompl.objective import DangerObjective
+from safe_ompl.planning.ompl.states import StateBridge, joint_space
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+
+ours = setup_scenario(load_scenario("planar2"))
+setup = og.SimpleSetup(joint_space(ours.robot))
+si, bridge = setup.getSpaceInformation(), StateBridge(setup.getStateSpace())
+validity, validator = CollisionFreeValidity(si, ours.checker), CertifiedMotionValidator(si, ours.checker)
+setup.setStateValidityChecker(validity)
+si.setMotionValidator(validator)
+if sys.argv[1:] == ["danger"]:
+    setup.setOptimizationObjective(DangerObjective(si, ours.field))
+ends = [setup.getStateSpace().allocState() for _ in range(2)]
+for state, q in zip(ends, (ours.problem.start, ours.problem.goals[0]), strict=True):
+    bridge.write(np.asarray(q), state)
+setup.setStartAndGoalStates(*ends)
+setup.setPlanner(og.PRM(si))
+print(setup.solve(5.0) == ob.PlannerStatus.EXACT_SOLUTION, flush=True)

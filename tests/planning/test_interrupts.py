@@ -1,0 +1,268 @@
+"""Ctrl-C and exceptions of the user's callbacks end planning at once, arrive unchanged, and leave all intact."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from safe_ompl.apps.benchmark.campaign import Campaign
+from safe_ompl.apps.cli.program import main
+from safe_ompl.paths.simplify.simplifier import Simplifier
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.ompl.goals import WorkspaceGoal
+from safe_ompl.planning.ompl.motion import CertifiedMotionValidator
+from safe_ompl.planning.ompl.objective import DangerObjective
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
+from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.planning.run import Interrupts
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.scene.scenario import Scenario, find_scenario
+
+PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]
+PROGRAM = Path(__file__).parent / "programs" / "interrupted.py"
+
+
+def looks_until_interrupted(setup: SafeSetup, planner: str, delay: float, ticks: Any) -> int:
+    """Plan until an alarm, handled as Ctrl-C is, and return how often a planner looked at the clock after that."""
+
+    def interrupt(*_: object) -> None:
+        noticed.append(ticks.looks)
+        raise KeyboardInterrupt
+
+    noticed: list[int] = []
+    signal.signal(signal.SIGALRM, interrupt)
+    setup.prepare(planner, 0)
+    try:
+        # Again and again: a signal that gets lost must not hang the test.
+        signal.setitimer(signal.ITIMER_REAL, delay, 1.0)
+        while True:
+            setup.clear()
+            assert setup.solve(1e6)
+    except KeyboardInterrupt:
+        return ticks.looks - noticed[0]
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_ctrl_c_ends_planning_at_once(planner: str, ticks: Any) -> None:
+    setup, rng = setup_scenario(Scenario.load(find_scenario("planar3"))), np.random.default_rng(7)
+    setup.plan(
+        planner, time=1.0
+    )  # loads kernels: Numba turns an interrupt while it does so into a SystemError
+    for delay in rng.uniform(0.01, 0.15, 4):
+        assert looks_until_interrupted(setup, planner, delay, ticks) <= 1
+        assert not setup.haveSolutionPath() or setup.report(setup.solution()).certified
+        result = setup.plan(planner, time=0.1)
+        assert not result or result.report.certified
+
+
+def test_a_program_that_was_interrupted_ends_quietly() -> None:
+    program = subprocess.Popen(
+        [sys.executable, str(PROGRAM), "BITstar"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert program.stdout.readline() == "ready\n", program.stderr.read()
+        program.send_signal(signal.SIGINT)
+        output, errors = program.communicate(timeout=30)
+    finally:
+        program.kill()
+    assert (program.returncode, output, errors) == (0, "interrupted\n", "")
+
+
+class FirstOfAllError(Exception):
+    """What a user's callback raises."""
+
+
+class Fuse:
+    """Raises at the k-th call, once."""
+
+    def __init__(self, k: int) -> None:
+        self.left = k
+
+    def burn(self) -> None:
+        self.left -= 1
+        if self.left == 0:
+            raise FirstOfAllError("of all")
+
+
+def broken_checker(setup: SafeSetup, fuse: Fuse) -> None:
+    class Broken(CollisionFreeValidity):
+        def isValid(self, state: Any) -> bool:
+            fuse.burn()
+            return super().isValid(state)
+
+    setup.setStateValidityChecker(Broken(setup.getSpaceInformation(), setup.checker))
+
+
+def broken_lambda(setup: SafeSetup, fuse: Fuse) -> None:
+    inner = CollisionFreeValidity(setup.getSpaceInformation(), setup.checker)
+    setup.setStateValidityChecker(lambda state: fuse.burn() or inner.isValid(state))
+
+
+def broken_validator(setup: SafeSetup, fuse: Fuse) -> None:
+    class Broken(CertifiedMotionValidator):
+        def checkMotion(self, start: Any, end: Any) -> bool:
+            fuse.burn()
+            return super().checkMotion(start, end)
+
+    si = setup.getSpaceInformation()
+    si.setMotionValidator(Broken(si, setup.checker))
+
+
+def broken_objective(setup: SafeSetup, fuse: Fuse) -> None:
+    class Broken(DangerObjective):
+        def stateCost(self, state: Any) -> Any:
+            fuse.burn()
+            return super().stateCost(state)
+
+        def motionCost(self, start: Any, end: Any) -> Any:
+            fuse.burn()
+            return super().motionCost(start, end)
+
+        def values(self, configurations: Any) -> Any:
+            fuse.burn()
+            return super().values(configurations)
+
+    setup.setOptimizationObjective(Broken(setup.getSpaceInformation(), setup.field))
+
+
+def broken_goal(setup: SafeSetup, fuse: Fuse) -> None:
+    class Broken(WorkspaceGoal):
+        def sampleGoal(self, state: Any) -> None:
+            fuse.burn()
+            super().sampleGoal(state)
+
+        def distanceGoal(self, state: Any) -> float:
+            fuse.burn()
+            return super().distanceGoal(state)
+
+    setup.setGoal(Broken(setup.getSpaceInformation(), setup.robot, [0.465, -0.875, 0.0], seed=0))
+
+
+BREAKERS: dict[str, Callable[[SafeSetup, Fuse], None]] = {
+    "checker": broken_checker,
+    "lambda": broken_lambda,
+    "validator": broken_validator,
+    "objective": broken_objective,
+    "goal": broken_goal,
+}
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_an_exception_of_a_callback_arrives_unchanged(planner: str) -> None:
+    scenario = Scenario.load(find_scenario("planar3"))
+    raised = []
+    for what, k in itertools.product(BREAKERS, (1, 7)):
+        if what == "lambda" and "Bubble" in planner:  # it asks the checker for distances
+            continue
+        setup = setup_scenario(scenario)
+        if needs_place(planner):
+            setup.setWorkspaceGoal(scenario.goal.position)
+        fuse = Fuse(10**9)
+        BREAKERS[what](setup, fuse)
+        setup.setPlanner(make_planner(planner, setup.getSpaceInformation()))
+        setup.setup()
+        fuse.left = k
+        try:
+            setup.solve(1.0 if planner.startswith(("Safe", "Classic", "Bubble")) else 0.1)
+        except FirstOfAllError as error:
+            raised.append((what, str(error), setup.haveSolutionPath()))
+        else:
+            assert fuse.left > 0, f"{what}: the exception of call {k} was lost"
+        fuse.left = 10**9
+        setup.solve(0.1)
+        assert not setup.haveExactSolutionPath() or setup.report(setup.solution()).certified
+    assert len(raised) >= 2
+    assert {(message, solved) for _, message, solved in raised} == {("of all", False)}
+
+
+# --------------------------------------------------------------------- while a path that is found is made better
+
+
+@pytest.fixture
+def ctrl_c_while_simplifying(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Press Ctrl-C, once, in the middle of a simplification; return what was said later to who asked about stopping."""
+    begin, pressed, said = Simplifier.begin, [], list[bool]()
+
+    def interrupted(self: Simplifier, path: Any, stop: Callable[[], bool], *rest: Any, **options: Any) -> Any:
+        def asked() -> bool:
+            if not pressed:
+                pressed.append(True)
+                signal.raise_signal(signal.SIGINT)
+            said.append(stop())
+            return said[-1]
+
+        return begin(self, path, asked, *rest, **options)
+
+    monkeypatch.setattr(Simplifier, "begin", interrupted)
+    return said
+
+
+@pytest.mark.parametrize("options", [{"simplify": True}, {"optimise": 60.0}])
+def test_ctrl_c_leaves_the_best_path_so_far(
+    ctrl_c_while_simplifying: list[bool], options: dict[str, Any]
+) -> None:
+    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    before = signal.getsignal(signal.SIGINT)
+    result = setup.plan(time=20.0, seed=0, **options)
+    assert all(ctrl_c_while_simplifying)
+    assert len(ctrl_c_while_simplifying) < 5
+    assert result.report.certified
+    assert result.interrupted
+    assert result.as_dict()["interrupted"] is True
+    assert signal.getsignal(signal.SIGINT) is before
+    assert not setup.plan(time=20.0, seed=0, simplify=0.1).interrupted
+
+
+def test_ctrl_c_before_there_is_a_path_leaves_nothing() -> None:
+    class Endless(SafeRRTConnect):
+        def _search(self, ptc: Any) -> None:
+            signal.raise_signal(signal.SIGINT)
+            while not ptc():
+                pass
+
+    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
+    for options in ({}, {"simplify": True}, {"optimise": 60.0}):
+        with pytest.raises(KeyboardInterrupt):
+            setup.plan(Endless(setup.getSpaceInformation()), time=60.0, **options)
+
+
+def test_ctrl_c_ends_all_the_runs_of_a_campaign(ctrl_c_while_simplifying: list[bool]) -> None:
+    campaign = Campaign(Scenario.load(find_scenario("planar3")), ("SafeRRTConnect",), 5, simplify=True)
+    with pytest.raises(KeyboardInterrupt):
+        list(campaign.results())
+
+
+@pytest.mark.parametrize("option", [["--simplify"], ["--optimise", "60"]])
+def test_the_command_line_says_that_it_was_interrupted(
+    ctrl_c_while_simplifying: list[bool], capfd: pytest.CaptureFixture[str], option: list[str]
+) -> None:
+    assert main(["plan", "planar3", *option]) == 0
+    out, err = capfd.readouterr()
+    assert "every motion proven free" in out
+    assert err == "safe-ompl: interrupted: the best path so far stands\n"
+
+
+def test_in_a_thread_ctrl_c_is_not_looked_for() -> None:
+    def work() -> None:
+        with Interrupts() as interrupts:
+            handlers.append(signal.getsignal(signal.SIGINT))
+        assert not interrupts.happened
+
+    handlers: list[Any] = []
+    before = signal.getsignal(signal.SIGINT)
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert handlers == [before]

@@ -1,0 +1,200 @@
+"""The parts of SafeSetup, each alone: wiring, problem, simplification, timing, and a run."""
+
+import logging
+
+import numpy as np
+import pytest
+from ompl import base as ob
+from ompl import geometric as og
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.collision.separation import Separation
+from safe_ompl.common.errors import CollisionError, InputError, PlanningError, UnknownNameError
+from safe_ompl.danger.certified import DangerLimit
+from safe_ompl.danger.field import DangerField
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning.ompl.constraints import Constraints
+from safe_ompl.planning.ompl.goals import WorkspaceGoal
+from safe_ompl.planning.ompl.states import joint_space
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl.planning.optimise import Simplification, Timing
+from safe_ompl.planning.planners.registry import make_planner
+from safe_ompl.planning.problem import Problem
+from safe_ompl.planning.run import Run, seconds, simplification_time, stopping, termination
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.planning.wiring import Wiring
+from safe_ompl.scene.constraints import MotionLimits
+
+START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
+GOAL = START * [-1, 1, 1, 1, 1, 1]
+IN_BALL = START * [0, 1, 1, 1, 1, 1]
+
+
+class Plain(og.SimpleSetup):
+    """OMPL's setup, of a class of Python's."""
+
+
+@pytest.fixture
+def plain(ur5):
+    return Plain(joint_space(ur5))
+
+
+@pytest.fixture
+def wiring(plain, ur5, scene):
+    return Wiring(plain.getSpaceInformation(), CollisionChecker(ur5, scene))
+
+
+@pytest.fixture
+def problem(plain, wiring):
+    return Problem(plain, wiring)
+
+
+# ---------------------------------------------------------------------------------------------------------- wiring
+
+
+def test_what_the_user_sets_is_adopted_once_and_asked_beside_ours(plain, wiring):
+    si = plain.getSpaceInformation()
+    assert si.getStateValidityChecker() is wiring.validity
+    assert not wiring.adopt()
+    si.setStateValidityChecker(lambda state: False)
+    assert wiring.adopt()
+    assert not wiring.adopt()
+    assert si.getStateValidityChecker() is wiring.validity
+    assert not wiring.check.allows(START)
+    assert len(wiring.constraints.user) == 1
+    assert len(wiring.validator.getConstraints().user) == 1
+    si.setStateValidityChecker(CollisionFreeValidity(si, wiring.checker))
+    assert wiring.adopt()
+    assert wiring.constraints == Constraints()
+
+
+def test_another_resolution_replaces_the_sampling_alone(wiring):
+    wiring.put_user_checker(lambda state: True)
+    wiring.resolution = 0.2
+    (check,) = wiring.constraints.user
+    assert check.resolution == wiring.resolution == 0.2
+
+
+def test_what_cannot_be_put_in_place_leaves_both_plugins(wiring):
+    motion, before = wiring.validator.motion, wiring.constraints
+    with pytest.raises(UnknownNameError, match="nobody"):
+        wiring.put(Constraints(Separation(speeds={"nobody": 1.0}, time=1.0)))
+    assert wiring.constraints is before
+    assert wiring.validator.motion is motion
+
+
+# --------------------------------------------------------------------------------------------------------- problem
+
+
+def test_a_problem_gives_ompl_its_start_and_goals(plain, problem):
+    problem.set_configurations(START, [GOAL, GOAL])
+    assert plain.getProblemDefinition().getStartStateCount() == 1
+    assert plain.getGoal().getStateCount() == 2
+    np.testing.assert_array_equal(problem.start, START)
+    problem.check_complete(None)
+
+
+def test_a_problem_that_is_refused_leaves_the_last_one(plain, problem):
+    problem.set_configurations(START, GOAL)
+    goal = plain.getGoal()
+    with pytest.raises(CollisionError, match="start is in collision"):
+        problem.set_configurations(IN_BALL, START)
+    assert plain.getGoal() is goal
+    np.testing.assert_array_equal(problem.goals, [GOAL])
+
+
+def test_after_a_change_of_the_scene_goals_are_counted_again(plain, wiring, problem, scene, caplog):
+    problem.set_configurations(START, [GOAL, START])
+    tip = wiring.checker.robot.tip_pose(GOAL).translation
+    blocked = CollisionChecker(wiring.checker.robot, scene.moved({"ball": Pose(tuple(tip))}))
+    wiring.put(Constraints(), blocked)
+    problem.scene_changed()
+    with caplog.at_level(logging.WARNING):
+        problem.check_anew()
+    assert plain.getGoal().getStateCount() == 1
+    assert "1 of 2 goals do not count: goal 0 is in collision" in caplog.text
+    problem.check_anew()
+    assert len(caplog.records) == 1, "once for each change"
+
+
+def test_of_a_place_and_configurations_a_planner_gets_what_it_plans_to(plain, wiring, problem):
+    si, robot = plain.getSpaceInformation(), wiring.checker.robot
+    problem.set_configurations(START, GOAL)
+    states = plain.getGoal()
+    problem.set_place(WorkspaceGoal(si, robot, robot.tip_pose(GOAL).translation, seed=0))
+    problem.choose_goal(make_planner("SafeRRTConnect", si), 1)
+    assert plain.getGoal() is states
+    problem.choose_place(make_planner("SafeJTRRT", si))
+    assert plain.getGoal() is problem.place
+
+
+def test_the_ends_of_a_path(problem):
+    problem.set_configurations(START, GOAL)
+    problem.check_ends(np.array([START, GOAL]), "Mine")
+    with pytest.raises(
+        PlanningError, match=r"Mine returned a path that begins 1\.6 rad away from every start"
+    ):
+        problem.check_ends(np.array([GOAL, GOAL]), "Mine")
+    with pytest.raises(PlanningError, match=r"Mine returned a path that ends 1\.6 rad away from the goal"):
+        problem.check_ends(np.array([START, START]), "Mine")
+
+
+# -------------------------------------------------------------------------------------------------- paths made better
+
+
+def test_a_simplifier_is_kept_as_long_as_the_checker(ur5, scene):
+    checker, field = CollisionChecker(ur5, scene), DangerField.of_scene(ur5, scene)
+    kept, motion = Simplification(field), CertifiedMotion(checker)
+    first = kept.set(motion, {"spacing": 0.2})
+    assert kept.by(motion) is first
+    stricter = motion.with_margin(0.01)
+    assert kept.by(stricter).motion is stricter
+    assert kept.by(stricter).cost is first.cost
+    other = kept.by(CertifiedMotion(CollisionChecker(ur5, scene)))
+    assert other.cost is not first.cost
+    assert other.spacing == 0.2
+    with pytest.raises(InputError, match="without danger"):
+        Simplification(None).by(motion)
+
+
+def test_a_timer_is_kept_as_long_as_the_motion(ur5, scene):
+    motion = CertifiedMotion(CollisionChecker(ur5, scene))
+    timing = Timing(None, MotionLimits(velocity=0.5, acceleration=1.0))
+    timer = timing.timer(motion)
+    assert timing.timer(motion) is timer
+    assert timer.limits.velocity.tolist() == [0.5] * 6
+    stricter = motion.with_margin(0.01)
+    assert timing.timer(stricter).motion is stricter
+
+
+def test_a_run_keeps_to_the_limit_of_its_planner(ur5, scene):
+    setup = SafeSetup(ur5, scene)
+    setup.setConfigurations(START, GOAL)
+    planner = make_planner("SafeRRTConnect", setup.getSpaceInformation(), {"max_danger": 1e3})
+    run = Run(setup, *setup.prepare(planner, 3), seed=3)
+    before = setup.getConstraints()
+    with run.under_own_limit():
+        (limit,) = setup.certified_motion.limits
+        assert (type(limit), limit.limit) == (DangerLimit, 1e3)
+        assert setup.getConstraints() is before, "states are the planner's to check"
+    assert setup.certified_motion.limits == ()
+    result = run.validated(run.planned(20.0), report=False, begin=0.0)
+    np.testing.assert_array_equal(result.path, setup.plan(seed=3, parameters={"max_danger": 1e3}).path)
+
+
+# ----------------------------------------------------------------------------------------------------- limits of time
+
+
+def test_limits_of_time(ticks):
+    assert (simplification_time(True), simplification_time(False), simplification_time(0.5)) == (
+        0.0,
+        None,
+        0.5,
+    )
+    with pytest.raises(InputError, match="waiting must be a positive number of seconds, got 0"):
+        seconds("waiting", 0)
+    over = termination(0.01)
+    assert [over() for _ in range(12)].index(True) == 9, "the first look was when it was made"
+    assert not any(stopping(0.0)() for _ in range(3))
+    assert stopping(ob.PlannerTerminationCondition(lambda: True))()

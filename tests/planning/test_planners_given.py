@@ -1,0 +1,71 @@
+"""Planners of OMPL's that hang or crash with callbacks in Python are refused, whichever way they come in."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from ompl import geometric as og
+
+from safe_ompl.apps.benchmark.benchmark import Benchmark
+from safe_ompl.common.errors import InputError
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.planners.registry import _REFUSED
+from safe_ompl.scene.scenario import Scenario, find_scenario
+
+PLAIN_PRM = [sys.executable, Path(__file__).parent / "programs" / "plain_prm.py"]
+WAYS = {
+    "plan": lambda setup, kind: setup.plan(kind(setup.getSpaceInformation())),
+    "optimise": lambda setup, kind: setup.plan(kind(setup.getSpaceInformation()), optimise=1.0),
+    "setPlanner": lambda setup, kind: setup.setPlanner(kind(setup.getSpaceInformation())),
+    "setPlannerAllocator": lambda setup, kind: (setup.setPlannerAllocator(kind), setup.solve(1.0)),
+    "addPlanner": lambda setup, kind: Benchmark(setup).addPlanner(kind(setup.getSpaceInformation())),
+    "addPlannerAllocator": lambda setup, kind: Benchmark(setup).addPlannerAllocator(kind),
+}
+
+
+@pytest.fixture
+def setup():
+    return setup_scenario(Scenario.load(find_scenario("planar2")))
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "name", sorted(set(_REFUSED) - {"AORRTC"})
+)  # whose destruction alone ends the process
+def test_planners_that_would_hang_or_crash_are_refused(setup, name, way):
+    class Own(getattr(og, name)):
+        pass
+
+    for kind in (getattr(og, name), Own):
+        with pytest.raises(InputError, match=f"OMPL's {name} cannot be used from Python"):
+            WAYS[way](setup, kind)
+    assert setup.plan(time=20.0), "the setup is as good as before"
+
+
+@pytest.mark.parametrize("planner", [3, None, "RRTConnect", og.RRTConnect])
+def test_what_is_no_planner_is_refused(setup, planner):
+    with pytest.raises(InputError, match="planner"):
+        setup.setPlanner(planner)
+
+
+def test_other_planners_are_taken(setup):
+    setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
+    assert setup.solve(20.0)
+    setup = setup_scenario(Scenario.load(find_scenario("planar2")))
+    setup.setPlannerAllocator(og.RRTConnect)
+    assert setup.solve(20.0)
+    assert setup.getPlanner().getName() == "RRTConnect"
+
+
+def test_prm_works_in_a_plain_setup_with_our_checkers():
+    done = subprocess.run(PLAIN_PRM, capture_output=True, text=True, timeout=120)
+    assert done.stdout.endswith("True\n"), done.stderr
+
+
+def test_prm_with_our_objective_says_why_it_does_not_return():
+    """OMPL's thread cannot be stopped, nor the planner that waits for it: what can be done is to say so."""
+    with subprocess.Popen([*PLAIN_PRM, "danger"], stderr=subprocess.PIPE, text=True) as program:
+        said = next((line for line in program.stderr if "take SafePRM" in line), None)
+        program.kill()
+    assert said

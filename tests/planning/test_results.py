@@ -1,0 +1,218 @@
+"""Results: what counts as solved, where paths begin and end, what is said, and how long all took."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from ompl import base as ob
+from ompl import geometric as og
+
+from safe_ompl.common.errors import InputError, PlanningError
+from safe_ompl.geometry.basic import Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning.from_scenario import plan
+from safe_ompl.planning.ompl.states import ScratchState, StateBridge
+from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+
+START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
+GOAL = START * [-1, 1, 1, 1, 1, 1]
+ASIDE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
+
+
+@pytest.fixture
+def setup(ur5: Robot) -> SafeSetup:
+    scene = Scene((Obstacle("ball", Sphere(0.15), Pose((0.45, 0.1, 0.55)), weight=1.0),))
+    setup = SafeSetup(ur5, scene)
+    setup.setConfigurations(START, GOAL)
+    return setup
+
+
+class Fixed(ob.Planner):  # type: ignore[misc]
+    """Returns a path that it was given, and calls it what it was told."""
+
+    def __init__(self, setup: SafeSetup, path: list[Any], approximate: bool = False) -> None:
+        super().__init__(setup.getSpaceInformation(), "Fixed")
+        self._scratch = ScratchState(StateBridge(setup.getStateSpace()))
+        self._points, self._approximate = np.array(path), approximate
+
+    def solve(self, ptc: Any) -> Any:
+        solution = og.PathGeometric(self.getSpaceInformation())
+        for q in self._points:
+            solution.append(self._scratch.set(q))
+        self.getProblemDefinition().addSolutionPath(solution, self._approximate, 0.1, self.getName())
+        outcome = (
+            ob.PlannerStatus.APPROXIMATE_SOLUTION if self._approximate else ob.PlannerStatus.EXACT_SOLUTION
+        )
+        return ob.PlannerStatus(outcome)
+
+    def clear(self) -> None:
+        pass
+
+
+def test_an_approximate_solution_is_none(setup: SafeSetup) -> None:
+    short = [START, START + ASIDE]
+    for options in ({}, {"simplify": True}):
+        result = setup.plan(Fixed(setup, short, approximate=True), **options)
+        assert not result
+        assert result.status == "Approximate solution"
+        assert result.path is None
+        assert result.report is None
+        np.testing.assert_array_equal(result.approximate_path, short)
+        assert result.as_dict()["approximate_path"] == np.array(short).tolist()
+        assert "an approximate path of 2 way points" in str(result)
+    setup.simplifySolution()
+    assert not setup.haveExactSolutionPath()
+
+
+def test_an_approximate_path_that_collides_does_not_leave(setup: SafeSetup) -> None:
+    result = setup.plan(Fixed(setup, [START, START * [0, 1, 1, 1, 1, 1]], approximate=True))
+    assert not result
+    assert result.approximate_path is None
+
+
+def test_a_path_must_end_in_the_goal(setup: SafeSetup) -> None:
+    with pytest.raises(PlanningError, match=r"Fixed returned a path that ends 1\.6 rad away from the goal"):
+        setup.plan(Fixed(setup, [START, START + ASIDE]))
+
+
+def test_a_path_must_begin_at_a_start(setup: SafeSetup) -> None:
+    setup.setConfigurations(START, START + 2 * ASIDE)
+    with pytest.raises(PlanningError, match=r"begins 0\.1 rad away from every start"):
+        setup.plan(Fixed(setup, [START + ASIDE, START + 2 * ASIDE]))
+    assert setup.plan(Fixed(setup, [START, START + 2 * ASIDE]))
+
+
+def test_a_path_must_end_at_the_place(setup: SafeSetup) -> None:
+    setup = SafeSetup(setup.robot, setup.scene)
+    setup.setStartConfiguration(START)
+    setup.setWorkspaceGoal(setup.robot.tip_pose(START + ASIDE).translation + np.array([0.0, 0.0, 0.03]))
+    with pytest.raises(PlanningError, match=r"ends 0\.03 m away from the goal"):
+        setup.plan(Fixed(setup, [START, START + ASIDE]))
+
+
+# -------------------------------------------------------------------------------------------------- what is said
+
+
+def test_five_lines(setup: SafeSetup) -> None:
+    lines = str(setup.plan(seed=0, time=20.0, simplify=True)).splitlines()
+    assert len(lines) == 5
+    assert lines[0] == "Exact solution: SafeRRTConnect, seed 0"
+    assert lines[1].startswith("planned in ")
+    assert "simplified in" in lines[1]
+    assert " rad, danger mean " in lines[2]
+    assert lines[3].startswith("clearance ")
+    assert lines[3].endswith("from ball")
+    assert lines[4] == "certified: collision"
+
+
+def test_what_limits_are_proven(setup: SafeSetup) -> None:
+    setup.setMaxDanger(1e3)
+    setup.setMinClearance(0.01)
+    setup.setMovingObstacles({"ball": 0.01}, 1.0)
+    result = setup.plan(seed=0, time=20.0)
+    assert (
+        str(result.report.validation) == "certified: collision, min clearance, max danger, moving obstacles"
+    )
+
+
+def test_without_a_report_the_path_is_validated(setup: SafeSetup) -> None:
+    result = setup.plan(seed=0, time=20.0, report=False)
+    assert result
+    assert result.report is None
+    assert result.certified
+    told = result.as_dict()
+    assert (told["certified"], told["danger"]) == (True, None)
+    assert told["validation"]["proven"] is True
+    assert len(str(result).splitlines()) == 5
+    assert setup.counts.distance_queries == 0
+
+
+def test_links_without_collision_geometry_are_named(setup: SafeSetup, monkeypatch: Any) -> None:
+    monkeypatch.setattr(setup.robot, "links_without_collision", ("cover",))
+    result = setup.plan(seed=0, time=20.0)
+    assert result.report.links_without_collision == ("cover",)
+    assert result.as_dict()["links_without_collision"] == ["cover"]
+    assert str(result).endswith("no collision geometry: cover")
+
+
+@pytest.mark.parametrize("options", [{}, {"simplify": True}, {"optimise": 0.5}])
+def test_times_add_up(setup: SafeSetup, ticks: Any, options: dict[str, Any]) -> None:
+    result = setup.plan(seed=0, **{"time": 20.0, **options})
+    elapsed = 1e-3 * (ticks.looks - 1)  # between the first look and the last
+    parts = [
+        getattr(result, f"{part}_time") for part in ("setup", "planning", "simplification", "validation")
+    ]
+    assert min(parts) >= 0
+    if "simplify" not in options:  # the clock of its own that this has is looked at, too
+        assert sum(parts) == pytest.approx(elapsed, abs=2e-3)
+    assert result.as_dict()["report_time"] > result.validation_time
+    assert result.report.time > 0
+
+
+def test_simplification_keeps_to_the_time_limit(setup: SafeSetup, monkeypatch: Any) -> None:
+    given = []
+    monkeypatch.setattr(setup, "simplifySolution", lambda time: given.append(time))
+    setup.plan(seed=0, time=20.0, simplify=True)
+    setup.plan(seed=0, time=20.0, simplify=30.0)
+    setup.plan(seed=0, time=20.0, simplify=0.25)
+    assert 0 < given[0] < 20
+    assert 0 < given[1] < 20
+    assert given[2] == 0.25
+
+
+# ------------------------------------------------------------------------------------------------------- solve, plan
+
+
+@pytest.mark.parametrize("time", [math.inf, 1e10, np.float32(20.0), 20])
+def test_long_times(setup: SafeSetup, time: Any) -> None:
+    assert setup.solve(time)
+    assert setup.haveExactSolutionPath()
+
+
+def test_solve_without_a_planner_takes_ours(setup: SafeSetup) -> None:
+    assert setup.solve(20.0)
+    assert setup.getPlanner().getName() == "SafeRRTConnect"
+
+
+def test_a_scenario_by_name() -> None:
+    result = plan("planar3", time=20.0)
+    assert isinstance(result, PlanResult)
+    assert result
+
+
+def test_planners_that_are_none(setup: SafeSetup, ur5: Robot) -> None:
+    other = SafeSetup(ur5, setup.scene)
+    foreign = SafeRRTConnect(other.getSpaceInformation())
+    for wrong, message in [
+        (None, "planner must be a name of planner_names"),
+        (SafeRRTConnect, r"SafeRRTConnect is a class: give a planner, SafeRRTConnect\(setup"),
+        (og.RRTConnect, "RRTConnect is a class"),
+        (foreign, "SafeRRTConnect is a planner of another setup"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            setup.plan(wrong)
+
+
+def test_a_solution_before_there_is_one(setup: SafeSetup) -> None:
+    with pytest.raises(InputError, match="there is no solution: call solve or plan first"):
+        setup.solution()
+
+
+def test_danger_that_is_no_mapping(setup: SafeSetup) -> None:
+    with pytest.raises(InputError, match="danger must be a mapping of options, or None for none, got True"):
+        SafeSetup(setup.robot, setup.scene, danger=True)  # type: ignore[arg-type]
+
+
+def test_goals_that_hang_are_refused(setup: SafeSetup) -> None:
+    goal = ob.GoalLazySamples(setup.getSpaceInformation(), lambda goal, state: False, False, 0.1)
+    setup.setGoal(goal)
+    with pytest.raises(InputError, match="GoalLazySamples waits for itself for ever"):
+        setup.solve(1.0)

@@ -1,0 +1,183 @@
+"""Obstacles that are added, removed and moved in a setup: it plans as one made anew for the scene as it is."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ompl import geometric as og
+
+from safe_ompl.common.errors import CollisionError, InputError, StaleSceneError, UnknownNameError
+from safe_ompl.geometry.basic import Box, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.paths.measures import Curve
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.planners.bubble import BubblePlanner
+from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.scene.scenario import Scenario, find_scenario
+
+PLANNERS = ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect"]
+BALL = Obstacle("ball", Sphere(0.1), Pose((0.3, 0.5, 0.4)), weight=0.5)
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return Scenario.load(find_scenario("ur5_handover"))
+
+
+@pytest.fixture
+def setup(scenario):
+    return setup_scenario(scenario)
+
+
+def anew(setup, scenario):
+    """Return a setup made for the scene that another one is in."""
+    return setup_scenario(replace(scenario, scene=setup.scene), setup.robot)
+
+
+def change(setup):
+    setup.addObstacle(BALL)
+    setup.moveObstacle("ball", Pose((0.35, 0.45, 0.5)))
+    setup.moveObstacles({"ball": Pose((0.3, 0.5, 0.55))})
+    setup.removeObstacle("crate")
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_it_plans_as_one_made_anew(setup, scenario, planner):
+    setup.plan(planner, seed=3)
+    change(setup)
+    mine, other = (
+        setup.plan(planner, seed=3, time=20.0),
+        anew(setup, scenario).plan(planner, seed=3, time=20.0),
+    )
+    np.testing.assert_array_equal(mine.path, other.path)
+    assert mine.scene.names == setup.scene.names
+    assert mine.report.danger.max == other.report.danger.max
+
+
+def test_it_simplifies_as_one_made_anew(setup, scenario):
+    setup.setSimplification(clearance=0.03)
+    setup.plan(seed=3, simplify=True)
+    change(setup)
+    other = anew(setup, scenario)
+    other.setSimplification(clearance=0.03)
+    mine, its = (s.plan(seed=3, simplify=True, time=60.0).path for s in (setup, other))
+    np.testing.assert_allclose(mine, its, atol=1e-9)
+
+
+def test_limits_stay_and_hold_in_the_new_scene(setup, scenario):
+    setup.setMinClearance(0.03, ["table"])
+    setup.setMaxDanger(30.0)
+    change(setup)
+    other = anew(setup, scenario)
+    other.setMinClearance(0.03, ["table"])
+    other.setMaxDanger(30.0)
+    np.testing.assert_array_equal(setup.plan(seed=1).path, other.plan(seed=1).path)
+
+
+def test_what_has_moved_once_moves_in_place(setup):
+    setup.addObstacle(BALL)
+    checkers = []
+    for x in (0.3, 0.4, 0.5):
+        setup.moveObstacle("ball", Pose((x, 0.5, 0.6)))
+        checkers.append(setup.checker)
+    assert checkers[0] is checkers[1] is checkers[2]
+    assert checkers[0].revision == 2
+    assert setup.scene["ball"].pose.position[0] == 0.5
+
+
+def test_what_is_movable_from_the_beginning_moves_in_place(scenario):
+    setup = SafeSetup(scenario.build_robot(), scenario.scene.with_obstacles(BALL), movable=["ball"])
+    checker = setup.checker
+    setup.moveObstacle("ball", Pose((0.3, 0.6, 0.6)))
+    assert setup.checker is checker
+
+
+@pytest.mark.parametrize("planner", [BubblePlanner, SafeRRTConnect, og.RRTConnect])
+def test_a_planner_that_is_set_plans_in_the_scene_as_it_is(setup, planner):
+    setup.setPlanner(planner(setup.getSpaceInformation()))
+    assert setup.solve(20.0)
+    before = setup.solution()
+    way = Curve(setup.robot, before)
+    tips = [setup.robot.tip_pose(q).translation for q in way.at(np.linspace(0, way.length, 50))]
+    place = max(tips, key=lambda tip: min(np.linalg.norm(tip - tips[0]), np.linalg.norm(tip - tips[-1])))
+    setup.addObstacle(Obstacle("new", Sphere(0.05), Pose(tuple(place))))
+    assert not setup.haveSolutionPath()
+    assert not setup.is_free(before)
+    if setup.solve(20.0):
+        assert setup.is_free(setup.solution())
+        assert not np.array_equal(setup.solution(), before)
+
+
+def test_planning_says_what_stands_in_the_start(setup, scenario):
+    place = setup.robot.tip_pose(scenario.start_configuration(setup.robot)).translation
+    setup.addObstacle(Obstacle("block", Box((0.1, 0.1, 0.1)), Pose(tuple(place))))
+    with pytest.raises(CollisionError, match=r"start is in collision.*'block'"):
+        setup.plan()
+    with pytest.raises(CollisionError, match=r"start is in collision.*'block'"):
+        setup.solve(1.0)
+    setup.removeObstacle("block")
+    assert setup.plan(seed=1)
+
+
+def test_goals_count_again_when_they_are_free_again(setup, scenario, caplog):
+    start = scenario.start_configuration(setup.robot)
+    goal = scenario.goal_configurations(setup.robot)[0]
+    setup.setConfigurations(start, [goal, start])
+    at_goal = Obstacle("block", Box((0.1, 0.1, 0.1)), Pose(tuple(setup.robot.tip_pose(goal).translation)))
+    setup.addObstacle(at_goal)
+    with caplog.at_level(logging.WARNING):
+        np.testing.assert_allclose(setup.plan(seed=1).path[-1], start)
+    assert "1 of 2 goals do not count" in caplog.text
+    setup.removeObstacle("block")
+    setup.setup()
+    assert setup.getGoal().getStateCount() == 2
+
+
+def test_a_distance_from_what_is_dangerous_is_kept_from_whoever_comes(setup):
+    setup.setMinClearance(0.03)
+    setup.addObstacle(BALL)
+    assert setup.getMinClearance().obstacles == ("colleague", "ball")
+    setup.removeObstacle("colleague")
+    setup.removeObstacle("ball")
+    assert setup.getMinClearance() is None
+    setup.addObstacle(BALL)
+    assert setup.getMinClearance().obstacles == ("ball",)
+    assert setup.getMinClearance().distance == 0.03
+
+
+def test_mistakes_change_nothing(setup):
+    setup.setMinClearance(0.03, ["table"])
+    scene, checker = setup.scene, setup.checker
+    with pytest.raises(UnknownNameError, match="table"):
+        setup.removeObstacle("table")
+    with pytest.raises(UnknownNameError, match="tble"):
+        setup.moveObstacle("tble", Pose())
+    with pytest.raises(InputError, match="already"):
+        setup.addObstacle(Obstacle("table", Sphere(0.1)))
+    with pytest.raises(InputError, match="must be a Scene"):
+        setup.setScene(None)
+    assert setup.scene is scene
+    assert setup.checker is checker
+    assert setup.plan(seed=1)
+
+
+def test_a_result_of_another_scene_is_not_timed(setup):
+    setup.addObstacle(BALL)
+    setup.moveObstacle("ball", Pose((0.3, 0.6, 0.6)))
+    result = setup.plan(seed=1)
+    setup.moveObstacle("ball", Pose((0.3, 0.6, 0.7)))
+    with pytest.raises(StaleSceneError, match="plan again"):
+        result.timed()
+
+
+def test_the_timer_knows_where_people_are_now(setup, scenario):
+    path, pose = setup.plan(seed=1).path, setup.scene["colleague"].pose
+    durations = []
+    for x in (1.1, 1.2, 1.3):  # from the second move on it is in place
+        setup.moveObstacle("colleague", replace(pose, position=(x, *pose.position[1:])))
+        durations.append(setup.timer.time(path).duration)
+        assert durations[-1] == anew(setup, scenario).timer.time(path).duration
+    assert len(set(durations)) == 3

@@ -1,0 +1,252 @@
+"""Limits of the tool on whole paths: planners, simplification, reports, scenarios and the command line keep to them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.apps.cli.program import main
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.common.errors import CollisionError, InputError
+from safe_ompl.geometry.basic import Cylinder
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.robot.place import inverse_kinematics
+from safe_ompl.robot.region import GoalRegion
+from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scene.constraints import PathLimits, TipBox, ToolConstraint
+from safe_ompl.scene.goal import Goal
+from safe_ompl.scene.scenario import Scenario
+from safe_ompl.scene.scene import Scene
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+LIMIT = np.radians(30.0)
+SIDES = ([0.4, 0.4, 0.4], [0.4, -0.4, 0.4])  # of the pillar
+PLANNERS = ["SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "ClassicRRTConnect", "RRTConnect"]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene([Obstacle("pillar", Cylinder(0.08, 1.4), Pose([0.5, 0, 0.7]), weight=1.0)], spacing=0.1)
+
+
+@pytest.fixture(scope="module")
+def ends(robot_named, scene):
+    """Return a function from a robot's name to a start and a goal with a cup upright in the hand."""
+
+    def find(name):
+        robot = robot_named(name)
+        checker = CollisionChecker(robot, scene)
+        options = {"valid": lambda q: not checker.in_collision(q)}
+        start = inverse_kinematics(robot, SIDES[0], DOWN, **options)
+        return start, inverse_kinematics(robot, SIDES[1], DOWN, near=start, **options)
+
+    return {name: find(name) for name in ("ur5", "panda")}
+
+
+@pytest.fixture
+def setup(ur5, scene, ends) -> SafeSetup:
+    setup = SafeSetup(ur5, scene)
+    setup.setConfigurations(*ends["ur5"])
+    return setup
+
+
+def densely(robot, path):
+    t = np.linspace(0, 1, 200)[:, None]
+    return np.concatenate([a + t * robot.difference(a, b) for a, b in pairwise(path)])
+
+
+def tilts(robot, path, start):
+    """Return how far [rad] what points up at the start leans from that, along the path."""
+    cup = robot.tip_pose(start).rotation.T @ [0.0, 0.0, 1.0]
+    return np.array(
+        [np.arccos(min(1.0, (robot.tip_pose(q).rotation @ cup)[2])) for q in densely(robot, path)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "planner"),
+    [
+        *(("ur5", planner) for planner in PLANNERS),
+        *(("panda", name) for name in PLANNERS if name[:6] != "Bubble"),
+    ],
+)
+def test_whoever_plans_keeps_the_cup_upright(robot_named, scene, ends, name, planner):
+    robot = robot_named(name)
+    setup = SafeSetup(robot, scene)
+    start, goal = ends[name]
+    setup.setConfigurations(start, goal)
+    if planner == "SafeJTRRT":
+        setup.setWorkspaceGoal(SIDES[1], DOWN)
+    setup.setToolConstraint(angle=LIMIT)
+    result = setup.plan(planner, seed=1, time=10.0)
+    assert result
+    assert tilts(robot, result.path, start).max() <= LIMIT
+    assert result.validation.claims == ("collision", "tool orientation")
+
+
+def test_without_it_the_cup_is_spilt(setup, ends):
+    path = setup.plan(seed=1, time=8.0).path
+    assert tilts(setup.robot, path, ends["ur5"][0]).max() > LIMIT
+
+
+def test_simplification_keeps_the_cup_upright(setup, ends):
+    setup.setToolConstraint(angle=LIMIT)
+    plain = setup.plan(seed=1, time=8.0)
+    result = setup.plan(seed=1, time=8.0, simplify=True)
+    assert len(result.path) != len(plain.path) or not np.array_equal(result.path, plain.path)
+    assert tilts(setup.robot, result.path, ends["ur5"][0]).max() <= LIMIT
+
+
+def test_a_path_that_spills_is_refused(setup, ends):
+    spilling = setup.plan(seed=1, time=8.0).path
+    assert setup.is_free(spilling)
+    setup.setToolConstraint(angle=LIMIT)
+    refused = setup.is_free(spilling)
+    assert not refused
+    assert "'tool orientation' and 'its limit'" in refused.why
+    setup.setToolConstraint()
+    assert setup.getToolConstraint() is None
+    assert setup.is_free(spilling)
+
+
+def test_states_and_regions_know_of_it(ur5, scene, ends):
+    setup = SafeSetup(ur5, scene)
+    setup.setStartConfiguration(ends["ur5"][0])
+    setup.setToolConstraint(angle=LIMIT)
+    turned = {"roll": (np.pi - 1.0, np.pi + 1.0), "pitch": (-1.0, 1.0)}  # many of these spill
+    setup.setGoalRegion(GoalRegion(Pose(SIDES[1]), x=(-0.05, 0.05), y=(-0.05, 0.05), **turned))
+    result = setup.plan(seed=1, time=8.0)
+    assert result
+    assert setup.getToolConstraint().allows(result.path[-1])
+    assert setup.getGoal().solutions.shape[0] >= 1
+    assert all(setup.getToolConstraint().allows(q) for q in setup.getGoal().solutions)
+
+
+def test_an_axis_and_a_direction(setup, ends):
+    setup.setToolConstraint([0.0, 0.0, 1.0], [0.0, 0.0, -1.0], 0.4)
+    path = setup.plan(seed=1, time=8.0).path
+    fingers = [setup.robot.tip_pose(q).rotation[:, 2] for q in densely(setup.robot, path)]
+    assert max(np.arccos(np.clip(-finger[2], -1, 1)) for finger in fingers) <= 0.4
+
+
+def test_a_start_that_spills(setup, ends):
+    setup.setToolConstraint(angle=LIMIT)
+    before = setup.getToolConstraint()
+    with pytest.raises(CollisionError, match=r"start: the tool is 180° from its direction, 30° are allowed"):
+        setup.setToolConstraint([0.0, 0.0, 1.0], [0.0, 0.0, 1.0], LIMIT)
+    assert setup.getToolConstraint() is before, "what was refused is not set"
+    assert setup.plan(seed=1, time=8.0)
+    tilted = inverse_kinematics(setup.robot, SIDES[1], pin.rpy.rpyToMatrix(0.6, 0, 0) @ DOWN)
+    with pytest.raises(CollisionError, match=r"goal: the tool is 34\.38° from its direction"):
+        setup.setConfigurations(ends["ur5"][0], tilted)
+
+
+def test_the_axis_of_the_start_needs_a_start(ur5, scene):
+    with pytest.raises(InputError, match="set a start before, or give the axis"):
+        SafeSetup(ur5, scene).setToolConstraint(angle=LIMIT)
+    with pytest.raises(InputError, match="give the angle"):
+        SafeSetup(ur5, scene).setToolConstraint([0.0, 0.0, 1.0])
+
+
+def test_the_tip_stays_in_a_box(setup, ends):
+    free = setup.plan(seed=3, time=8.0).path
+    low, high = np.array([-1.0, -1.0, 0.3]), np.array([1.0, 1.0, 0.55])
+    setup.setTipBounds(low, high)
+    assert setup.getTipBounds().upper.tolist() == high.tolist()
+    result = setup.plan(seed=3, time=8.0)
+    assert result.validation.claims == ("collision", "tip position")
+    tips = np.array([setup.robot.tip_pose(q).translation for q in densely(setup.robot, result.path)])
+    assert ((tips >= low) & (tips <= high)).all()
+    outside = [not setup.getTipBounds().allows(q) for q in densely(setup.robot, free)]
+    assert any(outside), "without the box the tip leaves it"
+    with pytest.raises(CollisionError, match=r"start: the tip is 99\.\d+ mm outside of its bounds"):
+        setup.setTipBounds(low, [1.0, 1.0, 0.3001])
+    with pytest.raises(InputError, match="give both corners"):
+        setup.setTipBounds(low)
+    setup.setTipBounds(None)
+    assert setup.getTipBounds() is None
+
+
+# ----------------------------------------------------------------------------------- scenarios and command line
+
+
+@pytest.fixture
+def scenario(scene, ends) -> Scenario:
+    start, goal = (tuple(q.tolist()) for q in ends["ur5"])
+    return Scenario("cup", RobotSpec("ur5"), scene, start, Goal((goal,)))
+
+
+def test_scenarios_keep_tools_upright(scenario, tmp_path):
+    limits = PathLimits(
+        tool=ToolConstraint(LIMIT, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)), tip=TipBox(z=(0.2, 0.9))
+    )
+    dataclasses.replace(scenario, limits=limits).save(tmp_path / "cup.yaml")
+    again = Scenario.load(tmp_path / "cup.yaml")
+    assert again.limits == limits
+    setup = setup_scenario(again)
+    assert setup.getToolConstraint().limit == LIMIT
+    assert setup.getTipBounds().lower.tolist() == [-np.inf, -np.inf, 0.2]
+    assert setup.plan(seed=1, time=8.0).validation.claims == (
+        "collision",
+        "tool orientation",
+        "tip position",
+    )
+
+
+def test_scenarios_have_regions(scenario, tmp_path):
+    region = GoalRegion(Pose(SIDES[1]), x=(-0.05, 0.05), yaw=(0.0, 1.0))
+    for goal in (Goal(region=region), Goal(scenario.goal.configurations, region=region, tolerance=0.004)):
+        dataclasses.replace(scenario, goal=goal).save(tmp_path / "region.yaml")
+        again = Scenario.load(tmp_path / "region.yaml")
+        assert again.goal == goal
+        assert setup_scenario(again).plan("SafeJTRRT", seed=1, time=8.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "given", "message"),
+    [
+        ("limits", {"tool": {}}, r"limits\.tool\.angle: missing"),
+        ("limits", {"tool": {"angle": 30}}, r"limits\.tool\.angle: must be a finite number in \(0, 3.14"),
+        ("limits", {"tool": {"angle": 0.5, "axis": [0, 0, 0]}}, r"limits\.tool\.axis: must be a vector"),
+        ("limits", {"tool": {"angle": 0.5, "direct": [0, 0, 1]}}, r"limits\.tool\.direct: unknown key"),
+        ("limits", {"tip": {"z": [1, 0]}}, r"limits\.tip\.z: must be the least and the largest value"),
+        ("limits", {"tip": {}}, r"limits\.tip\.x: missing"),
+        ("goal", {"region": {"x": [0, "a"]}}, r"goal\.region\.x: must be a finite number"),
+        (
+            "goal",
+            {"region": {}, "position": [0, 0, 0]},
+            r"goal\.region: give only one of position and region",
+        ),
+    ],
+)
+def test_scenarios_are_checked(scenario, tmp_path, key, given, message):
+    scenario.save(tmp_path / "s.yaml")
+    lines = (tmp_path / "s.yaml").read_text().split("goal:")
+    head, tail = lines[0], "danger:" + lines[1].split("danger:")[1]
+    goal = given if key == "goal" else {"position": [0.4, 0.4, 0.4]}
+    limits = f"limits: {json.dumps(given)}\n" if key == "limits" else ""
+    (tmp_path / "s.yaml").write_text(f"{head}goal: {json.dumps(goal)}\n{tail}{limits}")
+    with pytest.raises(InputError, match=message):
+        Scenario.load(tmp_path / "s.yaml")
+
+
+def test_upright_on_the_command_line(scenario, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    scenario.save("cup.yaml")
+    assert main(["plan", "cup.yaml", "--seed", "1", "--keep-upright", "30", "--json", "result.json"]) == 0
+    result = json.loads(Path("result.json").read_text())
+    start = np.array(scenario.start)
+    assert tilts(setup_scenario(scenario).robot, np.array(result["path"]), start).max() <= LIMIT
+    assert "tool orientation" in result["validation"]["claims"]
+    capfd.readouterr()
+    assert main(["plan", "cup.yaml", "--keep-upright", "270"]) == 2
+    assert "must be an angle in (0, 180] degrees, not '270'" in capfd.readouterr().err

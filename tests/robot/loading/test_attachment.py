@@ -1,0 +1,173 @@
+"""Objects in the gripper: checked against scene and robot, in the skeleton, in hash, pickle and picture."""
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.mesh import Mesh
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot.loading.attachment import Attachment, as_pose
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+
+SHAPES = {
+    "box": Box((0.04, 0.06, 0.3)),
+    "sphere": Sphere(0.08),
+    "cylinder": Cylinder(0.03, 0.3),
+    "capsule": Capsule(0.03, 0.3),
+}
+
+
+@pytest.fixture(scope="module")
+def holding(panda):
+    """Return the Panda with a rod in its hand that sticks out by 0.3 m."""
+    return panda.with_attached("rod", Cylinder(0.03, 0.3), pose=(0.0, 0.0, 0.15), danger=True)
+
+
+def random_edges(robot, rng, count, scale=0.4):
+    for _ in range(count):
+        start, end = rng.uniform(robot.lower, robot.upper, (2, robot.n))
+        yield start, start + rng.uniform(0.02, scale) * (end - start)
+
+
+def test_an_object_is_checked_against_all_links_but_those_rigidly_connected(panda, holding):
+    pairs = {pair for pair in CollisionChecker(holding, Scene()).pair_names if "rod" in pair}
+    assert pairs == {(f"panda_link{k}", "rod") for k in range(7)}
+    assert not any("rod" in pair for pair in CollisionChecker(panda, Scene()).pair_names)
+    assert len(holding.bounds.displacement_radii) == len(panda.bounds.displacement_radii) + 1
+
+
+def test_links_that_it_may_touch(panda):
+    robot = panda.with_attached(
+        "rod", Cylinder(0.03, 0.3), "panda_hand", touch_links=("panda_link6", "panda_link5")
+    )
+    pairs = {pair for pair in CollisionChecker(robot, Scene()).pair_names if "rod" in pair}
+    assert pairs == {(f"panda_link{k}", "rod") for k in range(5)}
+
+
+def test_it_goes_where_the_link_goes(panda, rng):
+    pose = Pose.from_rpy((0.02, -0.01, 0.1), (0.3, -0.5, 0.7))
+    robot = panda.with_attached("crate", Box((0.1, 0.1, 0.1)), "panda_hand_tcp", pose)
+    body = robot.collision_model.geometryObjects[-1]
+    data = robot.model.createData()
+    for q in rng.uniform(robot.lower, robot.upper, (5, 7)):
+        pin.forwardKinematics(robot.model, data, q)
+        place = data.oMi[body.parentJoint] * body.placement
+        np.testing.assert_allclose(place.homogeneous, (panda.tip_pose(q) * pose.se3).homogeneous, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", sorted(SHAPES))
+def test_no_motion_that_is_proven_free_collides(panda, clutter, plain_check, rng, kind):
+    robot = panda.with_attached("load", SHAPES[kind], pose=(0.0, 0.0, 0.15))
+    proof, plain, free = CertifiedMotion(CollisionChecker(robot, clutter)), plain_check(robot, clutter), 0
+    for start, end in random_edges(robot, rng, 120):
+        if proof.is_free(start, end):
+            free += 1
+            assert plain.first_contact(start, end, 0.02) is None
+    assert free > 5
+
+
+def test_an_object_makes_motions_collide_that_were_free(panda, holding, clutter, rng):
+    alone, loaded = (CertifiedMotion(CollisionChecker(robot, clutter)) for robot in (panda, holding))
+    verdicts = [(alone.is_free(*edge), loaded.is_free(*edge)) for edge in random_edges(panda, rng, 150)]
+    assert (True, False) in verdicts
+    assert (False, True) not in verdicts
+
+
+def test_danger_reaches_to_its_far_end(panda, holding, rng):
+    assert holding.segment_names == (*panda.segment_names[:-1], "rod", panda.segment_names[-1])
+    base, end = holding.segments[holding.segment_names.index("rod")]
+    for q in rng.uniform(panda.lower, panda.upper, (3, 7)):
+        points, tip = holding.keypoints(q), panda.tip_pose(q)
+        np.testing.assert_allclose(points[end], tip.translation + 0.3 * tip.rotation[:, 2], atol=1e-12)
+        np.testing.assert_allclose(points[base], tip.translation, atol=1e-12)
+        np.testing.assert_allclose(points[-1], tip.translation, atol=1e-12)
+
+
+def test_without_danger_the_skeleton_stays(panda):
+    robot = panda.with_attached("ball", Sphere(0.05))
+    assert robot.segment_names == panda.segment_names
+
+
+def test_hash_and_pickle(panda, holding):
+    assert robot_hash(holding) != robot_hash(panda)
+    assert robot_hash(pickle.loads(pickle.dumps(holding))) == robot_hash(holding)
+    thicker = panda.with_attached("rod", Cylinder(0.031, 0.3), pose=(0.0, 0.0, 0.15), danger=True)
+    assert robot_hash(thicker) != robot_hash(holding)
+
+
+def test_what_is_put_down(panda, holding):
+    both = holding.with_attached("cup", Sphere(0.05), pose=(0.0, 0.1, 0.0))
+    assert [item.name for item in both.attached] == ["rod", "cup"]
+    assert "attached=['rod', 'cup']" in repr(both)
+    assert [item.name for item in both.without_attached("rod").attached] == ["cup"]
+    assert robot_hash(holding.without_attached("rod")) == robot_hash(panda)
+    with pytest.raises(UnknownNameError, match="unknown attached object 'pan'; known: rod, cup"):
+        both.without_attached("pan")
+
+
+def test_other_limits_keep_the_object(holding):
+    narrow = holding.with_limits({"panda_joint1": (0.0, 1.0)})
+    assert [item.name for item in narrow.attached] == ["rod"]
+    assert narrow.upper[0] == 1.0
+
+
+def test_it_is_in_the_picture(panda, holding):
+    drawn = [part.name for part in holding.visual_model.geometryObjects]
+    assert drawn[:-1] == [part.name for part in panda.visual_model.geometryObjects]
+    assert drawn[-1] == "rod_0"
+
+
+def test_meshes(panda, data_folder, tmp_path):
+    mesh = Mesh(data_folder / "wedge.obj", (0.1, 0.1, 0.1))
+    robot = panda.with_attached("wedge", mesh)
+    assert len(robot.collision_model.geometryObjects) == len(panda.collision_model.geometryObjects) + 1
+    item = Attachment("wedge", mesh, "panda_hand", Pose((0.0, 0.0, 0.1)), ("panda_link5",), True)
+    written = item.to_mapping(data_folder)
+    assert written["mesh"]["file"] == "wedge.obj"
+    assert Attachment.from_mapping(written, data_folder) == item
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"link": "palm"}, "unknown link for 'rod' 'palm'; known: "),
+        ({"touch_links": ["thumb"]}, "unknown link for 'rod' 'thumb'"),
+        ({"name": "panda_hand"}, "a link or frame is called 'panda_hand': give another name"),
+        ({"name": ""}, "name: must be text that is not empty"),
+        ({"shape": (0.1, 0.1)}, "attached shape: must be one of Box, Sphere, Cylinder, Capsule, Mesh, not"),
+        ({"shape": PointCloud(points=[[0, 0, 0]], radius=0.1)}, "attached shape: must be one of Box"),
+        ({"pose": (1.0, 2.0)}, "pose.position: must be 3 numbers, got 2"),
+        ({"pose": {"position": [0, 0, 0], "angle": 1}}, "pose.angle: unknown key"),
+        ({"link": "panda_link0", "danger": True}, "has no danger: no joint of the skeleton is below"),
+    ],
+)
+def test_bad_objects(panda, options, message):
+    with pytest.raises(InputError, match=message):
+        panda.with_attached(**{"name": "rod", "shape": Sphere(0.1), **options})
+
+
+def test_poses_in_all_forms():
+    pose = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
+    np.testing.assert_allclose(as_pose(pose.se3).se3.homogeneous, pose.se3.homogeneous, atol=1e-12)
+    assert as_pose(pose) is pose
+    assert as_pose([1, 2, 3]) == Pose((1.0, 2.0, 3.0)) == as_pose(np.array([1.0, 2.0, 3.0]))
+    assert as_pose({"position": [1, 2, 3], "rpy": [0.1, 0.2, 0.3]}) == pose
+    assert as_pose(None) == Pose()
+
+
+def test_with_moving_fingers(data_folder, plain_check, rng, clutter):
+    free_fingers = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="finger_1")
+    robot = free_fingers.with_attached(
+        "bar", Box((0.03, 0.2, 0.03)), "hand", (0.06, 0.0, 0.0), touch_links=("finger_1", "finger_2")
+    )
+    pairs = {pair for pair in CollisionChecker(robot, Scene()).pair_names if "bar" in pair}
+    assert pairs == {("base", "bar"), ("upper", "bar")}

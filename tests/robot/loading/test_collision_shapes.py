@@ -1,0 +1,173 @@
+"""No gap between the shapes of a URDF and what is checked: bare links, dropped shapes, impossible sizes."""
+
+import logging
+import pickle
+import re
+
+import coal
+import numpy as np
+import pytest
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.geometry.basic import Box
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+
+BOX = '<box size="0.3 0.05 0.05"/>'
+SHAPE = f'<origin xyz="0.2 0 0"/><geometry>{BOX}</geometry>'
+
+
+def arm(path, upper, lower, joint='<origin xyz="0.4 0 0"/><axis xyz="0 0 1"/>'):
+    """Write an arm of two links with the given inner XML, and return the file."""
+    path.write_text(
+        f"""<robot name="arm"><link name="base"/><link name="upper">{upper}</link><link name="lower">{lower}</link>
+        <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+        <limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+        <joint name="b" type="revolute"><parent link="upper"/><child link="lower"/>{joint}
+        <limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>"""
+    )
+    return path
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "arm.urdf"
+
+
+def collision(shape, origin='<origin xyz="0.2 0 0"/>'):
+    return f"<collision>{origin}<geometry>{shape}</geometry></collision>"
+
+
+COLLISION, VISUAL = f"<collision>{SHAPE}</collision>", f"<visual>{SHAPE}</visual>"
+WALL = Scene((Obstacle("wall", Box((0.02, 0.5, 0.5)), Pose((0.6, 0.0, 0.0))),))
+
+
+def test_a_robot_of_visuals_alone_is_refused(file):
+    with pytest.raises(
+        InputError, match=r"arm.urdf: no moving link has a collision shape.*collision='visual'"
+    ):
+        Robot.from_urdf(arm(file, VISUAL, VISUAL))
+
+
+def test_visual_shapes_collide_if_asked_for(file, caplog):
+    robot = Robot.from_urdf(arm(file, VISUAL, VISUAL), collision="visual")
+    assert robot.links_without_collision == ()
+    assert CollisionChecker(robot, WALL).in_collision(np.zeros(2))
+    assert "no collision shape" not in caplog.text
+    copy = pickle.loads(pickle.dumps(robot))
+    assert len(copy.collision_model.geometryObjects) == 2
+
+
+def test_a_robot_without_shapes_is_accepted_if_asked_for(file):
+    robot = Robot.from_urdf(arm(file, "", ""), collision="optional")
+    assert robot.links_without_collision == ()
+    with pytest.raises(InputError, match="no visual ones either"):
+        Robot.from_urdf(file, collision="visual")
+
+
+def test_links_without_collision_shapes_are_named(file, caplog):
+    robot = Robot.from_urdf(arm(file, COLLISION, VISUAL))
+    assert robot.links_without_collision == ("lower",)
+    assert "links_without_collision=['lower']" in repr(robot)
+    warnings = [r.getMessage() for r in caplog.records if "no collision shape" in r.getMessage()]
+    assert len(warnings) == 1
+    assert "lower" in warnings[0]
+    assert "upper" not in warnings[0]
+    filled = Robot.from_urdf(file, collision="visual")
+    assert filled.links_without_collision == ()
+    assert not CollisionChecker(robot, WALL).in_collision(np.zeros(2))
+    assert CollisionChecker(filled, WALL).in_collision(np.zeros(2))
+
+
+def test_only_moving_links_count(file):
+    assert Robot.from_urdf(arm(file, VISUAL, COLLISION), locked={"a": 0.0}).links_without_collision == ()
+
+
+def test_links_of_example_robots_that_are_not_checked(robot_named):
+    assert robot_named("z1").links_without_collision == ("link01", "link05")
+    assert robot_named("ur5").links_without_collision == ()
+
+
+def test_unknown_choice(file):
+    with pytest.raises(UnknownNameError, match="'visuals'; known: required, visual, optional"):
+        Robot.from_urdf(arm(file, COLLISION, COLLISION), collision="visuals")
+
+
+def test_a_capsule_is_read_with_all_other_shapes_of_its_link(file):
+    capsule = collision(
+        '<capsule radius="0.05" length="0.3"/>', '<origin xyz="0.2 0 0" rpy="0 1.5707963 0"/>'
+    )
+    robot = Robot.from_urdf(arm(file, COLLISION, COLLISION + capsule))
+    bodies = {body.name: body.geometry for body in robot.collision_model.geometryObjects}
+    assert set(bodies) == {"upper_0", "lower_0", "lower_1"}
+    assert isinstance(bodies["lower_1"], coal.Capsule)
+    assert (bodies["lower_1"].radius, bodies["lower_1"].halfLength) == (0.05, 0.15)
+    reach = 0.4 + 0.2 + 0.15 + 0.05
+    for gap, free in ((0.001, True), (-0.001, False)):  # the round end is where it should be
+        wall = Scene((Obstacle("wall", Box((0.02, 0.5, 0.5)), Pose((reach + 0.01 + gap, 0.0, 0.0))),))
+        assert CollisionChecker(robot, wall).in_collision(np.zeros(2)) != free
+
+
+def test_an_incomplete_inertial_takes_no_shape_with_it(file):
+    robot = Robot.from_urdf(arm(file, COLLISION, COLLISION + '<inertial><mass value="1"/></inertial>'))
+    assert {body.name for body in robot.collision_model.geometryObjects} == {"upper_0", "lower_0"}
+
+
+def test_what_the_parser_drops_for_other_reasons_is_refused(file):
+    strange = '<inertial><mass value="one"/><inertia ixx="1"/></inertial>'
+    with pytest.raises(InputError, match="link 'lower': 1 collision shapes are in the file, 0 could be read"):
+        Robot.from_urdf(arm(file, COLLISION, COLLISION + strange))
+
+
+@pytest.mark.parametrize(
+    ("element", "message"),
+    [
+        (collision('<sphere radius="-0.1"/>'), "the radius of its sphere is '-0.1'; it must be > 0"),
+        (
+            collision('<cylinder radius="0.1" length="0"/>'),
+            "the length of its cylinder is '0'; it must be > 0",
+        ),
+        (collision('<capsule radius="0" length="0.1"/>'), "the radius of its capsule is '0'"),
+        (collision('<box size="0.1 0 0.1"/>'), "the size of its box is '0.1 0 0.1'"),
+        (collision('<box size="0.1 nan 0.1"/>'), "box: size='0.1 nan 0.1' must be 3 finite numbers"),
+        (collision('<box size="0.1 0.1"/>'), "box: size='0.1 0.1' must be 3 finite numbers"),
+        (collision("<sphere/>"), "sphere: radius='' must be a finite number"),
+        (
+            collision('<ellipsoid radii="1 1 1"/>'),
+            "<ellipsoid> cannot be read; use box, sphere, cylinder, capsule",
+        ),
+        (collision('<mesh filename="a.obj" scale="1 0 1"/>'), "the scale '1 0 1' makes the mesh flat"),
+        (collision(BOX, '<origin xyz="nan 0 0"/>'), "origin: xyz='nan 0 0' must be 3 finite numbers"),
+        (collision(BOX, '<origin rpy="0 inf 0"/>'), "origin: rpy='0 inf 0' must be"),
+        (collision(""), "it has 0 shapes; give one of box"),
+        ("<collision/>", "it has 0 shapes"),
+    ],
+)
+def test_impossible_shapes_are_refused(file, element, message):
+    with pytest.raises(InputError, match="arm.urdf: link 'lower', collision 0: .*" + re.escape(message)):
+        Robot.from_urdf(arm(file, COLLISION, element))
+
+
+@pytest.mark.parametrize(
+    ("joint", "message"),
+    [
+        ('<axis xyz="0 0 0"/>', "joint 'b': its axis is '0 0 0'; it must have a direction"),
+        ('<axis xyz="0 nan 1"/>', "joint 'b': axis: xyz='0 nan 1' must be 3 finite numbers"),
+        ('<origin xyz="inf 0 0"/><axis xyz="0 0 1"/>', "joint 'b': origin: xyz='inf 0 0'"),
+    ],
+)
+def test_impossible_joints_are_refused(file, joint, message):
+    with pytest.raises(InputError, match=message):
+        Robot.from_urdf(arm(file, COLLISION, COLLISION, joint))
+
+
+def test_impossible_visual_shapes_matter_only_if_they_collide(file, caplog):
+    broken = f"<visual><geometry>{BOX.replace('0.3', '-0.3')}</geometry></visual>"
+    with caplog.at_level(logging.WARNING):
+        robot = Robot.from_urdf(arm(file, COLLISION, broken))
+    assert robot.links_without_collision == ("lower",)
+    with pytest.raises(InputError, match=r"link 'lower', visual 0: the size of its box is '-0.3 0.05 0.05'"):
+        Robot.from_urdf(file, collision="visual")

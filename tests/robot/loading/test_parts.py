@@ -1,0 +1,318 @@
+"""Robots on bases, and several in one cell: kinematics, pairs, proofs."""
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.danger.field import DangerField
+from safe_ompl.geometry.basic import Box, Sphere
+from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.geometry.pose import Pose
+from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.scene import Scene
+
+BASE = Pose.from_rpy((0.5, -0.3, 0.8), (0.2, -0.1, 1.2))
+ROOM = ((-1.0, 1.0), (-0.5, 2.0))
+
+
+@pytest.fixture(scope="module")
+def mobile():
+    return Robot.from_example("ur5", mobile_base=ROOM)
+
+
+@pytest.fixture(scope="module")
+def cell(panda, ur5):
+    """Panda and UR5, face to face and within reach of each other."""
+    left = panda.with_base({"position": [0.0, 0.45, 0.0], "yaw": -1.5})
+    right = ur5.with_base({"position": [0.0, -0.45, 0.0], "yaw": 1.5})
+    return Robot.combined("cell", {"left": left, "right": right})
+
+
+def random_edges(robot, rng, count, scale=0.4):
+    for _ in range(count):
+        start, end = rng.uniform(robot.lower, robot.upper, (2, robot.n))
+        yield start, start + rng.uniform(0.02, scale) * (end - start)
+
+
+def assert_no_free_motion_collides(robot, scene, plain_check, rng, count, least):
+    proof, plain, free = CertifiedMotion(CollisionChecker(robot, scene)), plain_check(robot, scene), 0
+    for start, end in random_edges(robot, rng, count):
+        if proof.is_free(start, end):
+            free += 1
+            assert plain.first_contact(start, end, 0.02) is None
+    assert least < free < count
+
+
+# ------------------------------------------------------------------------------------------------------ base pose
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
+def test_everything_moves_with_the_base(robot_named, rng, name):
+    robot, world = robot_named(name), BASE.se3
+    placed = robot.with_base(BASE)
+    assert placed.joint_names == robot.joint_names
+    np.testing.assert_array_equal(placed.lower, robot.lower)
+    np.testing.assert_array_equal(placed.segments, robot.segments)
+    np.testing.assert_allclose(placed.bounds.displacement_radii, robot.bounds.displacement_radii, atol=1e-9)
+    model, data = placed.model, placed.model.createData()
+    bodies, where = placed.collision_model, pin.GeometryData(placed.collision_model)
+    old_data, old_where = robot.model.createData(), pin.GeometryData(robot.collision_model)
+    for q in rng.uniform(robot.lower, robot.upper, (4, robot.n)):
+        expected = robot.keypoints(q) @ world.rotation.T + world.translation
+        np.testing.assert_allclose(placed.keypoints(q), expected, atol=1e-12)
+        tip = world * robot.tip_pose(q)
+        np.testing.assert_allclose(placed.tip_pose(q).homogeneous, tip.homogeneous, atol=1e-12)
+        full = robot.pinocchio_configuration(q)
+        pin.updateGeometryPlacements(model, data, bodies, where, full)
+        pin.updateGeometryPlacements(robot.model, old_data, robot.collision_model, old_where, full)
+        for new, old in zip(where.oMg, old_where.oMg, strict=True):
+            np.testing.assert_allclose(new.homogeneous, (world * old).homogeneous, atol=1e-12)
+    assert [(p.first, p.second) for p in bodies.collisionPairs] == [
+        (p.first, p.second) for p in robot.collision_model.collisionPairs
+    ]
+
+
+def test_frames_keep_their_places_in_the_tree(panda):
+    placed = panda.with_base(BASE)
+    for old, new in zip(panda.model.frames, placed.model.frames, strict=True):
+        assert (old.name, old.parentJoint, old.parentFrame) == (new.name, new.parentJoint, new.parentFrame)
+        assert old.type == new.type
+    for name in ("velocityLimit", "effortLimit", "lowerPositionLimit", "upperPositionLimit"):
+        np.testing.assert_array_equal(getattr(panda.model, name), getattr(placed.model, name))
+
+
+def test_base_as_an_argument(data_folder):
+    urdf = data_folder / "twin_arm.urdf"
+    assert robot_hash(Robot.from_urdf(urdf, base=BASE)) == robot_hash(Robot.from_urdf(urdf).with_base(BASE))
+    assert robot_hash(Robot.from_urdf(urdf, base=BASE.se3)) == robot_hash(Robot.from_urdf(urdf, base=BASE))
+    assert robot_hash(Robot.from_urdf(urdf, base=BASE)) != robot_hash(Robot.from_urdf(urdf))
+    with pytest.raises(InputError, match=r"base\.position: must be 3 numbers"):
+        Robot.from_urdf(urdf, base=(1.0, 2.0))
+
+
+def test_motions_with_a_base_pose(panda, clutter, plain_check, rng):
+    assert_no_free_motion_collides(panda.with_base((0.1, 0.0, 0.2)), clutter, plain_check, rng, 150, 10)
+
+
+def test_pictures_have_the_base_where_it_is(panda):
+    placed = panda.with_base(BASE)
+    first, old = (robot.visual_model.geometryObjects[0] for robot in (placed, panda))
+    np.testing.assert_allclose(
+        first.placement.homogeneous, (BASE.se3 * old.placement).homogeneous, atol=1e-12
+    )
+
+
+# ---------------------------------------------------------------------------------------------------- mobile base
+
+
+def test_three_joints_more(mobile, ur5):
+    assert mobile.joint_names == ("base_x", "base_y", "base_yaw", *ur5.joint_names)
+    assert mobile.prismatic.tolist() == [True, True, *[False] * 7]
+    assert mobile.continuous.tolist() == [False, False, True, *[False] * 6]
+    np.testing.assert_allclose(mobile.lower[:2], [-1.0, -0.5])
+    np.testing.assert_allclose(mobile.upper[:2], [1.0, 2.0])
+    assert mobile.segment_names[1:] == ur5.segment_names
+    assert mobile.tip == ur5.tip
+
+
+def test_the_arm_rides_on_the_base(mobile, ur5, rng):
+    for q in rng.uniform(mobile.lower, mobile.upper, (5, mobile.n)):
+        ride = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, q[2]), np.array([q[0], q[1], 0.0]))
+        expected = ride * ur5.tip_pose(q[3:])
+        np.testing.assert_allclose(mobile.tip_pose(q).homogeneous, expected.homogeneous, atol=1e-12)
+
+
+def test_bodies_of_the_base_move_and_are_checked(mobile):
+    wall = Scene((Obstacle("wall", Box((0.1, 3.0, 1.0)), Pose((0.6, 0.0, 0.5))),))
+    checker = CollisionChecker(mobile, wall)
+    assert ("base_link", "wall") in checker.pair_names
+    q = (mobile.lower + mobile.upper) / 2
+    q[3:] = [0.0, -1.57, 0.0, 0.0, 0.0, 0.0]
+    assert not checker.in_collision(q)
+    q[0] = 0.6
+    assert checker.in_collision(q)
+
+
+def test_motions_on_a_mobile_base(mobile, plain_check, rng):
+    posts = tuple(
+        Obstacle(f"post_{k}", Sphere(0.15), Pose((1.2 * np.cos(k), 0.7 + 1.2 * np.sin(k), 0.5)))
+        for k in range(5)
+    )
+    assert_no_free_motion_collides(mobile, Scene(posts), plain_check, rng, 200, 10)
+
+
+def test_limits_of_the_base_and_of_the_arm(mobile):
+    other = mobile.with_limits({"base_x": (0.0, 0.5), "elbow_joint": (-1.0, 1.0)})
+    assert (other.lower[0], other.upper[0]) == (0.0, 0.5)
+    assert (other.lower[1], other.upper[1]) == (-0.5, 2.0)
+    assert other.upper[list(other.joint_names).index("elbow_joint")] == 1.0
+    with pytest.raises(InputError, match="joint 'base_yaw' is continuous: it has no limits"):
+        mobile.with_limits({"base_yaw": (0.0, 1.0)})
+
+
+def test_a_mobile_base_somewhere_else(mobile):
+    other = Robot.from_example("ur5", base=BASE, mobile_base=ROOM)
+    q = np.linspace(-0.4, 0.4, other.n)
+    np.testing.assert_allclose(
+        other.tip_pose(q).homogeneous, (BASE.se3 * mobile.tip_pose(q)).homogeneous, atol=1e-12
+    )
+    assert robot_hash(pickle.loads(pickle.dumps(other))) == robot_hash(other)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "message"),
+    [
+        (((-1, 1),), "mobile_base: must be the limits in x and in y"),
+        (((-1, 1), (1, 1)), r"mobile_base: \[1, 1\] is no interval"),
+        (((-1, np.inf), (0, 1)), "mobile_base: must be a finite number"),
+    ],
+)
+def test_bad_ranges(data_folder, ranges, message):
+    with pytest.raises(InputError, match=message):
+        Robot.from_urdf(data_folder / "twin_arm.urdf", mobile_base=ranges)
+
+
+# ------------------------------------------------------------------------------------------- several in one cell
+
+
+def test_joints_links_and_tips_of_both(cell, panda, ur5, rng):
+    assert cell.joint_names == tuple(
+        [f"left_{name}" for name in panda.joint_names] + [f"right_{name}" for name in ur5.joint_names]
+    )
+    assert cell.tip == "left_panda_hand_tcp"
+    assert set(cell.segment_names) == {f"left_{name}" for name in panda.segment_names} | {
+        f"right_{name}" for name in ur5.segment_names
+    }
+    left = panda.with_base({"position": [0.0, 0.45, 0.0], "yaw": -1.5})
+    right = ur5.with_base({"position": [0.0, -0.45, 0.0], "yaw": 1.5})
+    for q in rng.uniform(cell.lower, cell.upper, (3, cell.n)):
+        np.testing.assert_allclose(cell.tip_pose(q).homogeneous, left.tip_pose(q[:7]).homogeneous, atol=1e-12)
+        both = np.vstack([left.keypoints(q[:7]), right.keypoints(q[7:])])
+        np.testing.assert_allclose(
+            sorted(cell.keypoints(q).round(9).tolist()), sorted(both.round(9).tolist()), atol=1e-8
+        )
+
+
+def test_the_other_tip(panda, ur5):
+    robot = Robot.combined("cell", {"a": panda, "b": ur5.with_base((1.0, 0.0, 0.0))}, tip="b")
+    assert robot.tip == "b_tool0"
+    np.testing.assert_allclose(robot.keypoints(np.zeros(13))[-1], robot.tip_pose(np.zeros(13)).translation)
+
+
+def test_pairs_of_each_and_all_between(cell, panda, ur5):
+    bodies = list(cell.collision_model.geometryObjects)
+    pairs = {
+        frozenset((bodies[p.first].name, bodies[p.second].name)) for p in cell.collision_model.collisionPairs
+    }
+    expected = set()
+    for prefix, robot in (("left", panda), ("right", ur5)):
+        names = [part.name for part in robot.collision_model.geometryObjects]
+        expected |= {
+            frozenset((f"{prefix}_{names[p.first]}", f"{prefix}_{names[p.second]}"))
+            for p in robot.collision_model.collisionPairs
+        }
+    for a in bodies:
+        for b in bodies:
+            if (
+                a.name.startswith("left_")
+                and b.name.startswith("right_")
+                and (a.parentJoint or b.parentJoint)
+            ):
+                expected.add(frozenset((a.name, b.name)))
+    assert pairs == expected
+    still = {body.name for body in bodies if body.parentJoint == 0}
+    assert {"left_panda_link0_0", "right_base_link_0"} <= still
+
+
+def test_motions_in_a_cell_of_two(cell, plain_check, rng):
+    assert_no_free_motion_collides(cell, Scene(), plain_check, rng, 150, 3)
+
+
+def test_arms_approach_each_other_no_faster_than_said(cell, plain_check, rng):
+    checker, plain = CollisionChecker(cell, Scene()), plain_check(cell, Scene())
+    for start, end in random_edges(cell, rng, 60, 0.1):
+        before, after = plain.distances(start), plain.distances(end)
+        apart = (before > 0) & (after > 0)
+        assert (np.abs(after - before) <= checker.pair_radii @ np.abs(end - start) + 2e-5)[apart].all()
+
+
+def test_danger_of_both_arms(cell):
+    points = np.array([[0.0, 0.6, 0.5], [0.0, -0.6, 0.5]])
+    field = DangerField(cell, points)
+    at_left, at_right = field.field((cell.lower + cell.upper) / 2, points)
+    assert at_left > 1.0
+    assert at_right > 1.0
+
+
+def test_cells_travel_and_keep_what_is_held(cell, panda):
+    held = panda.with_attached("rod", Sphere(0.1))
+    robot = Robot.combined("cell", {"left": held, "right": panda.with_base((1.0, 0.0, 0.0))})
+    assert [item.name for item in robot.attached] == ["left_rod"]
+    assert robot_hash(pickle.loads(pickle.dumps(robot))) == robot_hash(robot)
+    assert [item.name for item in robot.without_attached("left_rod").attached] == []
+    more = cell.with_attached("ball", Sphere(0.05), "right_tool0").with_limits(
+        {"right_elbow_joint": (0.0, 1.0)}
+    )
+    assert more.upper[list(more.joint_names).index("right_elbow_joint")] == 1.0
+    assert ("left_panda_link3", "ball") in CollisionChecker(more, Scene()).pair_names
+    assert "left_panda_joint1" in repr(more)
+    with pytest.raises(
+        UnknownNameError, match="unknown prefix of the joint with limits 'elbow_joint'; known: left"
+    ):
+        cell.with_limits({"elbow_joint": (0.0, 1.0)})
+
+
+def test_two_mobile_robots_meet(ur5, rng, plain_check):
+    one = Robot.from_example("ur5", mobile_base=((-1, 0), (-1, 1)))
+    other = Robot.from_example("ur5", mobile_base=((0, 1), (-1, 1)))
+    robot = Robot.combined("pair", {"a": one, "b": other})
+    assert ("a_base_link", "b_base_link") in CollisionChecker(robot, Scene()).pair_names
+    assert_no_free_motion_collides(robot, Scene(), plain_check, rng, 60, 3)
+
+
+def test_bad_cells(panda):
+    with pytest.raises(InputError, match="give two robots or more, not 1"):
+        Robot.combined("cell", {"left": panda})
+    with pytest.raises(UnknownNameError, match="unknown robot with the tip 'middle'; known: left, right"):
+        Robot.combined("cell", {"left": panda, "right": panda}, tip="middle")
+    with pytest.raises(InputError, match="the prefixes 'arm' and 'arm_2' cannot be told apart in 'arm_2_…'"):
+        Robot.combined("cell", {"arm": panda, "arm_2": panda})
+    with pytest.raises(InputError, match="right: must be a Robot, not 'panda'"):
+        Robot.combined("cell", {"left": panda, "right": "panda"})
+
+
+def test_the_picture_has_both(cell, panda):
+    names = [part.name for part in cell.visual_model.geometryObjects]
+    assert sum(name.startswith("left_") for name in names) == len(panda.visual_model.geometryObjects)
+    assert any(name.startswith("right_") for name in names)
+
+
+def test_a_base_that_moves_is_missed_where_it_has_no_collision_shape(tmp_path, caplog):
+    """What stands still hits nothing by itself; on wheels it may."""
+    box = '<geometry><box size="0.1 0.1 0.1"/></geometry>'
+    (tmp_path / "cart.urdf").write_text(
+        f"""<robot name="cart"><link name="body"><visual>{box}</visual></link>
+        <link name="arm"><collision>{box}</collision></link><joint name="turn" type="revolute"><parent link="body"/>
+        <child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+    )
+    still = Robot.from_urdf(tmp_path / "cart.urdf")
+    assert still.links_without_collision == still.with_base((1.0, 0.0, 0.0)).links_without_collision == ()
+    assert "no collision shape" not in caplog.text
+    moving = Robot.from_urdf(tmp_path / "cart.urdf", mobile_base=((-1, 1), (-1, 1)))
+    assert moving.links_without_collision == ("body",)
+    assert "cart: nothing is checked for links that have no collision shape: body" in caplog.text
+    assert "links_without_collision=['body']" in repr(moving)
+    cell = Robot.combined("cell", {"a": still, "b": moving})
+    assert cell.links_without_collision == ("b_body",)
+
+
+def test_held_joints_of_a_cell(twin_arm, data_folder):
+    held = Robot.from_urdf(data_folder / "twin_arm.urdf", locked={"lift": 0.1})
+    assert held.held_joints == {"lift": 0.1}
+    assert Robot.combined("cell", {"a": held, "b": twin_arm}).held_joints == {"a_lift": 0.1}

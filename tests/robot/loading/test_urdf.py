@@ -1,0 +1,120 @@
+"""URDFs as people have them: xacro not yet expanded, packages in folders of other names."""
+
+import pytest
+
+from safe_ompl.common.errors import InputError
+from safe_ompl.robot.robot import Robot
+from safe_ompl.robot.spec import RobotSpec
+
+XACRO = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
+
+
+@pytest.mark.parametrize(
+    ("text", "evidence"),
+    [
+        (XACRO.format('<xacro:include filename="a"/>'), "<xacro:include>"),
+        ('<robot name="x"><xacro:macro name="m"/></robot>', "xacro's tags"),
+        ('<robot name="x"><link name="${prefix}base"/></robot>', r"\$\{prefix\}"),
+        (
+            '<robot name="x"><link name="b"><visual><origin xyz="$(arg x) 0 0"/></visual></link></robot>',
+            r"\$\(arg x\)",
+        ),
+    ],
+)
+@pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.xacro", "arm.urdf"])
+def test_xacro_is_recognised(tmp_path, text, evidence, name):
+    path = tmp_path / name
+    path.write_text(text)
+    target = "arm_expanded.urdf" if name == "arm.urdf" else "arm.urdf"
+    with pytest.raises(InputError, match=f"{evidence}.*expand it with: xacro {name} -o {target}"):
+        RobotSpec(urdf=path).build()
+
+
+def test_what_xacro_leaves_behind_does_no_harm(edited):
+    namespace = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="gripper_arm">'
+    urdf = edited("gripper_arm.urdf", '<robot name="gripper_arm">', namespace)
+    assert Robot.from_urdf(urdf, tip="hand").n == 2
+
+
+@pytest.fixture
+def workspace(data_folder, tmp_path):
+    """Two packages side by side, in folders that are not called as the packages are."""
+    for folder, name in (("robot-main", "twin_description"), ("meshes-v2", "twin_meshes")):
+        (tmp_path / "src" / folder / "files").mkdir(parents=True)
+        (tmp_path / "src" / folder / "package.xml").write_text(f"<package><name> {name} </name></package>")
+    mesh = (data_folder / "wedge.obj").read_bytes()
+    (tmp_path / "src" / "meshes-v2" / "files" / "wedge.obj").write_bytes(mesh)
+    text = (data_folder / "twin_arm.urdf").read_text()
+    urdf = tmp_path / "src" / "robot-main" / "files" / "twin.urdf"
+    urdf.write_text(text.replace("wedge.obj", "package://twin_meshes/files/wedge.obj"))
+    return urdf
+
+
+def test_packages_are_found_by_name(workspace, twin_arm):
+    assert len(Robot.from_urdf(workspace).collision_model.geometryObjects) == len(
+        twin_arm.collision_model.geometryObjects
+    )
+
+
+def test_packages_below_a_folder_given(workspace, tmp_path):
+    lonely = tmp_path / "elsewhere" / "twin.urdf"
+    lonely.parent.mkdir()
+    lonely.write_text(workspace.read_text())
+    with pytest.raises(InputError, match=r"'package://twin_meshes/files/wedge.obj' not found"):
+        Robot.from_urdf(lonely)
+    for folder in (tmp_path, tmp_path / "src", tmp_path / "src" / "meshes-v2"):
+        assert Robot.from_urdf(lonely, package_dirs=[folder]).n == 6
+
+
+@pytest.mark.parametrize("variable", ["ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"])
+def test_packages_are_found_where_ros_looks(workspace, tmp_path, monkeypatch, variable):
+    lonely = tmp_path / "elsewhere" / "twin.urdf"
+    lonely.parent.mkdir()
+    lonely.write_text(workspace.read_text())
+    (tmp_path / "install" / "share").mkdir(parents=True)
+    (tmp_path / "src" / "meshes-v2").rename(tmp_path / "install" / "share" / "twin_meshes")
+    prefix = tmp_path / "install"
+    folder = prefix if variable == "AMENT_PREFIX_PATH" else prefix / "share"
+    with pytest.raises(InputError, match=r"'package://twin_meshes/files/wedge.obj' not found"):
+        Robot.from_urdf(lonely)
+    monkeypatch.setenv(variable, f"{tmp_path / 'nowhere'}:{folder}")
+    assert Robot.from_urdf(lonely).n == 6
+
+
+def test_a_broken_mesh_is_named(data_folder, tmp_path):
+    text = (data_folder / "twin_arm.urdf").read_text().replace("wedge.obj", "broken.stl")
+    (tmp_path / "arm.urdf").write_text(text)
+    (tmp_path / "broken.stl").write_text("solid nothing")
+    with pytest.raises(InputError, match=r"arm.urdf: cannot read a mesh .*broken.stl"):
+        Robot.from_urdf(tmp_path / "arm.urdf")
+
+
+def test_a_robot_without_a_name_is_called_after_its_file(edited):
+    urdf = edited("gripper_arm.urdf", '<robot name="gripper_arm">', "<robot>")
+    assert Robot.from_urdf(urdf).name == urdf.stem
+
+
+def test_a_broken_manifest_is_no_package(workspace, tmp_path):
+    (tmp_path / "src" / "meshes-v2" / "package.xml").write_text("<package>")
+    with pytest.raises(InputError, match="not found"):
+        Robot.from_urdf(workspace)
+
+
+@pytest.mark.parametrize("given", ["below a folder", "a path"])
+def test_a_package_without_a_name(tmp_path, data_folder, given):
+    """Some exporters write three slashes: what follows is a path, whole or below a package folder."""
+    meshes = tmp_path / "elsewhere" / "meshes"
+    meshes.mkdir(parents=True)
+    (meshes / "wedge.obj").write_text((data_folder / "wedge.obj").read_text())
+    name = "/meshes/wedge.obj" if given == "below a folder" else str(meshes / "wedge.obj")
+    text = (data_folder / "twin_arm.urdf").read_text().replace("wedge.obj", f"package://{name}")
+    (tmp_path / "arm.urdf").write_text(text)
+    folders = [tmp_path / "elsewhere"] if given == "below a folder" else []
+    robot = Robot.from_urdf(tmp_path / "arm.urdf", package_dirs=folders)
+    assert "left_hand_0" in [body.name for body in robot.collision_model.geometryObjects]
+
+
+def test_name_spaces_need_not_be_declared(edited):
+    """Robots that come from Drake say `drake:acceleration` without saying what drake is."""
+    urdf = edited("gripper_arm.urdf", "<limit ", '<limit drake:acceleration="2.5" ')
+    assert Robot.from_urdf(urdf).n == 3

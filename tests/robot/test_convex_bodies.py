@@ -1,0 +1,157 @@
+"""Convex bodies for the kernels: bounds of their distances against coal."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from numba import njit
+
+from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.kernels.convex import POSE, distance_bounds, from_box, support
+from safe_ompl.geometry.mesh import triangle_tree
+from safe_ompl.robot.convex_bodies import ConvexBodies
+
+ERROR = 1e-5  # [m] of coal's distances
+
+
+def polytope(rng, number):
+    tree = coal.BVHModelOBBRSS()
+    tree.beginModel(0, number)
+    tree.addVertices(rng.normal(size=(number, 3)) * rng.uniform(0.05, 0.3, 3) + rng.uniform(-0.2, 0.2, 3))
+    tree.endModel()
+    tree.buildConvexHull(True, "Qt")
+    return tree.convex
+
+
+SOLIDS = {
+    "box": lambda rng: coal.Box(*rng.uniform(0.02, 0.6, 3)),
+    "sphere": lambda rng: coal.Sphere(rng.uniform(0.02, 0.3)),
+    "capsule": lambda rng: coal.Capsule(rng.uniform(0.02, 0.2), rng.uniform(0.05, 0.8)),
+    "cylinder": lambda rng: coal.Cylinder(rng.uniform(0.02, 0.2), rng.uniform(0.05, 0.8)),
+    "tetrahedron": lambda rng: polytope(rng, 4),
+    "polytope": lambda rng: polytope(rng, 80),
+    "large polytope": lambda rng: polytope(rng, 3000),
+}
+OTHERS = {
+    "cone": lambda rng: coal.Cone(rng.uniform(0.02, 0.2), rng.uniform(0.05, 0.8)),
+    "ellipsoid": lambda rng: coal.Ellipsoid(*rng.uniform(0.05, 0.3, 3)),
+    "swept box": lambda rng: swept(coal.Box(*rng.uniform(0.02, 0.6, 3)), rng.uniform(0.01, 0.1)),
+    "swept polytope": lambda rng: swept(polytope(rng, 30), rng.uniform(0.01, 0.1)),
+}
+
+
+def swept(shape, radius):
+    shape.setSweptSphereRadius(radius)
+    return shape
+
+
+def bounds(first, second, axis=None, enough=np.inf, least=-np.inf):
+    """Return the bounds of the distance of two geometry objects in the world."""
+    model = ConvexBodies.of([first]).joined(ConvexBodies.of([second]))
+    poses = np.zeros(2, POSE)
+    for pose, body in zip(poses, model.bodies, strict=True):
+        pose["rotation"], pose["origin"] = body["rotation"], body["translation"]
+        pose["centre"] = body["translation"] + body["rotation"] @ body["centre"]
+    if axis is None:
+        axis = poses[0]["centre"] - poses[1]["centre"]
+    a, b = zip(model.bodies, poses, strict=True)
+    lists = model.starts, model.vertices
+    return distance_bounds(*a, *b, *lists, np.array(axis), np.empty((4, 3)), enough, least)
+
+
+def placed(shape, rng, reach):
+    turn = pin.Quaternion(*(v := rng.normal(size=4)) / np.linalg.norm(v)).matrix()
+    return pin.GeometryObject("body", 0, pin.SE3(turn, rng.uniform(-reach, reach, 3)), shape)
+
+
+def coals(first, second):
+    places = [
+        coal.Transform3s(part.placement.rotation, part.placement.translation) for part in (first, second)
+    ]
+    request = coal.DistanceRequest()
+    return coal.distance(
+        first.geometry, places[0], second.geometry, places[1], request, coal.DistanceResult()
+    )
+
+
+@pytest.mark.parametrize("other", SOLIDS)
+@pytest.mark.parametrize("name", SOLIDS)
+def test_tight_bounds_of_what_is_represented_exactly(rng, name, other):
+    apart = 0
+    for _ in range(25):
+        first, second = placed(SOLIDS[name](rng), rng, 0.6), placed(SOLIDS[other](rng), rng, 0.6)
+        lower, upper = bounds(first, second)
+        distance = coals(first, second)
+        assert lower <= distance + ERROR
+        if distance > 1e-3:
+            assert upper >= distance - ERROR
+            assert lower >= 0.89 * distance
+            apart += 1
+        if distance < -1e-3:
+            assert lower < 0
+            assert upper <= 0
+    assert apart >= 3
+
+
+@pytest.mark.parametrize("other", ["box", "polytope"])
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_is_enclosed_is_not_farther_than_it_is(rng, name, other):
+    for _ in range(40):
+        first, second = placed(OTHERS[name](rng), rng, 0.6), placed(SOLIDS[other](rng), rng, 0.6)
+        assert bounds(first, second)[0] <= coals(first, second) + ERROR
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_any_axis_gives_a_bound(rng, name):
+    for _ in range(40):
+        first, second = placed(SOLIDS[name](rng), rng, 0.6), placed(SOLIDS["polytope"](rng), rng, 0.6)
+        lower, _ = bounds(first, second, axis=rng.normal(size=3), enough=-np.inf)
+        assert lower <= coals(first, second) + ERROR
+
+
+def test_the_search_ends_where_it_is_known_enough(rng):
+    box = coal.Box(0.2, 0.2, 0.2)
+    first = pin.GeometryObject("a", 0, pin.SE3(np.eye(3), np.array([1.0, 0.3, 0.2])), box)
+    second = pin.GeometryObject("b", 0, pin.SE3.Identity(), box)
+    lower, upper = bounds(first, second, enough=0.1)
+    assert 0.1 <= lower <= coals(first, second)
+    assert upper == np.inf
+    _, upper = bounds(first, second, least=2.0)
+    assert upper <= 2.0
+
+
+def test_meshes_and_clouds_are_inside_their_bodies(rng):
+    points = rng.uniform(-0.2, 0.2, (60, 3))
+    (cloud,) = PointCloud(0.02, points=points).parts()
+    for geometry in (triangle_tree(points, np.arange(60).reshape(20, 3)), cloud.geometry):
+        for _ in range(20):
+            first, second = placed(geometry, rng, 0.6), placed(coal.Box(0.2, 0.3, 0.1), rng, 0.6)
+            assert bounds(first, second)[0] <= coals(first, second) + ERROR
+
+
+@njit
+def way_from_box(body, pose, point):
+    """Parts of kernels are called by kernels only."""
+    return from_box(body, pose, point)
+
+
+@pytest.mark.parametrize("name", [*SOLIDS, *OTHERS])
+def test_the_ball_and_the_box_about_a_body_hold_it(rng, name):
+    part = placed((SOLIDS | OTHERS)[name](rng), rng, 0.0)
+    model = ConvexBodies.of([part])
+    body, pose = model.bodies[0], np.zeros(1, POSE)[0]
+    pose["rotation"], pose["centre"] = np.eye(3), body["centre"]
+    for direction in rng.normal(size=(200, 3)):
+        direction /= np.linalg.norm(direction)
+        point = np.array(support(body, pose, model.starts, model.vertices, *direction))
+        point += body["ball"] * direction
+        assert np.linalg.norm(point - body["centre"]) <= body["reach"] + 1e-12
+        np.testing.assert_allclose(way_from_box(body, pose, point), 0.0, atol=1e-12)
+
+
+def test_what_has_no_end_is_known():
+    plane = pin.GeometryObject("plane", 0, pin.SE3.Identity(), coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))
+    ball = pin.GeometryObject("ball", 0, pin.SE3.Identity(), coal.Sphere(0.1))
+    assert not ConvexBodies.of([ball, plane]).bounded
+    assert ConvexBodies.of([ball]).bounded
+    assert ConvexBodies.of([]).bounded

@@ -1,0 +1,318 @@
+"""Displacement radii are bounds: no body moves farther, wherever the joints are, and no body leaves its reach."""
+
+from functools import cache
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.robot.loading.packages import EXAMPLES
+from safe_ompl.robot.reach import Hull, JointChain, ReachCylinder, bounding_hull
+from safe_ompl.scene.scene import Scene
+
+ROBOTS = [*sorted(EXAMPLES), "twin_arm", "slider"]
+ROUNDING = 1e-9  # [m]
+
+seeds = st.integers(0, 2**32 - 1)
+lengths = st.floats(0.0, 2.0)
+
+
+def motion(robot, seed, scale):
+    """Two configurations within limits, and the motion between them, up to `scale` of the joint ranges."""
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(robot.lower, robot.upper)
+    end = start + scale * rng.uniform(-1, 1, robot.n) * rng.integers(0, 2, robot.n) * (
+        robot.upper - robot.lower
+    )
+    end = np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
+    return start, end, np.abs(end - start)
+
+
+def unit(vector):
+    return vector / np.linalg.norm(vector)
+
+
+# ------------------------------------------------------------------------------------------------------ cylinders
+
+
+def surface_points(cylinder, rng, count=60):
+    """Points on the rims of a cylinder, its extreme parts."""
+    across = np.linalg.svd(cylinder.axis[None])[2][1:]
+    angle = rng.uniform(0, 2 * np.pi, count)
+    rim = cylinder.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across
+    ends = np.where(rng.integers(0, 2, count), 1, -1) * cylinder.half_length
+    return cylinder.center + rim + ends[:, None] * cylinder.axis
+
+
+def contains(cylinder, points):
+    """Whether the cylinder holds the points, up to rounding."""
+    arms = points - cylinder.center
+    along = arms @ cylinder.axis
+    radial = np.linalg.norm(arms - along[:, None] * cylinder.axis, axis=1)
+    return bool(
+        (radial <= cylinder.radius + ROUNDING).all()
+        and (np.abs(along) <= cylinder.half_length + ROUNDING).all()
+    )
+
+
+@given(seeds, lengths, lengths)
+def test_a_cylinder_about_another_axis_holds_the_first(seed, radius, half_length):
+    rng = np.random.default_rng(seed)
+    inner = ReachCylinder(rng.normal(size=3), unit(rng.normal(size=3)), radius, half_length)
+    outer = inner.enclosed_about(unit(rng.normal(size=3)))
+    points = surface_points(inner, rng)
+    assert contains(inner, points)
+    assert contains(outer, points)
+
+
+@given(seeds, lengths)
+def test_a_cylinder_about_its_own_axis_stays(seed, radius):
+    rng = np.random.default_rng(seed)
+    axis = unit(rng.normal(size=3))
+    inner = ReachCylinder(0.7 * axis, axis, radius, 0.2)
+    for outer in (inner.enclosed_about(axis), inner.enclosed_about(-axis)):
+        assert (outer.radius, outer.half_length) == pytest.approx((radius, 0.2), abs=1e-6)
+        np.testing.assert_allclose(outer.center, inner.center, atol=1e-9)
+
+
+@given(seeds, st.floats(-1.0, 0.0), st.floats(0.0, 1.0))
+def test_a_stretched_cylinder_holds_every_position(seed, low, high):
+    rng = np.random.default_rng(seed)
+    inner = ReachCylinder(rng.normal(size=3), unit(rng.normal(size=3)), 0.3, 0.1)
+    outer = inner.stretched(low, high)
+    for stroke in (low, (low + high) / 2, high):
+        assert contains(outer, surface_points(inner, rng) + stroke * inner.axis)
+
+
+@given(seeds, st.floats(0.0, 0.2))
+def test_the_first_cylinder_holds_the_hull(seed, radius):
+    rng = np.random.default_rng(seed)
+    hull, axis = Hull(rng.normal(size=(6, 3)), radius), unit(rng.normal(size=3))
+    directions = rng.normal(size=(6, 3))
+    ball_points = hull.points + radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    assert contains(ReachCylinder.around(hull, axis), ball_points)
+
+
+@pytest.mark.parametrize(
+    ("shape", "corners", "radius"),
+    [
+        (coal.Sphere(0.3), 1, 0.3),
+        (coal.Capsule(0.1, 0.8), 2, 0.1),
+        (coal.Box(0.2, 0.4, 0.6), 8, 0.0),
+        (coal.Cylinder(0.1, 0.5), 8, 0.0),
+        (coal.Cone(0.1, 0.5), 8, 0.0),
+        (coal.Ellipsoid(0.1, 0.2, 0.3), 8, 0.0),
+    ],
+)
+@pytest.mark.parametrize("coarse", [False, True])
+def test_hulls_enclose_their_shapes(shape, corners, radius, coarse):
+    hull = bounding_hull(shape, coarse=coarse)
+    assert (len(hull.points), hull.radius) == (corners, radius)
+    shape.computeLocalAABB()
+    low = (hull.points - radius).min(axis=0)
+    high = (hull.points + radius).max(axis=0)
+    np.testing.assert_allclose(low, np.ravel(shape.aabb_local.min_), atol=1e-12)
+    np.testing.assert_allclose(high, np.ravel(shape.aabb_local.max_), atol=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------------------- radii
+
+
+def two_links(first_prismatic=False):
+    """Links of 0.5 m along x: joint 1 about z (or along x), joint 2 about z."""
+    axes = np.array([[1.0, 0, 0] if first_prismatic else [0, 0, 1.0], [0, 0, 1.0]])
+    placements = [pin.SE3.Identity(), pin.SE3(np.eye(3), np.array([0.5, 0, 0]))]
+    return JointChain(
+        [0, 1],
+        placements,
+        axes,
+        np.array([first_prismatic, False]),
+        np.array([-0.2, -2.0]),
+        np.array([0.3, 2.0]),
+    )
+
+
+def test_radii_of_a_planar_arm():
+    ball_at_the_end = Hull(np.array([[0.4, 0.0, 0.0]]), 0.1)
+    np.testing.assert_allclose(two_links().radii(2, ball_at_the_end), [1.0, 0.5])
+    np.testing.assert_allclose(two_links().radii(1, ball_at_the_end), [0.5, 0.0])
+    np.testing.assert_allclose(two_links().radii(0, ball_at_the_end), [0.0, 0.0])
+
+
+def test_a_sliding_joint_moves_a_body_by_its_stroke():
+    ball = Hull(np.array([[0.4, 0.0, 0.0]]), 0.1)
+    np.testing.assert_allclose(two_links(first_prismatic=True).radii(2, ball), [1.0, 0.5])
+
+
+def test_reach_of_a_planar_arm_and_of_a_slider():
+    ball = Hull(np.array([[0.4, 0.0, 0.0]]), 0.1)
+    reach = two_links().reach(2, ball)
+    assert (reach.radius, reach.half_length) == pytest.approx((1.0, 0.1))
+    slid = two_links(first_prismatic=True).reach(2, ball)
+    low, high = slid.center[0] - slid.half_length, slid.center[0] + slid.half_length
+    assert (low, high) == pytest.approx((-0.2 + 0.5 - 0.5, 0.3 + 0.5 + 0.5))
+    with pytest.raises(ValueError, match="fixed to the base"):
+        two_links().reach(0, ball)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@settings(max_examples=25)
+@given(seed=seeds, scale=st.floats(0.001, 1.0))
+def test_no_body_moves_farther_than_its_radii_allow(robot_named, body_points, name, seed, scale):
+    robot = robot_named(name)
+    bodies = body_points(robot)
+    start, end, delta = motion(robot, seed, scale)
+    before, after = bodies.at(start), bodies.at(end)
+    constant = robot.bounds.displacement_radii @ delta
+    at_start = robot.bounds.displacement_radii_at(start) @ delta
+    for body, (old, new) in enumerate(zip(before, after, strict=True)):
+        moved = np.linalg.norm(new - old, axis=1).max()
+        assert moved <= constant[body] + ROUNDING
+        assert moved <= at_start[body] + ROUNDING
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "xarm7", "twin_arm"])
+def test_radii_are_not_needlessly_large(robot_named, body_points, rng, name):
+    robot = robot_named(name)
+    bodies = body_points(robot)
+    farthest = np.zeros_like(robot.bounds.displacement_radii)
+    for q in rng.uniform(robot.lower, robot.upper, (100, robot.n)):
+        for i, step in enumerate(1e-4 * np.eye(robot.n)):
+            moved = [
+                np.linalg.norm(b - a, axis=1).max()
+                for a, b in zip(bodies.at(q - step), bodies.at(q + step), strict=True)
+            ]
+            farthest[:, i] = np.maximum(farthest[:, i], np.array(moved) / 2e-4)
+    ratio = robot.bounds.displacement_radii / np.maximum(farthest, 1e-3)
+    moving = robot.bounds.displacement_radii > 0.02
+    assert np.median(ratio[moving]) < 1.3
+    assert ratio[moving].max() < 2.0
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
+def test_radii_are_zero_exactly_where_a_joint_does_not_move_a_body(robot_named, body_points, rng, name):
+    robot = robot_named(name)
+    bodies = body_points(robot)
+    q = rng.uniform(robot.lower, robot.upper)
+    moves = np.zeros_like(robot.bounds.displacement_radii, dtype=bool)
+    for i, step in enumerate(0.1 * np.eye(robot.n)):
+        changed = [np.abs(b - a).max() for a, b in zip(bodies.at(q), bodies.at(q + step), strict=True)]
+        moves[:, i] = np.array(changed) > 1e-9
+    np.testing.assert_array_equal(robot.bounds.displacement_radii > 0, moves)
+    np.testing.assert_array_equal(robot.bounds.displacement_radii_at(q) > 0, moves)
+
+
+def test_radii_at_a_configuration_are_tighter(panda):
+    folded = (panda.lower + panda.upper) / 2
+    folded[3] = -2.9
+    at_q = panda.bounds.displacement_radii_at(folded)
+    hand = [body.name for body in panda.collision_model.geometryObjects].index("panda_hand_0")
+    assert at_q[hand, 0] < 0.75 * panda.bounds.displacement_radii[hand, 0]
+
+
+# ---------------------------------------------------------------------------------------------------------- pairs
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
+def test_arm_rates_are_the_usual_ones(robot_named, rng, name):
+    robot = robot_named(name)
+    drawn = rng.uniform(robot.lower, robot.upper, (400, robot.n))
+    usual = np.mean([robot.bounds.displacement_radii_at(q).max(axis=0) for q in drawn], axis=0)
+    np.testing.assert_allclose(robot.bounds.arm_rates, usual, rtol=0.15)
+    assert robot.bounds.arm_rates is robot.bounds.arm_rates, "measured once"
+    with pytest.raises(ValueError, match="read-only"):
+        robot.bounds.arm_rates[0] = 0.0
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm"])
+@settings(max_examples=40)
+@given(seed=seeds, scale=st.floats(0.001, 0.4))
+def test_two_links_approach_each_other_no_faster_than_their_pair_allows(
+    robot_named, plain_check, name, seed, scale
+):
+    robot = robot_named(name)
+    plain, radii = _alone(plain_check, robot)
+    start, end, delta = motion(robot, seed, scale)
+    before, after = plain.distances(start), plain.distances(end)
+    apart = (before > 0) & (after > 0)
+    assert (np.abs(after - before) <= radii @ delta + 2e-5)[apart].all()
+
+
+@cache
+def _alone(plain_check, robot):
+    return plain_check(robot, Scene()), CollisionChecker(robot, Scene()).pair_radii
+
+
+def test_joints_that_carry_both_links_do_not_count(twin_arm):
+    checker = CollisionChecker(twin_arm, Scene())
+    joints = {joint: k for k, joint in enumerate(twin_arm.joint_names)}
+    hands = checker.pair_radii[checker.pair_names.index(("left_hand", "right_hand"))]
+    assert hands[joints["lift"]] == 0, "the lift carries both"
+    assert (np.delete(hands, joints["lift"]) > 0).all(), "joints of both branches count"
+    arm = checker.pair_radii[checker.pair_names.index(("torso", "left_forearm"))]
+    assert np.flatnonzero(arm).tolist() == [joints["left_shoulder"], joints["left_elbow"]]
+    base = checker.pair_radii[checker.pair_names.index(("base", "right_rail"))]
+    assert np.flatnonzero(base).tolist() == [joints[j] for j in ("lift", "right_shoulder", "right_slide")]
+    assert base[joints["lift"]] == 1.0
+
+
+# ---------------------------------------------------------------------------------------------------------- reach
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@settings(max_examples=20)
+@given(seed=seeds)
+def test_no_body_leaves_its_reach(robot_named, body_points, name, seed):
+    robot = robot_named(name)
+    bodies = body_points(robot)
+    rng = np.random.default_rng(seed)
+    at_limits = rng.integers(0, 3, robot.n)
+    q = np.choose(at_limits, [robot.lower, rng.uniform(robot.lower, robot.upper), robot.upper])
+    for joint, hull, points in zip(bodies.joints, bodies.hulls, bodies.at(q), strict=True):
+        if joint:
+            assert contains(robot.chain.reach(joint, hull), points)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@settings(max_examples=20)
+@given(seed=seeds, radius=st.floats(0.0, 0.3))
+def test_no_obstacle_is_farther_from_an_axis_than_said(robot_named, name, seed, radius):
+    robot = robot_named(name)
+    rng = np.random.default_rng(seed)
+    obstacle = Hull(rng.normal(size=(4, 3)), radius)
+    (farthest,) = robot.chain.axis_reaches.distances([obstacle])
+    assert np.isinf(farthest[robot.prismatic]).all()
+    data = robot.model.createData()
+    q = rng.uniform(robot.lower, robot.upper)
+    pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(q))
+    for i in np.flatnonzero(~robot.prismatic):
+        joint = data.oMi[int(i) + 1]
+        across = np.cross(obstacle.points - joint.translation, joint.rotation @ robot.chain.axes[i])
+        actual = np.linalg.norm(across, axis=1).max() + radius
+        assert actual <= farthest[i] + ROUNDING
+        if robot.chain.parents[i] == 0:
+            assert actual == pytest.approx(farthest[i])
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "twin_arm"])
+@settings(max_examples=30)
+@given(seed=seeds, scale=st.floats(0.001, 0.3))
+def test_links_approach_obstacles_no_faster_than_their_pair_allows(
+    robot_named, clutter, plain_check, name, seed, scale
+):
+    robot = robot_named(name)
+    checker = _checker(robot, clutter)
+    start, end, delta = motion(robot, seed, scale)
+    before, after = checker.pair_distances(start), checker.pair_distances(end)
+    apart = (before > 0) & (after > 0)
+    assert (np.abs(after - before) <= checker.pair_radii @ delta + 2e-5)[apart].all()
+    assert (np.abs(after - before) <= checker.pair_radii_at(start) @ delta + 2e-5)[apart].all()
+
+
+@cache
+def _checker(robot, scene):
+    return CollisionChecker(robot, scene)

@@ -1,0 +1,149 @@
+"""Which joints of a URDF move, which are held and where, and what cannot be."""
+
+import logging
+
+import numpy as np
+import pytest
+from self_pairs import self_pairs
+
+from safe_ompl.common.errors import InputError
+from safe_ompl.robot.robot import Robot
+
+
+def test_gripper_is_held_with_the_finger_that_mimics(data_folder, caplog):
+    with caplog.at_level(logging.INFO):
+        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", locked={"grip": 0.02})
+    assert robot.joint_names == ("turn", "elbow")
+    assert "grip_mirror = 0.031" in caplog.text
+    fingers = {b.name: b.placement.translation for b in robot.collision_model.geometryObjects}
+    assert fingers["finger_1_0"][1] == pytest.approx(0.005 + 0.02)
+    assert fingers["finger_2_0"][1] == pytest.approx(-0.005 - (1.5 * 0.02 + 0.001))
+
+
+def test_a_mimic_joint_follows_even_where_the_tip_alone_would_lock_it(data_folder):
+    robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand", locked={"grip": 0.02})
+    fingers = {b.name: b.placement.translation for b in robot.collision_model.geometryObjects}
+    assert fingers["finger_2_0"][1] == pytest.approx(-0.005 - (1.5 * 0.02 + 0.001))
+
+
+def test_joints_that_do_not_move_the_tip_are_held_and_logged(data_folder, caplog):
+    with caplog.at_level(logging.INFO):
+        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
+    assert robot.joint_names == ("turn", "elbow")
+    assert "held, as not moving 'hand': grip = 0 " in caplog.text
+    assert "grip_mirror = 0.001" in caplog.text
+
+
+def test_mimics_of_a_joint_that_does_not_exist(edited):
+    urdf = edited("gripper_arm.urdf", '<mimic joint="grip"', '<mimic joint="grab"')
+    with pytest.raises(
+        InputError, match="unknown joint that 'grip_mirror' mimics 'grab'; known: turn, elbow"
+    ):
+        Robot.from_urdf(urdf)
+
+
+def test_mimics_in_a_circle(edited):
+    urdf = edited("gripper_arm.urdf", '<mimic joint="grip"', '<mimic joint="grip_mirror"')
+    with pytest.raises(InputError, match="joints mimic each other in a circle: grip_mirror"):
+        Robot.from_urdf(urdf)
+
+
+def test_a_chain_of_mimics_follows(edited):
+    text = '<mimic joint="grip_mirror" multiplier="2"/>'
+    third = (
+        '<link name="finger_3"/><joint name="aaa" type="prismatic"><parent link="hand"/><child link="finger_3"/>'
+        f'<axis xyz="1 0 0"/><limit lower="0" upper="1" effort="1" velocity="1"/>{text}</joint></robot>'
+    )
+    robot = Robot.from_urdf(edited("gripper_arm.urdf", "</robot>", third), tip="hand", locked={"grip": 0.02})
+    frame = robot.model.frames[robot.model.getFrameId("finger_3")]
+    hand = robot.model.frames[robot.model.getFrameId("hand")]
+    assert (frame.placement.translation - hand.placement.translation)[0] == pytest.approx(2 * 0.031)
+
+
+def test_the_skeleton_passes_through_locked_joints(data_folder):
+    robot = Robot.from_urdf(data_folder / "twin_arm.urdf", tip="left_hand", locked={"left_elbow": 0.4})
+    assert robot.joint_names == ("lift", "left_shoulder")
+    assert robot.segment_names == ("left_shoulder", "left_elbow", "left_hand")
+
+
+@pytest.mark.parametrize("locked", ["turn", "elbow"])
+def test_a_joint_may_have_the_name_of_a_link(edited, locked):
+    urdf = edited("gripper_arm.urdf", '"elbow"', '"upper"')
+    robot = Robot.from_urdf(urdf, tip="hand", locked={locked.replace("elbow", "upper"): 0.3})
+    plain = Robot.from_urdf(
+        edited("gripper_arm.urdf", '"elbow"', '"elbow"'), tip="hand", locked={locked: 0.3}
+    )
+    np.testing.assert_allclose(robot.keypoints(np.array([0.2])), plain.keypoints(np.array([0.2])))
+    assert self_pairs(robot) == self_pairs(plain)
+
+
+def test_key_points_of_a_joint_with_the_name_of_a_link(edited, data_folder):
+    robot = Robot.from_urdf(edited("gripper_arm.urdf", '"elbow"', '"upper"'), tip="hand")
+    plain = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
+    assert robot.joint_names == ("turn", "upper")
+    q = np.array([0.4, -0.7])
+    np.testing.assert_allclose(robot.keypoints(q), plain.keypoints(q))
+
+
+# -------------------------------------------------------------------------------------------------------- errors
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tip": "nose"}, r"unknown tip frame 'nose'; known: base, turn, upper, elbow, lower, "),
+        ({"locked": {"knee": 0.0}}, r"unknown joint to lock 'knee'; known: turn, elbow, grip, grip_mirror"),
+        ({"locked": {"elbow": float("nan")}}, "locked joint 'elbow': nan is not finite"),
+        ({"locked": {"elbow": "bent"}}, "locked joint 'elbow': 'bent' is not a number"),
+        ({"locked": {"elbow": 3.0}}, r"locked joint 'elbow': 3 is outside its limits \[-2.5, 2.5\]"),
+        ({"limits": {"knee": (0, 1)}}, "unknown joint with limits 'knee'"),
+        ({"limits": {"elbow": (1, 0)}, "tip": "hand"}, r"joint 'elbow' has the limits \[1.0, 0.0\]"),
+        (
+            {"limits": {"elbow": (0, float("nan"))}, "tip": "hand"},
+            r"joint 'elbow' has the limits \[0.0, nan\]",
+        ),
+        ({"tip": "base"}, "no joint is free to move"),
+    ],
+)
+def test_bad_options(data_folder, options, message):
+    with pytest.raises(InputError, match=message):
+        Robot.from_urdf(data_folder / "gripper_arm.urdf", **options)
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+def test_joints_that_cannot_be_planned_for(edited, kind):
+    urdf = edited("gripper_arm.urdf", '"elbow" type="revolute"', f'"elbow" type="{kind}"')
+    with pytest.raises(InputError, match=r"joint 'elbow' is a JointModel.*: lock it"):
+        Robot.from_urdf(urdf, tip="hand")
+    with pytest.raises(InputError, match=r"locked joint 'elbow': a JointModel.* can be locked at 0 only"):
+        Robot.from_urdf(urdf, tip="hand", locked={"elbow": 1.0})
+    assert Robot.from_urdf(urdf, tip="hand", locked={"elbow": 0.0}).joint_names == ("turn",)
+
+
+def test_continuous_joints_have_no_limits_to_change(data_folder):
+    with pytest.raises(InputError, match="joint 'left_shoulder' is continuous: it has no limits"):
+        Robot.from_urdf(data_folder / "twin_arm.urdf", limits={"left_shoulder": (0.0, 1.0)})
+
+
+STIFF = '<limit lower="0.2" upper="0.2" effort="1" velocity="1"/>'
+
+
+def test_joints_whose_limits_leave_no_range_are_held(edited, caplog):
+    text = '<joint name="elbow" type="revolute">'
+    urdf = edited("gripper_arm.urdf", text, text.replace("elbow", "stiff"))
+    original = urdf.read_text()
+    start = original.index('name="stiff"')
+    limit = original[
+        original.index("<limit", start) : original.index("/>", original.index("<limit", start)) + 2
+    ]
+    urdf.write_text(original[:start] + original[start:].replace(limit, STIFF, 1))
+    robot = Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0})
+    assert robot.joint_names == ("turn",)
+    assert robot.held_joints["stiff"] == 0.2
+    assert "held, as their limits leave no range (limits= gives others): stiff = 0.2" in caplog.text
+    freed = Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0}, limits={"stiff": (-1.0, 1.0)})
+    assert freed.joint_names == ("turn", "stiff")
+    with pytest.raises(InputError, match="no joint is free to move: the limits of stiff leave no range"):
+        Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0, "turn": 0.1})
+    with pytest.raises(InputError, match=r"joint 'turn' has the limits \[0.1, 0.1\]: no range to plan in"):
+        freed.with_limits({"turn": (0.1, 0.1)})

@@ -1,0 +1,145 @@
+"""MotionBenchMaker files."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl.robot.robot import Robot
+from safe_ompl.scene.mbm import MbmFile
+
+ROBOTS = Path(__file__).resolve().parents[2] / "scenarios" / "robots"
+PLACE = {"position": [1.0, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}
+
+
+def document() -> dict[str, Any]:
+    problem = {
+        "start": [0, 0.1],
+        "goals": [[1, 0.2], [-1, 0.3]],
+        "box": [{"name": "shelf", "half_extents": [0.1, 0.1, 0.1], **PLACE}],
+        "cylinder": [{"name": "can", "radius": 0.1, "length": 0.2, **PLACE}],
+        "sphere": [],
+    }
+    return {
+        "robot": "planar2",
+        "joints": ["joint2", "joint1"],
+        "problems": {
+            "easy": [{"index": 4, **problem}, {"index": 7, **problem}],
+            "none": [],
+            "odd": [problem],
+        },
+    }
+
+
+def write(folder: Path, data: Any) -> Path:
+    file = folder / "problems.json"
+    file.write_text(data if isinstance(data, str) else json.dumps(data))
+    return file
+
+
+def test_problems_come_in_order(tmp_path: Path) -> None:
+    file = MbmFile.load(write(tmp_path, document()), spacing=0.3)
+    assert file.robot == "planar2"
+    assert file.families == {"easy": 2, "none": 0, "odd": 1}
+    assert [(problem.family, problem.index) for problem in file] == [("easy", 4), ("easy", 7), ("odd", 0)]
+    problem = next(iter(file))
+    assert problem.joint_names == ("joint2", "joint1")
+    assert problem.goals == ((1.0, 0.2), (-1.0, 0.3))
+    assert problem.scene.names == ("shelf", "can")
+    assert problem.scene.spacing == 0.3
+    assert pickle.loads(pickle.dumps(problem)) == problem
+
+
+def test_joints_are_matched_by_name(tmp_path: Path) -> None:
+    arm = Robot.from_urdf(ROBOTS / "planar2.urdf", ROBOTS / "planar2.srdf", tip="tip")
+    data = document()
+    problem = next(iter(MbmFile.load(write(tmp_path, data))))
+    assert problem.start_configuration(arm).tolist() == [0.1, 0]
+    assert problem.goal_configurations(arm).tolist() == [[0.2, 1], [0.3, -1]]
+
+    del data["joints"]
+    problem = next(iter(MbmFile.load(write(tmp_path, data))))
+    assert problem.start_configuration(arm).tolist() == [0, 0.1]
+
+    data["joints"] = ["joint1", "elbow"]
+    problem = next(iter(MbmFile.load(write(tmp_path, data))))
+    with pytest.raises(UnknownNameError, match=r"problems\.easy\[0\]\.start: unknown joint 'elbow'"):
+        problem.start_configuration(arm)
+
+    data["joints"] = ["joint1", "joint2"]
+    data["problems"]["easy"][0]["goals"][1] = [0, 9]
+    problem = next(iter(MbmFile.load(write(tmp_path, data))))
+    with pytest.raises(InputError, match=r"goals\[1\]: joint 'joint2' = 9 is outside its limits"):
+        problem.goal_configurations(arm)
+
+
+def test_unknown_families_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="unknown family 'cage'; known: easy, none, odd"):
+        MbmFile.load(write(tmp_path, document())).problems("cage")
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("{", "line 1: malformed JSON"),
+        ("[1]", "must be a mapping"),
+        ("{}", "problems: missing, but needed"),
+        ({"problems": [1]}, "problems: must be a mapping"),
+        ({"problems": {"a": 1}}, "problems.a: must be a list"),
+        ({"problems": {}, "joints": [1]}, "joints: must be text"),
+    ],
+)
+def test_malformed_files_are_refused(tmp_path: Path, data: Any, message: str) -> None:
+    file = write(tmp_path, data)
+    with pytest.raises(InputError) as caught:
+        MbmFile.load(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert message in str(caught.value)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"cannot be read.*such files come from"):
+        MbmFile.load(tmp_path / "no.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"start": None}, "start: must be a list, got nothing"),
+        ({"start": [0]}, "start: must be 2 numbers, got 1"),
+        ({"start": [0, "x"]}, "start: must be a finite number, got 'x'"),
+        ({"goals": []}, "goals: must hold at least one goal"),
+        ({"goals": [[0, float("nan")]]}, "goals[0]: must be a finite number"),
+        ({"index": "one"}, "index: must be a whole number"),
+        (
+            {"box": [{"name": "a", "half_extents": [0, 1, 1], **PLACE}]},
+            "box[0].half_extents: must be a positive number, got 0",
+        ),
+        ({"octree": [{"name": "a"}]}, "octree: obstacles of this kind are not read"),
+    ],
+)
+def test_malformed_problems_name_file_and_key(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    data = document()
+    data["problems"]["easy"][1].update(change)
+    file = write(tmp_path, data)
+    with pytest.raises(InputError) as caught:
+        list(MbmFile.load(file))
+    assert str(caught.value).startswith(f"{file}: problems.easy[1].")
+    assert message in str(caught.value)
+
+
+@pytest.mark.skipif("SAFE_OMPL_MBM" not in os.environ, reason="SAFE_OMPL_MBM names no MotionBenchMaker file")
+def test_a_whole_data_set() -> None:
+    file = MbmFile.load(os.environ["SAFE_OMPL_MBM"])
+    problems = list(file)
+    assert len(problems) == sum(file.families.values()) > 0
+    for problem in problems:
+        assert np.isfinite([problem.start, *problem.goals]).all()
+        assert len(problem.scene.danger_points(0.3)[0]) > 0

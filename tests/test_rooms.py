@@ -1,0 +1,134 @@
+"""The structure of the package: doors, floors and no circles; read from all imports, those inside functions too."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import safe_ompl
+
+PACKAGE = Path(safe_ompl.__file__).parent
+FLOORS = (  # rooms; each imports from those before it only
+    "common",
+    "geometry",
+    "robot",
+    "scene",
+    "collision",
+    "danger",
+    "people",
+    "trajectories",
+    "planning.ompl",
+    "paths",
+    "planning.planners",
+    "planning",
+    "io",
+    "certificates",
+    "people.replanning",
+    "people.simulation",
+    "apps.benchmark",
+    "view",
+    "apps",
+)
+EVERYWHERE = ("safe_ompl.version", "safe_ompl.doors", "safe_ompl.former")
+
+
+class Import(NamedTuple):
+    """One name that a module imports from the package."""
+
+    importer: str
+    line: int
+    source: str
+    name: str
+    for_types_only: bool
+
+    def __str__(self) -> str:
+        return f"{self.importer}:{self.line} imports {self.source}.{self.name}"
+
+
+def module_of(path: Path) -> str:
+    """Return the dotted name of a file of the package."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {module_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+PACKAGES = {module for module, path in FILES.items() if path.name == "__init__.py"}
+
+
+def room_of(module: str) -> str:
+    """Return the innermost room of a module; nothing for the package itself."""
+    inside = module.removeprefix("safe_ompl.")
+    return max((room for room in FLOORS if f"{inside}.".startswith(f"{room}.")), key=len, default="")
+
+
+def imports(module: str) -> Iterator[Import]:
+    """Yield what a module imports from the package."""
+    tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
+    blocks = [
+        node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+    ]
+    for_types = {inner for block in blocks for inner in ast.walk(block)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith("safe_ompl."):
+            for alias in node.names:
+                yield Import(module, node.lineno, str(node.module), alias.name, node in for_types)
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                if f"{alias.name}.".startswith("safe_ompl."):
+                    yield Import(module, node.lineno, alias.name, "", node in for_types)
+
+
+ALL = [found for module in FILES for found in imports(module)]
+DOORS = {module: getattr(import_module(module), "__all__", None) for module in sorted(PACKAGES)}
+BETWEEN_ROOMS = [
+    found
+    for found in ALL
+    if found.importer != "safe_ompl"
+    and (found.source, found.name) != ("safe_ompl", "")  # what is public, whatever room it comes from
+    and room_of(found.importer) != room_of(found.source)
+    and found.source not in EVERYWHERE
+]
+
+
+def test_rooms_import_names_of_doors_only() -> None:
+    past = [found for found in BETWEEN_ROOMS if found.name not in (DOORS.get(found.source) or ())]
+    assert not past, "\n".join(map(str, past))
+
+
+def test_rooms_import_from_lower_floors_only() -> None:
+    def floor(module: str) -> int:
+        return FLOORS.index(room_of(module)) if room_of(module) else len(FLOORS)
+
+    upwards = [found for found in BETWEEN_ROOMS if floor(found.source) > floor(found.importer)]
+    programs = ("safe_ompl.__main__",)
+    upwards = [found for found in upwards if found.importer not in programs]
+    assert not upwards, "\n".join(map(str, upwards))
+
+
+def test_no_module_needs_itself_to_be_imported() -> None:
+    sources: dict[str, set[str]] = {}
+    for found in ALL:
+        if found.for_types_only or found.importer in PACKAGES:
+            continue
+        inner = f"{found.source}.{found.name}"
+        target = inner if inner in FILES else found.source
+        if target in PACKAGES:
+            target = next((i.source for i in imports(target) if i.name == found.name), target)
+        sources.setdefault(found.importer, set()).add(target)
+    tuple(TopologicalSorter(sources).static_order())  # raises CycleError, which names the circle
+
+
+@pytest.mark.parametrize("door", [door for door, names in DOORS.items() if names])
+def test_doors_hold_what_they_list(door: str) -> None:
+    module, names = import_module(door), DOORS[door] or ()
+    assert sorted(names) == sorted(set(names))
+    for name in names:
+        found = getattr(module, name)
+        # A module of the same name would take the place of what the door hands out once it is imported.
+        assert f"{door}.{name}" not in FILES or found is import_module(f"{door}.{name}")

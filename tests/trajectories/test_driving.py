@@ -1,0 +1,60 @@
+"""Motions of one tick and their stops: within bounds, in time, and at rest where they must be."""
+
+import numpy as np
+import pytest
+
+from safe_ompl.trajectories.kernels import ceilings, drive
+
+
+def random_path(rng):
+    sizes = rng.uniform(0.005, 0.05, rng.integers(5, 30))
+    squares, brakes = rng.uniform(0.1, 3.0, len(sizes)), rng.uniform(1.0, 10.0, len(sizes))
+    stops = rng.choice(np.arange(1, len(sizes)), rng.integers(0, 2), replace=False)
+    edges = np.concatenate([[0.0], np.cumsum(sizes)])
+    return edges, squares, brakes, stops, ceilings(sizes, squares, brakes, stops)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_motions_keep_their_bounds_and_end_at_rest(seed):
+    rng = np.random.default_rng(seed)
+    edges, squares, brakes, stops, ceiling = random_path(rng)
+    s = x = 0.0
+    for _ in range(400):
+        push = rng.choice([1.0, 1.0, 0.5, 0.0, -0.5, -1.0])
+        tick = 0.05
+        cells, S, X, T = drive(edges, squares, brakes, ceiling, s, x, push, tick)
+        if not len(cells):
+            assert x == 0
+            assert push <= 0 or s >= edges[-1] - 1e-9
+            continue
+        assert (np.diff(S) >= 0).all()
+        assert (np.diff(T) >= 0).all()
+        assert S[0] == s
+        assert X[0] == x
+        assert X[-1] == 0  # it stands at its end
+        assert S[-1] <= edges[-1] + 1e-9
+        for k, a, b, u, v, span in zip(cells, S[:-1], S[1:], X[:-1], X[1:], np.diff(T), strict=True):
+            assert edges[k] - 1e-9 <= a <= b <= edges[k + 1] + 1e-9
+            assert max(u, v) <= squares[k] * (1 + 1e-6)
+            assert abs(v - u) <= 2 * brakes[k] * (b - a) * (1 + 1e-6) + 1e-9
+            assert span * (np.sqrt(u) + np.sqrt(v)) / 2 == pytest.approx(b - a, abs=1e-9)
+        for stop in stops:  # never so fast that it could not stop there
+            passed = (S[:-1] < edges[stop] - 1e-9) & (S[1:] > edges[stop] + 1e-9)
+            assert not passed.any()
+        i = min(np.searchsorted(T, tick - 1e-12), len(T) - 1)
+        s, x = float(S[i]), float(X[i])
+    while s < edges[-1] - 1e-9:  # pushed, it gets to the end
+        cells, S, X, T = drive(edges, squares, brakes, ceiling, s, x, 1.0, 0.05)
+        i = min(np.searchsorted(T, 0.05 - 1e-12), len(T) - 1)
+        assert S[i] > s
+        s, x = float(S[i]), float(X[i])
+
+
+def test_a_full_push_is_as_fast_as_the_bounds_let_it():
+    edges = np.linspace(0.0, 1.0, 51)
+    squares, brakes = np.full(50, 1.0), np.full(50, 2.0)
+    ceiling = ceilings(np.diff(edges), squares, brakes, np.zeros(0, dtype=np.intp))
+    _, S, X, T = drive(edges, squares, brakes, ceiling, 0.0, 0.0, 1.0, 10.0)
+    assert S[-1] == pytest.approx(1.0)
+    assert T[-1] == pytest.approx(0.5 + 0.5 + 0.5)  # 0.25 rad each to speed up and brake, 0.5 rad at 1 rad/s
+    assert X.max() == pytest.approx(1.0)
