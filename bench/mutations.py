@@ -37,10 +37,9 @@ from unittest import mock
 import numpy as np
 from _judge import Judge, carried
 from _timing import print_table
-from safe_ompl.scene.motion_limits import MotionLimits
 
-from safe_ompl.certificates.claims import Terms
 from safe_ompl.certificates.issue import certificate, terms_of
+from safe_ompl.certificates.terms import Terms
 from safe_ompl.certificates.verifier.verify import Verified, verify
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
@@ -56,6 +55,7 @@ from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.loading.attachment import Attachment
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.scene.constraints import MotionLimits
 from safe_ompl.scene.goal import Goal
 from safe_ompl.scene.people import BodyRegion, People
 from safe_ompl.scene.scenario import Scenario

@@ -14,7 +14,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacles, Terms, Tool
+from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacles, Tool
+from safe_ompl.certificates.terms import Terms
 from safe_ompl.collision import DISTANCE_ERROR, TipBounds, ToolLimit, ToolOrientation, Verdict
 from safe_ompl.common import BoolArray, FloatArray, InputError, PlanningError, finite_array
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField

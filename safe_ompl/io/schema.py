@@ -261,16 +261,20 @@ def sha(name: str, value: Any) -> str:
 
 
 def plain(name: str, value: Any, depth: int = 20) -> Any:
-    """Read plain data of any kind that nothing is concluded from, such as the name of a file."""
+    """Read plain data of any kind, whose text can be printed; whoever uses it checks it further."""
     if depth == 0:
         raise InputError("is nested too deeply", name)
     if isinstance(value, Mapping):
-        return {part: plain(part, item, depth - 1) for part, item in document.mapping(name, value).items()}
+        with document.within(name):
+            return {
+                part: plain(part, item, depth - 1) for part, item in _mapping("keys", value, None).items()
+            }
     if isinstance(value, (list, tuple)):
-        return [plain(name, item, depth - 1) for item in value]
+        return [plain(f"{name}[{k}]", item, depth - 1) for k, item in enumerate(value)]
     if (
         value is None
-        or isinstance(value, (str, bool))
+        or isinstance(value, bool)
+        or (isinstance(value, str) and value.isprintable())
         or (isinstance(value, (int, float)) and _finite(value))
     ):
         return value

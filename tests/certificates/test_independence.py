@@ -32,7 +32,7 @@ def imported(module):
 @pytest.mark.parametrize(
     "module",
     [
-        *("claims", "schema", "robot_document", "scene_document"),
+        *("claims", "schema", "terms", "robot_document", "scene_document"),
         *(f"verifier.{file.stem}" for file in VERIFIER.glob("[a-z]*.py")),
     ],
 )

@@ -333,3 +333,22 @@ def test_certificates_that_the_version_before_wrote_still_verify():
     assert verify(content).own == ("robot", "scene")
     found = verify(content, robot, scenario.scene, terms=terms_of(scenario, robot, timed=False))
     assert found.claims[1].startswith("danger at most 7.81222 (max, unit, k1 1")
+
+
+@pytest.mark.parametrize("name", ["ball\nit is free", "\x1b[2Kball"])
+def test_names_that_would_write_lines_of_their_own(written, name):
+    content = copy.deepcopy(written)
+    content["scene"]["content"]["obstacles"][2]["name"] = name
+    content["scene"]["hash"] = Scene.from_mapping(content["scene"]["content"]).content_hash()
+    with pytest.raises(InputError, match=r"^certificate\.scene\.content.*must be plain data") as refused:
+        verify(signed(content))
+    assert "\n" not in str(refused.value)
+
+
+def test_a_robot_is_called_what_its_document_says(data_folder):
+    robot = Robot.from_urdf(ROBOTS / "planar2.urdf")
+    content = travelled(certificate(np.zeros((1, 2)), robot, Scene()))
+    recipe = content["robot"]["recipe"]
+    recipe["urdf"]["text"] = recipe["urdf"]["text"].replace('name="planar2"', 'name="a&#10;b"')
+    with pytest.raises(InputError, match=r"robot\.name: is 'planar2', but what it carries is 'a\\nb'"):
+        verify(signed(content))

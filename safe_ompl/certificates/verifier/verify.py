@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.certificates.claims import Certificate, Interval, Terms
+from safe_ompl.certificates.claims import Certificate, Interval
+from safe_ompl.certificates.terms import Terms
 from safe_ompl.certificates.verifier.danger import PlainDanger
 from safe_ompl.certificates.verifier.distances import Separations, plain_name
 from safe_ompl.certificates.verifier.tool import PlainTool
@@ -104,11 +105,16 @@ def verify(
         if robot is None:
             with document.within("robot"):
                 robot = built_robot(claims.robot, urdf=urdf, package_dirs=package_dirs)
+                if robot.name != claims.robot.name:
+                    raise InputError(
+                        f"is {claims.robot.name!r}, but what it carries is {robot.name!r}", "name"
+                    )
         scene = carried if scene is None else scene
         _check_origin(claims, robot, scene)
         if terms is not None:
             terms.check(claims)
-        found = _verified(claims, robot, scene, own)
+        with np.errstate(over="raise"):  # what is too large to be compared holds nowhere
+            found = _verified(claims, robot, scene, own)
         if claims.digest != digest(content):
             raise CertificateError(
                 "every interval holds, but the file is not as it was written: its digest differs"
