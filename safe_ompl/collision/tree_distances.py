@@ -115,7 +115,7 @@ class TreeDistances:
         result = _measured(tree, other, frame, seed)
         if seed < below and not result.min_distance < seed:
             result = _measured(tree, other, frame, below)
-        if result.min_distance <= _SPARE:  # how deep bodies are in each other depends on the frame by more than rounding
+        if result.min_distance <= _SPARE:  # the depth of a contact depends on the frame
             frame = pin.SE3.Identity()
             result = _measured(tree, other, frame, np.inf)
         self._floors[pair] = float(min(result.min_distance, below)), pin.SE3(other[1])
