@@ -20,7 +20,7 @@ import sys
 import tempfile
 from collections import Counter
 from importlib import import_module
-from pkgutil import iter_modules
+from pathlib import Path
 from time import process_time
 from typing import Any
 
@@ -123,9 +123,9 @@ def drive() -> None:
 
 def call_the_rest() -> None:
     """Call kernels whose rooms would have to be furnished first."""
-    from safe_ompl.common.kernels import triangles
     from safe_ompl.danger.kernels import field
     from safe_ompl.trajectories import kernels as stopping
+    from safe_ompl.view.pictures import triangles
 
     ones = np.ones((2, 2))
     stopping.stopping_speeds(np.ones(2), np.ones(2), ones, ones, np.ones(2), np.array([1, 1]))
@@ -137,13 +137,16 @@ def call_the_rest() -> None:
 
 def kernels() -> dict[str, Any]:
     """Return all kernels and parts by their names."""
-    import safe_ompl.common.kernels as room
+    import safe_ompl
+    from safe_ompl.common.compilation import sources
 
+    package = Path(safe_ompl.__file__).parent
     found = {}
-    for module in iter_modules(room.__path__):
-        for name, value in vars(import_module(f"{room.__name__}.{module.name}")).items():
-            if hasattr(value, "py_func") and value.__module__.endswith(f".{module.name}"):
-                found[f"{module.name}.{name}"] = value
+    for path in sources(package):
+        module = ".".join(path.relative_to(package.parent).with_suffix("").parts)
+        for name, value in vars(import_module(module)).items():
+            if hasattr(value, "py_func") and value.__module__ == module:
+                found[f"{module}.{name}"] = value
     return found
 
 

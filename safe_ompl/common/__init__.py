@@ -35,7 +35,6 @@ if TYPE_CHECKING:
         shown,
         whole_number,
     )
-    from safe_ompl.common.kernels.triangles import light_at, nearest_triangles
     from safe_ompl.common.threads import Changes, PerThread
 
 __all__ = [
@@ -61,8 +60,6 @@ __all__ = [
     "float_array",
     "fraction",
     "halton_point",
-    "light_at",
-    "nearest_triangles",
     "number",
     "part",
     "pass_on",

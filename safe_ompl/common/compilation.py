@@ -3,6 +3,9 @@
 Numba keeps what it has compiled beside the source, or in the user's cache folder where that cannot be written to, or
 where `NUMBA_CACHE_DIR` says; files are replaced as a whole, so that processes may share them. Where no folder can be
 written to, every process compiles for itself.
+
+A kernel is its formula as a loop. Kernels check nothing. They take C-contiguous, writable arrays of the types that
+their docstrings name: for any other sort of array Numba would compile them once more.
 """
 
 from __future__ import annotations

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.common import FloatArray, InputError, IntArray, light_at, nearest_triangles
+from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.view.pictures.camera import Camera, floor_nearness, in_picture, viewing_rays
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface
+from safe_ompl.view.pictures.triangles import light_at, nearest_triangles
 
 _SUBPIXELS = 2  # along each side of a pixel
 _SKY_SHARE = 0.55  # of the light on the open floor; the key light gives the rest

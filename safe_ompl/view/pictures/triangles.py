@@ -7,8 +7,7 @@ from math import ceil, floor
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.common.arrays import FloatArray, IntArray
-from safe_ompl.common.compilation import compiled
+from safe_ompl.common import FloatArray, IntArray, compiled
 
 
 @compiled

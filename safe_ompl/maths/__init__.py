@@ -1,1 +1,0 @@
-"""Mathematics: pure functions of NumPy arrays."""
