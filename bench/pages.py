@@ -252,30 +252,48 @@ def region() -> None:
 
 
 FLOORS = (
-    ("doors", "cli · benchmark · view", "what a person or a script starts"),
-    ("setup", "SafeSetup, plan, results; exchange: files", "OMPL's SimpleSetup for a robot in a scene"),
-    ("planners", "planners · live", "paths by OMPL; replanning beside people"),
-    ("paths", "paths · trajectories · people · plugins", "what happens to a path once it exists"),
-    ("models", "robot · scene · collision · danger · scenario", "frozen, on Pinocchio and coal; no OMPL"),
-    ("maths", "pure functions of arrays; kernels by Numba", "the equations of the mathematics page"),
+    ("programs", "apps/cli · apps/benchmark · view", "commands, benchmarks, the browser, pictures and plots"),
+    (
+        "files and people",
+        "io · certificates · people/replanning · people/simulation",
+        "what leaves the package, and what is driven beside people",
+    ),
+    (
+        "planning",
+        "planning · planning/planners · paths · planning/ompl",
+        "SafeSetup, the planners, reports and simplification, OMPL’s plug-ins",
+    ),
+    ("motion", "people · trajectories", "where people may soon be; paths in time, with stops"),
+    (
+        "queries, proofs",
+        "collision · danger",
+        "collision and distance on coal, certified motions, the danger field",
+    ),
+    ("models", "robot · scene", "on Pinocchio; they never change; no OMPL"),
+    ("base", "common · geometry", "checks, errors, compiled kernels; shapes and convex distances"),
 )
 
 
 def architecture() -> None:
     """Draw the floors of the package."""
-    figure = Figure(figsize=(8.0, 3.9), dpi=110)
+    figure = Figure(figsize=(8.0, 4.5), dpi=110)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set(xlim=(0, 10), ylim=(-0.15, 6.1))
+    axes.set(xlim=(0, 10), ylim=(-0.15, len(FLOORS) + 0.1))
     axes.axis("off")
     for k, (name, rooms, words) in enumerate(reversed(FLOORS)):
-        axes.barh(k + 0.45, 9.3, left=0.35, height=0.82, color="#0b62b4", alpha=0.10 + 0.06 * k)
-        axes.text(0.55, k + 0.45, f"{k}  {name}", weight="bold", va="center", fontsize=11)
-        axes.text(2.25, k + 0.62, rooms, va="center", fontsize=10.5)
-        axes.text(2.25, k + 0.27, words, va="center", fontsize=8.5, color="0.35")
+        axes.barh(k + 0.45, 9.3, left=0.35, height=0.82, color="#0b62b4", alpha=0.10 + 0.05 * k)
+        axes.text(0.55, k + 0.45, name, weight="bold", va="center", fontsize=11)
+        axes.text(2.65, k + 0.62, rooms, va="center", fontsize=10.5)
+        axes.text(2.65, k + 0.27, words, va="center", fontsize=8.5, color="0.35")
     axes.annotate(
-        "", (9.4, 0.2), (9.4, 5.7), arrowprops={"arrowstyle": "->", "color": "0.3", "linewidth": 1.4}
+        "",
+        (9.4, 0.2),
+        (9.4, len(FLOORS) - 0.3),
+        arrowprops={"arrowstyle": "->", "color": "0.3", "linewidth": 1.4},
     )
-    axes.text(9.25, 2.95, "imports", rotation=90, va="center", ha="right", fontsize=9, color="0.3")
+    axes.text(
+        9.3, 0.5 * len(FLOORS), "imports", rotation=90, va="center", ha="right", fontsize=9, color="0.3"
+    )
     FigureCanvasAgg(figure).print_png(OUT / "architecture.png")
 
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import pickle
 import re
+from difflib import ndiff
 from pathlib import Path
 from typing import Any
 
 import pytest
-from ompl import geometric as og
 
-from safe_ompl.common.errors import UnknownNameError
-from safe_ompl.planning.ompl.states import joint_space
+from safe_ompl.apps.cli.program import command_line
+from safe_ompl.common import UnknownNameError
 
-README = Path(__file__).parent.parent / "README.md"
+ROOT = Path(__file__).parent.parent
+README = ROOT / "README.md"
 
 
 @pytest.fixture(scope="module")
@@ -33,14 +34,25 @@ def test_ten_lines_of_python(names: dict[str, Any]) -> None:
     assert names["result"].report.certified
 
 
-def test_in_an_existing_script(blocks: list[str], names: dict[str, Any]) -> None:
-    setup = og.SimpleSetup(joint_space(names["robot"]))
-    exec(blocks[1], {**names, "ss": setup})
-    space = setup.getStateSpace()
-    start, goal = space.allocState(), space.allocState()
-    start[0:7], goal[0:7] = names["result"].path[0].tolist(), names["result"].path[-1].tolist()
-    setup.setStartAndGoalStates(start, goal)
-    assert setup.solve(10.0)
+def test_the_diff_is_that_of_the_two_scripts() -> None:
+    before, after = (
+        (ROOT / f"tests/examples/{name}.py").read_text(encoding="utf-8") for name in ("plain", "safe")
+    )
+    shown = re.findall(r"```diff\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[0].splitlines()
+    changes = ndiff(before.splitlines(), after.splitlines())
+    assert sorted(shown) == sorted(line[0] + line[2:] for line in changes if line[0] in "+-")
+
+
+def test_commands_of_the_readme_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = README.read_text(encoding="utf-8").split("## Commands")[1].split("\n\n")[1].splitlines()[2:]
+    command = ""
+    for row in rows:
+        known = re.match(r"\| `safe-ompl ([a-z]+)", row)
+        command = known[1] if known else command
+        with pytest.raises(SystemExit):
+            command_line().parse_args([command, "--help"])
+        words = capsys.readouterr().out
+        assert all(option in words for option in re.findall(r"--[a-z-]+", row)), row
 
 
 def test_planners_of_the_readme_exist() -> None:
