@@ -26,6 +26,8 @@ FORMER = {  # what the documentation of the version before imported from
     "safe_ompl.viewer": "safe_ompl.view",
 }
 
+RENAMED = {"Exhibit": "ViewerContent", "View": "BrowserView", "save_film": "save_animation"}
+
 
 class FormerModules(MetaPathFinder, Loader):
     """Makes modules of former names, which hand out what is now in another module."""
@@ -40,7 +42,11 @@ class FormerModules(MetaPathFinder, Loader):
         """Fill a module of a former name."""
         now = FORMER[module.__name__]
         warnings.warn(f"{module.__name__} is now {now}", DeprecationWarning, stacklevel=2)
-        module.__getattr__ = partial(getattr, import_module(now))  # type: ignore[method-assign]
+        module.__getattr__ = partial(_found, import_module(now))  # type: ignore[method-assign]
+
+
+def _found(module: ModuleType, name: str) -> object:
+    return getattr(module, RENAMED.get(name, name))
 
 
 def know_former_modules() -> None:

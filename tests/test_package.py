@@ -7,7 +7,7 @@ import sys
 import pytest
 
 import safe_ompl
-from safe_ompl.former import FORMER
+from safe_ompl.former import FORMER, RENAMED
 
 
 def test_every_public_name_is_there():
@@ -41,6 +41,7 @@ def test_rooms_that_planning_does_without_come_later():
         ("safe_ompl.pictures.plots", "plot_speeds"),
         ("safe_ompl.pictures.render", "render_path"),
         ("safe_ompl.viewer", "save_page"),
+        ("safe_ompl.viewer", "Exhibit"),
     ],
 )
 def test_documented_modules_are_found_under_their_former_names(former, name):
@@ -48,4 +49,4 @@ def test_documented_modules_are_found_under_their_former_names(former, name):
         del sys.modules[module]
     with pytest.warns(DeprecationWarning, match="is now safe_ompl"):
         found = importlib.import_module(former)
-    assert getattr(found, name) is getattr(importlib.import_module(FORMER[former]), name)
+    assert getattr(found, name) is getattr(importlib.import_module(FORMER[former]), RENAMED.get(name, name))
