@@ -131,8 +131,8 @@ class PathReport:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Take the numbers along to other processes, not what they come from."""
-        known = (self.length, self.danger, self.clearance, self.certified, self.refused)
-        return _restored, (*known, self.validation, self.links_without_collision, self.time)
+        known = _Known(self.danger, self.clearance, self.time)
+        return _restored, (self.length, known, self.validation, self.links_without_collision)
 
     def __repr__(self) -> str:
         return f"PathReport({self.length:.3g} rad, {self.validation})"
@@ -157,20 +157,10 @@ class PathReport:
         }
 
 
-def _restored(
-    length: float,
-    danger: DangerReport | None,
-    clearance: ClearanceReport,
-    certified: bool,
-    refused: tuple[int, MotionVerdict] | None,
-    validation: Validation,
-    links: tuple[str, ...],
-    time: float,
-) -> PathReport:
-    report = PathReport(
-        length, danger, clearance, certified, refused, validation=validation, links_without_collision=links
-    )
-    report._parts.time = time
+def _restored(length: float, known: _Known, validation: Validation, links: tuple[str, ...]) -> PathReport:
+    report = PathReport.__new__(PathReport)
+    report.length, report._parts = length, known
+    report.validation, report.links_without_collision = validation, links
     return report
 
 

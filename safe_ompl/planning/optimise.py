@@ -14,7 +14,7 @@ from safe_ompl.common import FloatArray, InputError, clock
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import Simplifier, Stop, timed, unrolled
 from safe_ompl.scene import MotionLimits, People
-from safe_ompl.trajectories import PathTimer, RateLimits, duration_of, faster
+from safe_ompl.trajectories import MotionCaps, PathTimer, RateLimits, duration_of, faster
 
 Cost: TypeAlias = Literal["danger", "duration"]
 COSTS: tuple[Cost, ...] = ("danger", "duration")
@@ -103,16 +103,9 @@ class Timing:
         if self._timer is None or any(a is not b for a, b in zip(self._made_for, made_for, strict=True)):
             robot, limits = motion.checker.robot, self._limits
             danger = None if limits.max_danger is None or self._field is None else self._field.moving
-            self._timer = PathTimer(
-                robot,
-                RateLimits.of(robot, limits.velocity, limits.acceleration, limits.jerk),
-                motion=motion,
-                people=self._people,
-                tool_speed=limits.tool_speed,
-                link_speed=limits.link_speed,
-                danger=danger,
-                max_danger=limits.max_danger,
-            )
+            rates = RateLimits.of(robot, limits.velocity, limits.acceleration, limits.jerk)
+            caps = MotionCaps(self._people, limits.tool_speed, limits.link_speed, danger, limits.max_danger)
+            self._timer = PathTimer(robot, rates, motion=motion, caps=caps)
             self._made_for = made_for
         return self._timer
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from safe_ompl.trajectories.caps import (
         LINK_SPEED,
         TOOL_SPEED,
+        MotionCaps,
         StandstillError,
         contact_speed,
         robot_mass,
@@ -37,6 +38,7 @@ __all__ = [
     "BodySpeeds",
     "Cells",
     "JerkLaw",
+    "MotionCaps",
     "MotionDanger",
     "PathTimer",
     "Piece",
