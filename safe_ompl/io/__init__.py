@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.io.files import load, result_to_mapping, save
-    from safe_ompl.io.form import marked, read_json, strict_json
+    from safe_ompl.io.files import load, marked, read_json, result_to_mapping, save, strict_json
     from safe_ompl.io.joint_path import JointPath
     from safe_ompl.io.problems import unpacked_robot
     from safe_ompl.io.robot_document import RobotDocument, built_robot, carried_robot, links_without_collision
