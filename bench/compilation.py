@@ -79,7 +79,7 @@ def plan_and_simplify() -> None:
         SafeSetup,
         Scene,
     )
-    from safe_ompl.planning.planners.graphs.neighbours import NearestNode
+    from safe_ompl.planning.planners.parts.tree import NearestNode
 
     robot = Robot.from_example("panda")
     person = Obstacle("person", Person(), Pose((0.95, 0.3, -0.85)))

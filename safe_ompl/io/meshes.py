@@ -24,7 +24,7 @@ def place_meshes(urdf: Path, given: Sequence[Path]) -> None:
     try:
         root = parsed(urdf)
     except ElementTree.ParseError:
-        return  # whoever builds the robot says what is wrong
+        return  # building the robot reports what is wrong
     meshes = [mesh for mesh in root.iter("mesh") if mesh.get("filename")]
     for mesh in meshes:
         name = mesh.get("filename", "")

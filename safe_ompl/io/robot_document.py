@@ -69,7 +69,7 @@ _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 def carried_robot(robot: Robot) -> dict[str, Any]:
     """Return the robot as plain data: its hash, what its links lack, and what builds it.
 
-    The recipe is None where it is not plain data: then whoever verifies gives the robot.
+    The recipe is None where it is not plain data: then a verification needs the robot.
     """
     try:
         steps = recipe(robot.blueprint)
@@ -132,7 +132,7 @@ def _(blueprint: Attached) -> dict[str, Any]:
 
 @recipe.register
 def _(blueprint: WithAccelerations) -> dict[str, Any]:
-    return recipe(blueprint.of)  # a certificate of a timed motion claims its limits itself
+    return recipe(blueprint.of)  # certificates of timed motions claim limits themselves
 
 
 @recipe.register
@@ -170,7 +170,7 @@ def _xml(name: str, value: Any) -> str:
             if depth > _DEEPEST:
                 raise InputError(f"has tags in tags, more than {_DEEPEST} deep", name)
     except (ElementTree.ParseError, UnicodeEncodeError):
-        pass  # whoever builds the robot says what is wrong
+        pass  # building the robot reports what is wrong
     return content
 
 

@@ -12,7 +12,7 @@ from safe_ompl.geometry import LIMBS, STANDING
 from safe_ompl.people.skeletons import KEYPOINTS
 
 HEIGHT = 1.75  # [m]
-_CHEST = 0.28  # from the shoulders towards the pelvis, as `anatomy.Body` has it
+_CHEST = 0.28  # from the shoulders towards the pelvis, as in `safe_ompl.geometry.person`
 _HEIGHTS = (0.3, 2.8)  # [m] of people
 _HANGS_ON = {
     **{

@@ -277,7 +277,7 @@ class Surroundings:
     time : float
         Time of the last measurement [s]; −inf: there was none.
     sets : ReachSets
-        Where all of them may be from that time on; of nobody until all were seen.
+        Where all of them may be from that time on; none until all were seen.
     """
 
     def __init__(
@@ -341,7 +341,7 @@ class Surroundings:
         return list(self._violations)
 
     def trouble(self, time: float, lost_after: float) -> str | None:
-        """Return who moved farther than promised or is lost, so that the robot must stop; None: nobody."""
+        """Return who moved farther than promised or is lost, so that the robot must stop; else None."""
         for name, track in self._tracks.items():
             age = time - self.time + track.age
             if age > lost_after:

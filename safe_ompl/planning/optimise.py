@@ -19,7 +19,7 @@ from safe_ompl.trajectories import MotionCaps, PathTimer, RateLimits, duration_o
 Cost: TypeAlias = Literal["danger", "duration"]
 COSTS: tuple[Cost, ...] = ("danger", "duration")
 
-_PATIENCE = 4  # starts in a row that find nothing better before the best path is refined
+_STALE_STARTS = 4  # starts in a row that find nothing better before the best path is refined
 _WORTHWHILE = 1e-3  # share of the cost that a better path must save to count as such for that
 _REFINEMENTS = 3  # each with half the spacing of the one before
 
@@ -214,7 +214,7 @@ def _improve(
             found.paths.append(path)
 
     while not over():
-        if found.paths and stale >= _PATIENCE and refinement < _REFINEMENTS:
+        if found.paths and stale >= _STALE_STARTS and refinement < _REFINEMENTS:
             refinement, stale = refinement + 1, 0
             simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
             continue

@@ -202,7 +202,7 @@ class Run:
 class Interrupts:
     """Notes Ctrl-C while a block runs, and has it handled as it was before; in the main thread, as Python has it.
 
-    Where what was found so far stands, nothing is raised, and yet it must be known.
+    Used where the best result so far is returned and no exception is raised.
 
     Attributes
     ----------

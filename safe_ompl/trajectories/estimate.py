@@ -38,7 +38,7 @@ class DurationEstimate:
 
     @staticmethod
     def knows(timer: PathTimer) -> bool:
-        """Return whether the estimate heeds all that the timer does: joint limits, and people who are not touched."""
+        """Return whether the estimate accounts for all limits of the timer: joints, and people without contact."""
         contact = timer.people is not None and bool(timer.people.contact)
         return not (timer.has_other_caps or contact or timer.limits.jerk is not None)
 
@@ -91,7 +91,7 @@ class DurationEstimate:
         return np.concatenate([self._known[key] for key in keys])
 
     def _bends(self, units: FloatArray, lengths: FloatArray, sizes: FloatArray) -> FloatArray:
-        """Return |q″| (M, n) of the panels: that of the arc where one is, by the formulas of `blends.blended`."""
+        """Return |q″| (M, n) of the panels: that of the arc where one is, by the formulas of `blended`."""
         bends = np.zeros((len(sizes), units.shape[1]))
         middles = np.cumsum(sizes) - sizes / 2
         corners = np.cumsum(lengths)[:-1]

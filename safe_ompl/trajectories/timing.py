@@ -13,15 +13,13 @@ from safe_ompl.common import FloatArray, InputError, finite_array, number
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories.blends import blended
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.caps import MotionCaps, Standstill, StandstillError, people_caps, speed_caps
-from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.curve import BlendedCurve, Cells, blended
 from safe_ompl.trajectories.danger import DangerCap, MovingDanger, danger_cap
-from safe_ompl.trajectories.jerk_law import jerk_limited_law
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances
-from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, velocity_cap
+from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, jerk_limited_law, velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap, Trajectory
 
 BLEND_TOLERANCE = 0.05  # [rad] of blends

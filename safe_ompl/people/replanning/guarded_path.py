@@ -243,7 +243,7 @@ class GuardedPath:
     def margin(
         self, motion: StopMotion, sets: ReachSets, since: float, clearance: float, *, exact: bool = False
     ) -> Margin:
-        """Return the smallest margin along a motion; see `kernels.hull_gaps.gaps`.
+        """Return the smallest margin along a motion; see `safe_ompl.geometry.kernels.gaps`.
 
         Parameters
         ----------
@@ -345,5 +345,5 @@ class GuardedPath:
         )
 
     def _arrays(self, sets: ReachSets, *rest: float) -> Any:
-        """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `kernels.hull_gaps`."""
+        """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `gaps`."""
         return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays, *rest

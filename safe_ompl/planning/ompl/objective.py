@@ -102,8 +102,8 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     Notes
     -----
-    Optimising planners look at no motion that cannot pay: `motionCostHeuristic` is CDF_min times the distance, with
-    a proven bound CDF_min of the danger anywhere (`DangerField.minimum`).
+    Optimising planners skip motions that cannot improve a path: `motionCostHeuristic` is CDF_min times the distance,
+    with a proven lower bound CDF_min of the danger (`DangerField.minimum`).
     """
 
     def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
@@ -228,8 +228,8 @@ class DurationObjective(ob.OptimizationObjective):  # type: ignore[misc]
     Notes
     -----
     A bound is `motionCostHeuristic`, max_i |Δ_i|/v_i: no way between two states takes less. The cost itself is no
-    bound of a trajectory's duration. Corners take time and joints must accelerate: that is left out and makes it too
-    low. The path goes on while a stop lasts: so it is too low on the way towards people, too high on the way from them.
+    bound of a trajectory's duration. It leaves out corners and accelerations, which makes it too
+    low. A stop takes some path, so the cost is too low on the way towards people and too high on the way from them.
     Contact, danger, and speeds of tool and links do not count. Where people allow no speed at all it is 50 times the
     time of the joints, not infinite, so that planners find a way out. The duration of a path is what `PathTimer` says;
     `SafeSetup.plan(cost="duration")` minimises that.
@@ -346,7 +346,7 @@ class StateCost:
         """Return the median of ‖∇c‖ over valid configurations, what α is measured in; 0 where that is of no use.
 
         A `DangerObjective` keeps it, as long as the same `CollisionFreeValidity` says with the same settings what is
-        valid. Of what a checker of the user's own decides by nothing is known: there it is measured anew at each call.
+        valid. Nothing is known of how a user's own checker decides, so with one it is measured at each call.
 
         Parameters
         ----------
