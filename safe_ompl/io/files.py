@@ -12,10 +12,9 @@ import numpy as np
 
 from safe_ompl.common import Counts, InputError, UnknownNameError, finite_array
 from safe_ompl.common import documents as document
-from safe_ompl.io.joint_path import JointPath
+from safe_ompl.io.motions import JointPath, TimedMotion
 from safe_ompl.io.problems import Problem
 from safe_ompl.io.scene_document import built_scene, carried_scene
-from safe_ompl.io.timed_motion import TimedMotion
 from safe_ompl.paths import ClearanceReport, DangerReport, PathReport
 from safe_ompl.planning import Improvement, PlanResult
 from safe_ompl.robot import Robot

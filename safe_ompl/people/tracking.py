@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import STANDING, Obstacle, Pose, placed
-from safe_ompl.people.body import TrackedBody
 from safe_ompl.people.reach import Measured, ReachModel, ReachSets, SpeedReach
-from safe_ompl.people.skeletons import KEYPOINTS, Skeleton
+from safe_ompl.people.skeletons import KEYPOINTS, Skeleton, TrackedBody
 from safe_ompl.robot import bounding_hull
 from safe_ompl.scene import People, Scene
 

@@ -20,7 +20,7 @@ from safe_ompl.trajectories.time_law import velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap
 
 TOOL_SPEED, LINK_SPEED = "tool speed", "link speed"  # names of caps
-_BENDING = 0.5  # share of the accelerations that arcs may take beside people; the rest is left for braking
+BENDING = 0.5  # share of the accelerations that arcs may take beside people; the rest is left for braking
 _INSTANT = 0.005  # [s] times shorter than this count as this
 _FINEST = 1e-3  # [rad] no cell is divided into smaller ones
 
@@ -148,10 +148,9 @@ def people_caps(
     """
     people = distances.people
     for last in (False, True):
-        with np.errstate(divide="ignore"):
-            bending = np.sqrt((_BENDING * limits.acceleration / cells.bends).min(axis=1))
+        bending = arc_cap(cells, limits)
         caps = np.minimum(velocity_cap(cells, limits), bending)
-        brakes = _brakes(cells, limits, caps)
+        brakes = braking(cells, limits, caps)
         speeds = bodies.bounds(curve, cells)
         left = distances.along(curve, cells, speeds, soon=float(caps.max() / brakes.min()))
         harmless = _harmless(left.distances, speeds, distances)
@@ -193,8 +192,16 @@ def _parts(
     return parts
 
 
-def _brakes(cells: Cells, limits: RateLimits, caps: FloatArray) -> FloatArray:
-    rest = limits.acceleration - cells.bends * (caps * caps)[:, None]
+def arc_cap(cells: Cells, limits: RateLimits) -> FloatArray:
+    """Return the largest ṡ (N,) with which arcs take half of the accelerations; the rest is left for braking."""
+    with np.errstate(divide="ignore"):
+        found: FloatArray = np.sqrt((BENDING * limits.acceleration / cells.bends).min(axis=1))
+    return found
+
+
+def braking(cells: Cells, limits: RateLimits, speeds: FloatArray) -> FloatArray:
+    """Return the deceleration along the path (N,) [rad/s²] that the accelerations leave at ṡ of `speeds: (N,)`."""
+    rest = limits.acceleration - cells.bends * (speeds * speeds)[:, None]
     slopes = cells.slopes
     with np.errstate(divide="ignore"):
         brakes: FloatArray = np.where(slopes > 0, rest / slopes, np.inf).min(axis=1)
