@@ -79,7 +79,7 @@ def plan_and_simplify() -> None:
         SafeSetup,
         Scene,
     )
-    from safe_ompl.planning.planners.graphs.neighbours import NearestNode
+    from safe_ompl.planning.planners.parts.tree import NearestNode
 
     robot = Robot.from_example("panda")
     person = Obstacle("person", Person(), Pose((0.95, 0.3, -0.85)))
@@ -105,8 +105,7 @@ def plan_and_simplify() -> None:
 def drive() -> None:
     """Ask for what live driving needs."""
     from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Robot, Scene, Tracker, time_path
-    from safe_ompl.people.body import TrackedBody
-    from safe_ompl.people.skeletons import find_skeleton
+    from safe_ompl.people.skeletons import TrackedBody, find_skeleton
 
     robot, skeleton = Robot.from_example("panda"), find_skeleton("recording12")
     scene = Scene((Obstacle("table", Box((1.6, 1.6, 0.04)), Pose((0.0, 0.0, -0.1))),))

@@ -36,7 +36,7 @@ from safe_ompl import (
 )
 from safe_ompl.apps.cli.program import main
 from safe_ompl.geometry.person import STANDING
-from safe_ompl.io.timed_motion import TimedMotion
+from safe_ompl.io.motions import TimedMotion
 from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.scene.scenario import find_scenario

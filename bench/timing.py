@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl import RateLimits, Robot, Trajectory, time_path
-from safe_ompl.trajectories import blends
+from safe_ompl.trajectories import curve
 
 ROBOTS = ("panda", "ur5", "xarm7", "kinova")
 GRID = 1000
@@ -97,7 +97,7 @@ def main() -> None:
     parser.add_argument("--paths", type=int, default=50, help="paths for each robot")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    blends.ArcProof = _Free  # type: ignore[assignment, misc]
+    curve.ArcProof = _Free  # type: ignore[assignment, misc]
     for name in ROBOTS:
         robot = Robot.from_example(name)
         rng = np.random.default_rng(options.seed)

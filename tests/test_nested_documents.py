@@ -6,7 +6,7 @@ import pytest
 
 from safe_ompl.common.documents import reading
 from safe_ompl.common.errors import InputError
-from safe_ompl.io.form import read_json
+from safe_ompl.io.files import read_json
 from safe_ompl.io.ticks import read_ticks
 from safe_ompl.scene.mbm import MbmFile
 

@@ -19,9 +19,8 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.basic import Box
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.motion import CertifiedMotionValidator
 from safe_ompl.planning.ompl.states import StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
 from safe_ompl.scene.scene import Scene
 
 THREADS, NUMBER = 3, 60

@@ -1,4 +1,4 @@
-"""Issues certificates: paths with the proof that they may be driven, which anyone can check (`certificate.verify`).
+"""Issues certificates: paths with the proof that they may be driven, which anyone can check (`verify`).
 
 A certificate holds, for each edge, intervals that cover it. At the centre of each interval every pair of bodies is
 farther apart than its margin, and the margin is more than the two can approach each other within the interval. The
@@ -79,7 +79,7 @@ def certificate(
     moving_obstacles : mapping, optional
         Claim, too, that the path stays free, and keeps its clearance, whatever obstacles do that move no faster than
         their `speeds` (by name [m/s]), until a `time` [s] after the moment of the scene: see
-        `CertifiedMotion.setMovingObstacles`.
+        `CertifiedMotion.with_moving_obstacles`.
     tool : mapping, optional
         Claim limits of the tool, too: an `orientation` with `axis` (of the tip), `direction` (in the world) and `angle`
         [rad], a `position` with bounds of `x`, `y` and `z` [m]; either or both.
@@ -88,8 +88,8 @@ def certificate(
         stops beside people, and how slow it is in the contacts that these may end in. Of its danger in motion the limit
         that it was made for, or else, with a `field`, its proven peak.
     also_sampled : str, optional
-        What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad": whoever verifies
-        is told that it is not covered.
+        What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad". The verification
+        reports that it is not covered.
     source : mapping, optional
         Where robot and scene come from: kept as it is. They travel inside in any case.
 
@@ -334,7 +334,7 @@ def moving_danger_claim(
     Raises
     ------
     InputError
-        If the field's danger points are not those of the scene: none that verifies would look at them.
+        If the field's danger points are not those of the scene: a verification would not look at them.
     """
     still = field.field
     if still.points is None or not np.array_equal(still.points, scene.danger_points(spacing)[0]):

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.io.files import load, result_to_mapping, save
-    from safe_ompl.io.form import marked, read_json, strict_json
-    from safe_ompl.io.joint_path import JointPath
+    from safe_ompl.io.files import load, marked, read_json, result_to_mapping, save, strict_json
+    from safe_ompl.io.motions import ACCELERATION, JointPath, TimedMotion
     from safe_ompl.io.problems import unpacked_robot
     from safe_ompl.io.robot_document import RobotDocument, built_robot, carried_robot, links_without_collision
     from safe_ompl.io.scene_document import SceneDocument, built_scene, carried_scene
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
         whole,
     )
     from safe_ompl.io.ticks import read_ticks, ticks_header, write_ticks
-    from safe_ompl.io.timed_motion import ACCELERATION, TimedMotion
 
 __all__ = [
     "ACCELERATION",

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import logging
-import zlib
-from base64 import b64decode, b64encode
 from collections.abc import Iterator, Mapping, Sequence
-from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
+from safe_ompl.io.meshes import packed_files, packed_size, unpacked_file
 from safe_ompl.io.robot_document import built_robot, carried_robot
 from safe_ompl.io.scene_document import built_scene, carried_scene
 from safe_ompl.robot import Robot
@@ -23,7 +21,6 @@ _log = logging.getLogger(__name__)
 
 SMALL = 8_000_000
 """Bytes of compressed meshes that travel without being asked for."""
-_LARGEST = 500_000_000  # bytes of one mesh that is unpacked
 _PACKAGE = "carried"  # of the meshes in the URDF that travels
 
 
@@ -91,7 +88,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
     sources = [pair for pair in _sources(robot.blueprint, carried["recipe"]) if "text" in pair[1]]
     for tag in ("collision", "visual"):
         files = {path for urdf, _ in sources for path in urdf.mesh_files(tag).values()}
-        added = _packed(files - packed.keys(), None if meshes else SMALL - _size(packed))
+        added = packed_files(files - packed.keys(), None if meshes else SMALL - packed_size(packed))
         if added is None:
             level = logging.WARNING if tag == "collision" else logging.INFO
             _log.log(
@@ -129,7 +126,7 @@ def unpacked_robot(data: object, package_dirs: Sequence[Path] = ()) -> Robot:
         for name, packed in meshes.items():
             if Path(name).name != name or name == ".." or "\\" in name:
                 raise InputError(f"{name!r} is not the name of a file", "meshes")
-            (Path(folder) / _PACKAGE / name).write_bytes(_unpacked(name, packed))
+            (Path(folder) / _PACKAGE / name).write_bytes(unpacked_file(name, packed))
         robot = built_robot(carried, package_dirs=[*package_dirs, *([Path(folder)] if meshes else [])])
         if meshes:
             robot.visual_model  # noqa: B018  # read now: the folder goes
@@ -146,34 +143,3 @@ def _sources(blueprint: Blueprint, recipe: Mapping[str, Any]) -> Iterator[tuple[
     else:  # accelerations are no part of a recipe
         below = blueprint.of  # type: ignore[attr-defined]
         yield from _sources(below, recipe.get("of", recipe))
-
-
-def _packed(files: set[Path], room: int | None) -> dict[Path, tuple[str, str]] | None:
-    """Return names and contents of files, compressed, in base 64; None if that takes more than so many bytes."""
-    packed: dict[Path, tuple[str, str]] = {}
-    for path in sorted(files):
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"cannot be saved with the robot ({error.strerror})", str(path)) from None
-        name = f"{sha256(content).hexdigest()[:32]}{path.suffix.lower()}"
-        packed[path] = name, b64encode(zlib.compress(content)).decode("ascii")
-        if room is not None and _size(packed) > room:
-            return None
-    return packed
-
-
-def _size(packed: Mapping[Path, tuple[str, str]]) -> int:
-    return sum(map(len, dict(packed.values()).values()))
-
-
-def _unpacked(name: str, packed: Any) -> bytes:
-    with document.within("meshes"):
-        try:
-            unpacking = zlib.decompressobj()
-            content = unpacking.decompress(b64decode(document.text(name, packed), validate=True), _LARGEST)
-        except (ValueError, zlib.error) as error:
-            raise InputError(f"is not a compressed mesh in base 64: {error}", name) from None
-        if not unpacking.eof:
-            raise InputError(f"is cut, or larger than {_LARGEST} bytes", name)
-    return content

@@ -14,16 +14,17 @@ from __future__ import annotations
 import io
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import singledispatch
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, get_args
 
 from safe_ompl.common import InputError, UnknownNameError, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
+from safe_ompl.io.meshes import examples_folder, place_meshes
 from safe_ompl.io.scene_document import carried_files, encoded, unpack
 from safe_ompl.io.schema import (
     NotPlainError,
@@ -48,18 +49,15 @@ from safe_ompl.robot.loading import (
     Combined,
     OnBase,
     OnMobileBase,
-    PackageFolders,
     UrdfBlueprint,
     WithAccelerations,
     check_prefixes,
     mobile_ranges,
-    parsed,
     robots_folder,
 )
 
 _FILES = ("urdf", "srdf")
 _OF_THE_MACHINE = (*_FILES, "package_dirs")
-_PACKAGE = "package://"
 _MOST_CHARACTERS = 20_000_000  # of a URDF or an SRDF
 _DEEPEST = 100  # tags in tags, recipes in recipes
 _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
@@ -71,7 +69,7 @@ _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 def carried_robot(robot: Robot) -> dict[str, Any]:
     """Return the robot as plain data: its hash, what its links lack, and what builds it.
 
-    The recipe is None where it is not plain data: then whoever verifies gives the robot.
+    The recipe is None where it is not plain data: then a verification needs the robot.
     """
     try:
         steps = recipe(robot.blueprint)
@@ -134,7 +132,7 @@ def _(blueprint: Attached) -> dict[str, Any]:
 
 @recipe.register
 def _(blueprint: WithAccelerations) -> dict[str, Any]:
-    return recipe(blueprint.of)  # a certificate of a timed motion claims its limits itself
+    return recipe(blueprint.of)  # certificates of timed motions claim limits themselves
 
 
 @recipe.register
@@ -172,7 +170,7 @@ def _xml(name: str, value: Any) -> str:
             if depth > _DEEPEST:
                 raise InputError(f"has tags in tags, more than {_DEEPEST} deep", name)
     except (ElementTree.ParseError, UnicodeEncodeError):
-        pass  # whoever builds the robot says what is wrong
+        pass  # building the robot reports what is wrong
     return content
 
 
@@ -420,53 +418,8 @@ class RecipeReader:
         path = self._own_folder() / f"carried.{kind}"
         path.write_text(file.text, encoding="utf-8")
         if kind == "urdf":
-            _place_meshes(path, self.package_dirs)
+            place_meshes(path, self.package_dirs)
         return path
-
-
-def _place_meshes(urdf: Path, given: Sequence[Path]) -> None:
-    """Let a carried URDF name its meshes where they are: in folders that are given, or in example-robot-data."""
-    try:
-        root = parsed(urdf)
-    except ElementTree.ParseError:
-        return  # whoever builds the robot says what is wrong
-    meshes = [mesh for mesh in root.iter("mesh") if mesh.get("filename")]
-    for mesh in meshes:
-        name = mesh.get("filename", "")
-        place = next((place for place in _mesh_places(name, given) if place.is_file()), None)
-        inside = "/".join(
-            _steps(name) or (PurePosixPath(name).name,)
-        )  # in the folder of the URDF, which has no other file
-        mesh.set("filename", inside if place is None else str(place.resolve()))
-    if meshes:
-        urdf.write_bytes(ElementTree.tostring(root, encoding="utf-8"))
-
-
-def _mesh_places(name: str, given: Sequence[Path]) -> Iterator[Path]:
-    """Yield where a mesh may be, all of it in folders that are given, or in example-robot-data."""
-    steps, examples = _steps(name), examples_folder()
-    if steps is None:
-        return
-    plain_name = name.removeprefix("file://")
-    for folder in given:
-        if Path(plain_name).is_absolute() and Path(plain_name).is_relative_to(folder.resolve()):
-            yield Path(plain_name)
-        yield folder.joinpath(*steps)
-    if examples is not None:
-        yield examples.parents[1].joinpath(*steps)
-    if name.startswith(_PACKAGE):
-        found = PackageFolders(Path("/"), [folder.resolve() for folder in given]).resolve(
-            _PACKAGE + "/".join(steps)
-        )
-        if found is not None:
-            yield found
-
-
-def _steps(name: str) -> tuple[str, ...] | None:
-    """Return the folders and the file that a name of a mesh goes through; None where it goes back up."""
-    steps = PurePosixPath(re.sub(r"^[a-z]+://", "", name)).parts
-    steps = tuple(step for step in steps if step != "/")
-    return None if not steps or ".." in steps or "\0" in name else steps
 
 
 def _example(name: str) -> Path:
@@ -474,11 +427,3 @@ def _example(name: str) -> Path:
     if not (path.is_relative_to(robots_folder()) and path.suffix in (".urdf", ".srdf") and path.is_file()):
         raise InputError(f"{name!r} is not in example-robot-data", "example_robot_data")
     return path
-
-
-def examples_folder() -> Path | None:
-    """Return the folder of the robots of example-robot-data, or None where that is not installed."""
-    try:
-        return robots_folder()
-    except InputError:
-        return None

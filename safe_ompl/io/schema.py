@@ -261,7 +261,7 @@ def sha(name: str, value: Any) -> str:
 
 
 def plain(name: str, value: Any, depth: int = 20) -> Any:
-    """Read plain data of any kind, whose text can be printed; whoever uses it checks it further."""
+    """Read plain data of any kind, whose text can be printed; its user checks it further."""
     if depth == 0:
         raise InputError("is nested too deeply", name)
     if isinstance(value, Mapping):

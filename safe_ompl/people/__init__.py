@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.body import PELVIS, TrackedBody, facing
     from safe_ompl.people.reach import (
         AccelerationReach,
         IntersectedReach,
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
         SpeedReach,
     )
     from safe_ompl.people.recordings import Recording, list_clips
-    from safe_ompl.people.skeletons import KEYPOINTS, Skeleton, find_skeleton
+    from safe_ompl.people.skeletons import KEYPOINTS, PELVIS, Skeleton, TrackedBody, facing, find_skeleton
     from safe_ompl.people.tracking import Surroundings, Tracker, Violation
 
 __all__ = [

@@ -57,12 +57,12 @@ class ReachSets:
 
     @property
     def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
-        """All arrays, as `maths.kernels.hull_gaps.gaps` takes them."""
+        """All arrays, as `safe_ompl.geometry.kernels.gaps` takes them."""
         return self.owners, self.points, self.velocities, self.first, self.radii, self.growth
 
     @classmethod
     def none(cls) -> ReachSets:
-        """Return the sets of nobody."""
+        """Return no sets, of no bodies."""
         empty, still = np.zeros((0, 3)), np.zeros(0)
         no: IntArray = np.zeros(0, dtype=np.intp)
         return cls((), no, empty, empty, np.zeros(1, dtype=np.intp), still, empty)
@@ -252,7 +252,7 @@ class AccelerationReach:
 
 @dataclass(frozen=True)
 class LimbLengthReach:
-    """Arms are no longer than they are: each is in a ball about its shoulder, which moves with its own speed.
+    """The length of arms is bounded: each is in a ball about its shoulder, which moves with its own speed.
 
     It says nothing of other limbs.
 

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import STANDING, Obstacle, Pose, placed
-from safe_ompl.people.body import TrackedBody
 from safe_ompl.people.reach import Measured, ReachModel, ReachSets, SpeedReach
-from safe_ompl.people.skeletons import KEYPOINTS, Skeleton
+from safe_ompl.people.skeletons import KEYPOINTS, Skeleton, TrackedBody
 from safe_ompl.robot import bounding_hull
 from safe_ompl.scene import People, Scene
 
@@ -277,7 +276,7 @@ class Surroundings:
     time : float
         Time of the last measurement [s]; −inf: there was none.
     sets : ReachSets
-        Where all of them may be from that time on; of nobody until all were seen.
+        Where all of them may be from that time on; none until all were seen.
     """
 
     def __init__(
@@ -341,7 +340,7 @@ class Surroundings:
         return list(self._violations)
 
     def trouble(self, time: float, lost_after: float) -> str | None:
-        """Return who moved farther than promised or is lost, so that the robot must stop; None: nobody."""
+        """Return who moved farther than promised or is lost, so that the robot must stop; else None."""
         for name, track in self._tracks.items():
             age = time - self.time + track.age
             if age > lost_after:

@@ -9,9 +9,9 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.planning import wiring
     from safe_ompl.planning.from_scenario import plan, setup_problem, setup_scenario
-    from safe_ompl.planning.given_planner import planner_data
     from safe_ompl.planning.optimise import COSTS, Improvement
     from safe_ompl.planning.result import PlanResult
+    from safe_ompl.planning.run import planner_data
     from safe_ompl.planning.safe_setup import SafeSetup
 
 __all__ = [

@@ -14,12 +14,12 @@ from safe_ompl.common import FloatArray, InputError, clock
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import Simplifier, Stop, timed, unrolled
 from safe_ompl.scene import MotionLimits, People
-from safe_ompl.trajectories import PathTimer, RateLimits, duration_of, faster
+from safe_ompl.trajectories import MotionCaps, PathTimer, RateLimits, duration_of, faster
 
 Cost: TypeAlias = Literal["danger", "duration"]
 COSTS: tuple[Cost, ...] = ("danger", "duration")
 
-_PATIENCE = 4  # starts in a row that find nothing better before the best path is refined
+_STALE_STARTS = 4  # starts in a row that find nothing better before the best path is refined
 _WORTHWHILE = 1e-3  # share of the cost that a better path must save to count as such for that
 _REFINEMENTS = 3  # each with half the spacing of the one before
 
@@ -103,16 +103,9 @@ class Timing:
         if self._timer is None or any(a is not b for a, b in zip(self._made_for, made_for, strict=True)):
             robot, limits = motion.checker.robot, self._limits
             danger = None if limits.max_danger is None or self._field is None else self._field.moving
-            self._timer = PathTimer(
-                robot,
-                RateLimits.of(robot, limits.velocity, limits.acceleration, limits.jerk),
-                motion=motion,
-                people=self._people,
-                tool_speed=limits.tool_speed,
-                link_speed=limits.link_speed,
-                danger=danger,
-                max_danger=limits.max_danger,
-            )
+            rates = RateLimits.of(robot, limits.velocity, limits.acceleration, limits.jerk)
+            caps = MotionCaps(self._people, limits.tool_speed, limits.link_speed, danger, limits.max_danger)
+            self._timer = PathTimer(robot, rates, motion=motion, caps=caps)
             self._made_for = made_for
         return self._timer
 
@@ -221,7 +214,7 @@ def _improve(
             found.paths.append(path)
 
     while not over():
-        if found.paths and stale >= _PATIENCE and refinement < _REFINEMENTS:
+        if found.paths and stale >= _STALE_STARTS and refinement < _REFINEMENTS:
             refinement, stale = refinement + 1, 0
             simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
             continue

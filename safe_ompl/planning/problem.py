@@ -139,7 +139,7 @@ class Problem:
         self._unchecked = False
 
     def check_complete(self, planner: Any) -> None:
-        """Raise an InputError where OMPL and a planner, or None, would say less, or end the process."""
+        """Raise an InputError for what OMPL would report poorly, or what would end the process."""
         self.check_anew()
         goal = self._setup.getGoal()
         if goal is None:
@@ -191,7 +191,7 @@ class Problem:
     # --------------------------------------------------------------------------------------- which goal
 
     def choose_goal(self, planner: Any, seed: int) -> None:
-        """Of a place and goal configurations that were both set, take what a planner plans to."""
+        """Where a place and goal configurations are both set, take the one that the planner accepts."""
         if self.place is None:
             return
         self.place.setSeed(seed)

@@ -18,13 +18,21 @@ from ompl import geometric as og
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, clock, finite_array
 from safe_ompl.common import seed as checked_seed
 from safe_ompl.paths import PathReport, Simplifier, Validation, validate
-from safe_ompl.planning.given_planner import check_planner, seed_ompl
 from safe_ompl.planning.ompl import DurationObjective, ScratchState
 from safe_ompl.planning.optimise import COSTS, Cost, Simplification, Timing
 from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, make_planner
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.run import Interrupts, Run, seconds, simplification_time, stopping, termination
+from safe_ompl.planning.run import (
+    Interrupts,
+    Run,
+    check_planner,
+    seconds,
+    seed_ompl,
+    simplification_time,
+    stopping,
+    termination,
+)
 from safe_ompl.scene import MotionLimits, People
 from safe_ompl.trajectories import PathTimer
 

@@ -63,7 +63,7 @@ class Wiring:
         return f"Wiring({self.checker!r})"
 
     def plug_in(self, validity: CollisionFreeValidity, validator: CertifiedMotionValidator) -> None:
-        """Put plug-ins in the place of our own, not beside them as those of a user are."""
+        """Replace our own plug-ins; those of a user are asked besides ours."""
         self.validity, self.validator = validity, validator
         self.si.setStateValidityChecker(validity)
         self.si.setMotionValidator(validator)
@@ -92,7 +92,8 @@ class Wiring:
             If a constraint is about an obstacle that the scene does not have. Then all stays what it was.
         """
         if constraints.user and not self._registered:
-            # A function knows its module, and that the setup: no collector finds the way back, which is C++'s.
+            # A user's function refers to its module, which refers to the setup. The cycle closes in C++, where Python's
+            # garbage collector cannot see it.
             atexit.register(_let_go, ref(self))
             self._registered = True
         self.validity.setConstraints(constraints, checker)
@@ -101,7 +102,7 @@ class Wiring:
     # ----------------------------------------------------------------------------------- the user's own plug-ins
 
     def put_user_checker(self, checker: Any) -> None:
-        """Have a state validity checker of the user's own asked, too; None: there is none any more.
+        """Ask a state validity checker of the user's own, too; None removes it.
 
         Raises
         ------
@@ -126,7 +127,7 @@ class Wiring:
     def adopt(self) -> bool:
         """Take over the user's plug-ins that were set on the space information; return whether there were any.
 
-        OMPL's bindings do not tell when one is set there: whoever plans or judges looks.
+        OMPL's bindings do not report when one is set, so planning and validation look for it.
         """
         checker, validator = self.si.getStateValidityChecker(), self.si.getMotionValidator()
         if checker is self.validity and validator is self.validator:
@@ -156,7 +157,7 @@ class Wiring:
 
 
 def _let_go(wiring: ref[Wiring]) -> None:
-    """Forget the checks of the user's own, at the end of the program: OMPL would call them leaked."""
+    """Forget the user's checks at the end of the program; OMPL would report them as leaked."""
     alive = wiring()
     if alive is not None:
         alive.put(replace(alive.constraints, user=()))

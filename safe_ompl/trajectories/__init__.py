@@ -7,23 +7,24 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.trajectories.blends import ArcProof, blended
     from safe_ompl.trajectories.body_speeds import BodySpeeds
     from safe_ompl.trajectories.caps import (
         LINK_SPEED,
         TOOL_SPEED,
+        MotionCaps,
         StandstillError,
+        arc_cap,
+        braking,
         contact_speed,
         robot_mass,
         speed_caps,
     )
-    from safe_ompl.trajectories.curve import BlendedCurve, Cells, Piece
+    from safe_ompl.trajectories.curve import ArcProof, BlendedCurve, Cells, Piece, blended
     from safe_ompl.trajectories.danger import MotionDanger
-    from safe_ompl.trajectories.jerk_law import JerkLaw
     from safe_ompl.trajectories.kernels import ceilings, drive
     from safe_ompl.trajectories.limits import RateLimits
     from safe_ompl.trajectories.local_changes import duration_of, faster
-    from safe_ompl.trajectories.time_law import velocity_cap
+    from safe_ompl.trajectories.time_law import JerkLaw, velocity_cap
     from safe_ompl.trajectories.timing import CELLS, PathTimer, time_path
     from safe_ompl.trajectories.trajectory import RATE, SpeedCap, State, Trajectory
 
@@ -37,6 +38,7 @@ __all__ = [
     "BodySpeeds",
     "Cells",
     "JerkLaw",
+    "MotionCaps",
     "MotionDanger",
     "PathTimer",
     "Piece",
@@ -45,7 +47,9 @@ __all__ = [
     "StandstillError",
     "State",
     "Trajectory",
+    "arc_cap",
     "blended",
+    "braking",
     "ceilings",
     "contact_speed",
     "drive",

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, SafeOmplError
+from safe_ompl.common import FloatArray, InputError, IntArray, SafeOmplError, number
+from safe_ompl.danger import KinetostaticField
 from safe_ompl.robot import Robot
 from safe_ompl.scene import BodyRegion, People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
@@ -19,25 +20,67 @@ from safe_ompl.trajectories.time_law import velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap
 
 TOOL_SPEED, LINK_SPEED = "tool speed", "link speed"  # names of caps
-_BENDING = 0.5  # share of the accelerations that arcs may take beside people; the rest is left for braking
+BENDING = 0.5  # share of the accelerations that arcs may take beside people; the rest is left for braking
 _INSTANT = 0.005  # [s] times shorter than this count as this
 _FINEST = 1e-3  # [rad] no cell is divided into smaller ones
 
 
 @dataclass(frozen=True)
+class MotionCaps:
+    """What bounds the speed of trajectories besides the limits of the joints.
+
+    Parameters
+    ----------
+    people, tool_speed, link_speed, danger, max_danger
+        As in `time_path`.
+
+    Raises
+    ------
+    InputError
+        If only one of `danger` and `max_danger` is given, or a number is not positive.
+    """
+
+    people: People | None = None
+    tool_speed: float | None = None
+    link_speed: float | None = None
+    danger: KinetostaticField | None = None
+    max_danger: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.danger is None) != (self.max_danger is None):
+            raise InputError(
+                "give a danger and the largest that it may reach, or neither",
+                "danger" if self.danger is None else "max_danger",
+            )
+        for key, name, kind in (
+            ("tool_speed", "tool speed", "number of m/s"),
+            ("link_speed", "link speed", "number of m/s"),
+            ("max_danger", "max_danger", "number"),
+        ):
+            value = getattr(self, key)
+            if value is not None:
+                object.__setattr__(self, key, number(name, value, above=0.0, kind=kind))
+
+    @property
+    def speeds(self) -> tuple[float | None, float | None]:
+        """Largest speeds [m/s] of the tip, and of any point of any link; None: no limit."""
+        return self.tool_speed, self.link_speed
+
+
+@dataclass(frozen=True)
 class Standstill:
-    """Where nothing allows the robot to move.
+    """Where the robot may not move at any speed.
 
     Attributes
     ----------
     arc_length : float
-        Where on the curve [rad],
+        Place on the curve [rad].
     configuration : ndarray, shape (n,)
-        and where the robot is there.
+        Configuration of the robot there.
     reason : str
-        What forbids it, with the numbers, and what would have to change.
+        What forbids motion, with the numbers, and what would have to change.
     person, limb, link : str or None
-        Who may come to what.
+        Who may come to which link.
     """
 
     arc_length: float
@@ -91,10 +134,10 @@ def people_caps(
     """Return the caps by separation and by contact.
 
     A stop may decelerate by b_k = min_i (a_i − |q″_i|x_k)/|q′_i| in cell k, with the largest x_k = ṡ² there, and does
-    not brake harder than it began. From any instant on the robot stands before anyone who is as fast as `people` says
-    comes nearer than the clearance, or it is so slow when she may that the region of her body bears it; see
-    `safe_ompl.trajectories.kernels`. Cells are divided where they bound the speed and are so long that the robot's
-    motion within costs more than a `loss`, a share of the time that is left.
+    not brake harder than it began. A stop from any instant on ends before a person who is as fast as `people` says
+    comes nearer than the clearance; or else the robot is slow enough by then that a contact stays below the limits of
+    the body region. See `safe_ompl.trajectories.kernels`. A cell that bounds the speed is divided if the robot's motion
+    within it costs more than the share `loss` of the time that is left.
 
     Raises
     ------
@@ -105,10 +148,9 @@ def people_caps(
     """
     people = distances.people
     for last in (False, True):
-        with np.errstate(divide="ignore"):
-            bending = np.sqrt((_BENDING * limits.acceleration / cells.bends).min(axis=1))
+        bending = arc_cap(cells, limits)
         caps = np.minimum(velocity_cap(cells, limits), bending)
-        brakes = _brakes(cells, limits, caps)
+        brakes = braking(cells, limits, caps)
         speeds = bodies.bounds(curve, cells)
         left = distances.along(curve, cells, speeds, soon=float(caps.max() / brakes.min()))
         harmless = _harmless(left.distances, speeds, distances)
@@ -150,8 +192,16 @@ def _parts(
     return parts
 
 
-def _brakes(cells: Cells, limits: RateLimits, caps: FloatArray) -> FloatArray:
-    rest = limits.acceleration - cells.bends * (caps * caps)[:, None]
+def arc_cap(cells: Cells, limits: RateLimits) -> FloatArray:
+    """Return the largest ṡ (N,) with which arcs take half of the accelerations; the rest is left for braking."""
+    with np.errstate(divide="ignore"):
+        found: FloatArray = np.sqrt((BENDING * limits.acceleration / cells.bends).min(axis=1))
+    return found
+
+
+def braking(cells: Cells, limits: RateLimits, speeds: FloatArray) -> FloatArray:
+    """Return the deceleration along the path (N,) [rad/s²] that the accelerations leave at ṡ of `speeds: (N,)`."""
+    rest = limits.acceleration - cells.bends * (speeds * speeds)[:, None]
     slopes = cells.slopes
     with np.errstate(divide="ignore"):
         brakes: FloatArray = np.where(slopes > 0, rest / slopes, np.inf).min(axis=1)
@@ -201,7 +251,9 @@ def _harmless(left: FloatArray, speeds: FloatArray, distances: PeopleDistances) 
 
 
 def contact_speed(region: BodyRegion, mass: float) -> float:
-    """Return the largest relative speed [m/s] of a contact that a region bears, F/√(μK), 1/μ = 1/m_H + 1/m_R.
+    """Return the relative speed [m/s] at which contact with a body region stays below its limit.
+
+    It is F/√(μK) with 1/μ = 1/m_H + 1/m_R.
 
     Parameters
     ----------

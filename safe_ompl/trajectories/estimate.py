@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.trajectories.caps import BENDING
 from safe_ompl.trajectories.kernels import stopping_speeds
 from safe_ompl.trajectories.separation import PeopleDistances
 from safe_ompl.trajectories.timing import PathTimer
@@ -15,7 +16,6 @@ _STEP = 0.15  # [rad] between samples
 _SHORTEST = 1e-9  # [rad] of edges
 _STRAIGHT, _SHARPEST = 1e-6, 1e-4  # [rad] turns of less are none; no arc has a smaller radius
 _NUDGE = 0.02  # [rad] of the joints, to see where people are farther away
-_BENDING = 0.5  # share of the accelerations that arcs may take, as beside people
 _NEVER = 1e6  # [s] where nobody comes
 
 
@@ -38,7 +38,7 @@ class DurationEstimate:
 
     @staticmethod
     def knows(timer: PathTimer) -> bool:
-        """Return whether the estimate heeds all that the timer does: joint limits, and people who are not touched."""
+        """Return whether the estimate accounts for all limits of the timer: joints, and people without contact."""
         contact = timer.people is not None and bool(timer.people.contact)
         return not (timer.has_other_caps or contact or timer.limits.jerk is not None)
 
@@ -54,7 +54,7 @@ class DurationEstimate:
         bends = self._bends(steps / lengths[:, None], lengths, sizes)
         with np.errstate(divide="ignore"):
             speeds = (limits.velocity / slopes).min(axis=1)[of]
-            caps = np.minimum(speeds, np.sqrt((_BENDING * limits.acceleration / bends).min(axis=1)))
+            caps = np.minimum(speeds, np.sqrt((BENDING * limits.acceleration / bends).min(axis=1)))
             rest = limits.acceleration - bends * (caps * caps)[:, None]
             weakest = (rest / slopes[of]).min(axis=1)
         if self._timer.distances is not None:
@@ -91,7 +91,7 @@ class DurationEstimate:
         return np.concatenate([self._known[key] for key in keys])
 
     def _bends(self, units: FloatArray, lengths: FloatArray, sizes: FloatArray) -> FloatArray:
-        """Return |q″| (M, n) of the panels: that of the arc where one is, by the formulas of `blends.blended`."""
+        """Return |q″| (M, n) of the panels: that of the arc where one is, by the formulas of `blended`."""
         bends = np.zeros((len(sizes), units.shape[1]))
         middles = np.cumsum(sizes) - sizes / 2
         corners = np.cumsum(lengths)[:-1]

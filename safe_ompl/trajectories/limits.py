@@ -16,7 +16,7 @@ from safe_ompl.robot import Robot
 _log = logging.getLogger(__name__)
 
 LimitByJoint: TypeAlias = float | Mapping[str, float] | ArrayLike
-_RISE = 0.25  # [s] in which a joint reaches its velocity, where nobody says how fast it may accelerate
+_RISE = 0.25  # [s] in which a joint reaches its velocity, where no acceleration limit is known
 _UNLIMITED = 1e3  # [rad/s or m/s] from here on a URDF's velocity stands for none
 
 
@@ -77,7 +77,7 @@ class RateLimits:
             One for all joints, those of some joints, or all. Default: the URDF's.
         acceleration : float, mapping of str to float, or array_like of shape (n,), optional
             As above. Default: the robot's own (`Robot.with_accelerations`, or its entry in a scenario), and where it
-            has none what reaches the velocity limit in 0.25 s, which a warning says: URDFs know none.
+            has none what reaches the velocity limit in 0.25 s, with a warning: URDFs have no such limits.
         jerk : float, mapping of str to float, or array_like of shape (n,), optional
             One for all joints, or those of all. Default: it is not limited. With a limit the robot stops at every
             way point where its path turns.

@@ -167,7 +167,7 @@ class PeopleDistances:
         return SeparationBounds(distances, times, nearest)
 
     def _time(self, distances: FloatArray, slowness: FloatArray) -> FloatArray:
-        """Return when limbs at these distances may be there; who does not move never is, unless too near already."""
+        """Return when limbs at these distances may reach the robot; infinite for limbs at rest, unless too near."""
         left = distances - self.people.clearance
         time = left * slowness - self.people.reaction_time
         still = slowness == 0

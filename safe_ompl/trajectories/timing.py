@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,15 +13,13 @@ from safe_ompl.common import FloatArray, InputError, finite_array, number
 from safe_ompl.danger import KinetostaticField
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories.blends import blended
 from safe_ompl.trajectories.body_speeds import BodySpeeds
-from safe_ompl.trajectories.caps import Standstill, StandstillError, people_caps, speed_caps
-from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.caps import MotionCaps, Standstill, StandstillError, people_caps, speed_caps
+from safe_ompl.trajectories.curve import BlendedCurve, Cells, blended
 from safe_ompl.trajectories.danger import DangerCap, MovingDanger, danger_cap
-from safe_ompl.trajectories.jerk_law import jerk_limited_law
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances
-from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, velocity_cap
+from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, jerk_limited_law, velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap, Trajectory
 
 BLEND_TOLERANCE = 0.05  # [rad] of blends
@@ -58,16 +57,15 @@ def time_path(
         What proves the arcs that round the corners. Without it the robot stops in every corner.
     tolerance : float
         How far arcs may be from the path [rad].
-
     people : People, optional
-        Who may come near: nowhere is the robot faster than what is proven to stop in time before she touches it.
-        Needs `motion`, whose scene says where people are.
+        Who may come near: the robot is nowhere faster than what is proven to stop before they touch it. Needs `motion`,
+        whose scene says where people are.
     tool_speed, link_speed : float, optional
         Largest speed of the tip, and of any point of any link [m/s].
     danger : KinetostaticField, optional
-        The danger of the robot in motion, such as `DangerField(...).moving`, and
+        The danger of the robot in motion, such as `DangerField(...).moving`.
     max_danger : float, optional
-        the largest that it may reach anywhere.
+        The largest danger that it may reach anywhere; given together with `danger`.
 
     Raises
     ------
@@ -79,24 +77,14 @@ def time_path(
         points, is not finite, does not move or leaves the joint limits; if limits are missing or of other joints; if
         the tolerance is negative.
     """
-    timer = PathTimer(
-        robot,
-        limits,
-        motion=motion,
-        tolerance=tolerance,
-        people=people,
-        tool_speed=tool_speed,
-        link_speed=link_speed,
-        danger=danger,
-        max_danger=max_danger,
-    )
-    return timer.time(path)
+    caps = MotionCaps(people, tool_speed, link_speed, danger, max_danger)
+    return PathTimer(robot, limits, motion=motion, tolerance=tolerance, caps=caps).time(path)
 
 
 class PathTimer:
-    """Times many paths of one robot in one scene: what no path changes is made once. Parameters as `time_path`.
+    """Times many paths of one robot in one scene; what does not depend on the path is computed once.
 
-    For who replans beside people that move, this is the cheap form:
+    It is the cheap form for replanning beside people who move:
 
     * `move` changes where people are, in place; nothing is built anew. All else of the scene stands still.
     * `retimed` times the rest of a trajectory again, from a time and the speed there: the curve is kept, and with it
@@ -105,10 +93,17 @@ class PathTimer:
       speed: 60 take a quarter of the time (a Panda beside a person: 25 ms instead of 100), and the motion becomes some
       9 to 17 % slower.
 
+    Parameters
+    ----------
+    robot, limits, motion, tolerance
+        As in `time_path`.
+    caps : MotionCaps, optional
+        What else bounds the speed. Its fields may also be given by name: `PathTimer(robot, people=people)`.
+
     Raises
     ------
     InputError
-        As `time_path`, of what is no path.
+        As `time_path`, except for errors of the path.
     """
 
     def __init__(
@@ -118,11 +113,8 @@ class PathTimer:
         *,
         motion: CertifiedMotion | None = None,
         tolerance: float = BLEND_TOLERANCE,
-        people: People | None = None,
-        tool_speed: float | None = None,
-        link_speed: float | None = None,
-        danger: KinetostaticField | None = None,
-        max_danger: float | None = None,
+        caps: MotionCaps | None = None,
+        **named: Any,
     ) -> None:
         self.robot = robot
         self.limits = RateLimits.of(robot) if limits is None else limits
@@ -130,22 +122,16 @@ class PathTimer:
             raise InputError(
                 f"the limits are for the joints {self.limits.joint_names}, the robot's are {robot.joint_names}"
             )
-        if people is not None and motion is None:
+        self.caps = replace(caps or MotionCaps(), **named)
+        self.motion, self.people = motion, self.caps.people
+        if self.people is not None and motion is None:
             raise InputError("give a motion: its scene says where people are", "motion")
-        if (danger is None) != (max_danger is None):
-            raise InputError(
-                "give a danger and the largest that it may reach, or neither",
-                "danger" if danger is None else "max_danger",
-            )
-        self.motion, self.people = motion, people
         self.tolerance = number("tolerance", tolerance, at_least=0.0)
-        self._speeds = _speed("tool speed", tool_speed), _speed("link speed", link_speed)
-        self._danger = None if danger is None else MovingDanger(danger)
-        self._max_danger = None if max_danger is None else number("max_danger", max_danger, above=0.0)
+        self._danger = None if self.caps.danger is None else MovingDanger(self.caps.danger)
         self._bodies = BodySpeeds(robot)
         self._distances: PeopleDistances | None = None
-        if people is not None and motion is not None:
-            self._distances = PeopleDistances(robot, motion.checker.scene, people)
+        if self.people is not None and motion is not None:
+            self._distances = PeopleDistances(robot, motion.checker.scene, self.people)
 
     def __repr__(self) -> str:
         return f"PathTimer({self.robot!r}, people={self.people!r})"
@@ -157,8 +143,8 @@ class PathTimer:
 
     @property
     def has_other_caps(self) -> bool:
-        """Whether it caps more than joints and separation do: the speed of tool or links, or the danger."""
-        return self._danger is not None or any(self._speeds)
+        """Whether the speed of tool or links, or the danger, is limited besides joints and separation."""
+        return self._danger is not None or any(self.caps.speeds)
 
     def move(self, scene: Scene) -> None:
         """Take the places of people from another scene: the same people in other poses.
@@ -214,6 +200,7 @@ class PathTimer:
 
     def _timed(self, curve: BlendedCurve, speed: float, number_of_cells: int) -> Trajectory:
         limits, brakes, caps = self.limits, None, list[SpeedCap]()
+        speeds, max_danger = self.caps.speeds, self.caps.max_danger
         coarse = number_of_cells < CELLS
         step = curve.length / number_of_cells
         cells = curve.cells(step if coarse else min(_STEP, step))
@@ -223,18 +210,17 @@ class PathTimer:
             )
             cells, brakes, caps = beside
         caps = [SpeedCap("joint velocity", velocity_cap(cells, limits)), *caps]
-        if any(self._speeds):
-            caps += speed_caps(self._bodies.bounds(curve, cells), *self._speeds)
-        if self._danger is not None and self._max_danger is not None:
+        if any(speeds):
+            caps += speed_caps(self._bodies.bounds(curve, cells), *speeds)
+        if self._danger is not None and max_danger is not None:
             most = np.min([cap.speeds for cap in caps], axis=0)
-            found = _danger_cap(curve, cells, self._danger, self._max_danger, most)
+            found = _danger_cap(curve, cells, self._danger, max_danger, most)
             cells, caps = found.cells, [replace(cap, speeds=cap.speeds[found.parents]) for cap in caps]
             brakes = None if brakes is None else brakes[found.parents]
             caps.append(
                 SpeedCap("danger", np.where(found.speeds < most[found.parents], found.speeds, np.inf))
             )
-        moving = None if self._danger is None else self._danger.field
-        kept = self.people, *self._speeds, moving, self._max_danger
+        kept = self.people, *speeds, self.caps.danger, max_danger
         if limits.jerk is not None:
             smooth = jerk_limited_law(cells, limits, np.min([cap.speeds for cap in caps], axis=0))
             of = np.searchsorted(cells.edges, (smooth.edges[1:] + smooth.edges[:-1]) / 2, side="right") - 1
@@ -270,10 +256,6 @@ def _danger_cap(
         )
         raise StandstillError(Standstill(s, q, reason))
     return found
-
-
-def _speed(name: str, value: float | None) -> float | None:
-    return None if value is None else number(name, value, above=0.0, kind="number of m/s")
 
 
 def checked_path(path: ArrayLike, robot: Robot) -> FloatArray:

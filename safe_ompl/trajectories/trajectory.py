@@ -16,9 +16,8 @@ from safe_ompl.danger import KinetostaticField
 from safe_ompl.scene import People
 from safe_ompl.trajectories.curve import BlendedCurve
 from safe_ompl.trajectories.danger import MotionDanger, motion_danger
-from safe_ompl.trajectories.jerk_law import JerkLaw
 from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.time_law import TimeLaw
+from safe_ompl.trajectories.time_law import JerkLaw, TimeLaw
 
 RATE = 100.0  # [Hz]
 _BINDS = 1e-6  # relative: how near to its bound the speed must come for a cap to count as reached

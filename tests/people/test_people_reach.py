@@ -5,9 +5,8 @@ import pytest
 
 from safe_ompl.common.errors import InputError
 from safe_ompl.geometry.person import LIMBS, STANDING
-from safe_ompl.people.body import TrackedBody
 from safe_ompl.people.reach import AccelerationReach, IntersectedReach, LimbLengthReach, SpeedReach
-from safe_ompl.people.skeletons import find_skeleton
+from safe_ompl.people.skeletons import TrackedBody, find_skeleton
 from safe_ompl.people.tracking import PersonTrack, Tracker
 from safe_ompl.scene.people import People
 

@@ -5,8 +5,7 @@ import pytest
 
 from safe_ompl.common.errors import InputError, UnknownNameError
 from safe_ompl.geometry.person import LIMBS, STANDING, Body
-from safe_ompl.people.body import TrackedBody
-from safe_ompl.people.skeletons import KEYPOINTS, SKELETONS, find_skeleton, skeleton_of
+from safe_ompl.people.skeletons import KEYPOINTS, SKELETONS, TrackedBody, find_skeleton, skeleton_of
 
 # As the vendors number them.
 NUMBERED = {

@@ -7,8 +7,7 @@ import pytest
 
 from safe_ompl.common.errors import InputError, UnknownNameError
 from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.duration import DurationObjective
-from safe_ompl.planning.ompl.objective import DangerObjective
+from safe_ompl.planning.ompl.objective import DangerObjective, DurationObjective
 from safe_ompl.scene.constraints import MotionLimits
 from safe_ompl.scene.people import People
 from safe_ompl.scene.scenario import Scenario, find_scenario

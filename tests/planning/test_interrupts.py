@@ -19,9 +19,8 @@ from safe_ompl.apps.cli.program import main
 from safe_ompl.paths.simplify.simplifier import Simplifier
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.ompl.goals import WorkspaceGoal
-from safe_ompl.planning.ompl.motion import CertifiedMotionValidator
 from safe_ompl.planning.ompl.objective import DangerObjective
-from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
 from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.planning.run import Interrupts

@@ -12,8 +12,8 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.scene.constraints import MotionLimits
 from safe_ompl.scene.people import People
 from safe_ompl.trajectories.curve import BlendedCurve, Piece
-from safe_ompl.trajectories.jerk_law import Ramp, jerk_limited_law
 from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.time_law import Ramp, jerk_limited_law
 from safe_ompl.trajectories.timing import PathTimer, time_path
 
 KEPT = 1 + 1e-9

@@ -9,7 +9,7 @@ import pytest
 from safe_ompl.common.errors import InputError
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
-from safe_ompl.trajectories.blends import ArcProof, blended
+from safe_ompl.trajectories.curve import ArcProof, blended
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 
@@ -40,7 +40,7 @@ class Nothing:
 @pytest.fixture
 def free(monkeypatch, shelf_motion):
     """Return a motion whose arcs all count as proven."""
-    monkeypatch.setattr("safe_ompl.trajectories.blends.ArcProof", lambda motion: Nothing())
+    monkeypatch.setattr("safe_ompl.trajectories.curve.ArcProof", lambda motion: Nothing())
     return shelf_motion
 
 

@@ -5,7 +5,7 @@ cell, at the largest speed there; and when it is in cell k, then no later than t
 ends at the end of cell k. The later of both over all j that get there is the latest instant τ_k at which a stop can
 still move in cell k. The robot must be farther from every limb there than the clearance, and what the limb
 covers at its speed in the reaction time and in τ_k. Where a contact is claimed to be slow only those stops count that
-enter the cell with a speed at which some point of the robot may be faster than the limb bears.
+enter the cell with a speed at which some point of the robot may be faster than the limit of contact with the limb.
 
 **Distances.** An interval in which every pair is farther apart at the centre than the two can approach each other, plus
 what they must keep, holds; pairs that are not are looked at again in both halves.

@@ -69,7 +69,7 @@ class BestPath:
 
 _ROUNDS = (4, 10, 16)  # steps between two proofs: more, as long as the proofs succeed
 _IDLE = 0.05  # of what a round must save: a step that saves less is idle
-_PATIENCE = 2  # idle steps that end a round; one alone may have met a kink of the danger
+_IDLE_STEPS = 2  # idle steps that end a round; one alone may have met a kink of the danger
 _CAUTION = 0.5  # a round that fails is tried again with this share of the step
 _SMALLEST = 0.01  # [rad] steps are not worth taking
 _FAR = 1.0  # [rad] when way points have moved so far, other danger points may matter
@@ -79,7 +79,7 @@ _RESOLUTIONS = 2  # how often peaks are looked for
 
 @dataclass(frozen=True)
 class Terms:
-    """What a path is asked for: what its edges and ends must hold, its greatest length, and the least gain of a round.
+    """Requirements of a path: proofs of its edges, where its ends may be, its greatest length, and the least gain.
 
     `precision` is the share of the cost that a round must save, or it is the last one.
     """
@@ -188,7 +188,7 @@ class ProvenDescent:
             if self._stop() or not descent.step(largest):
                 return True
             idle = idle + 1 if before - descent.value < _IDLE * self._terms.precision * before else 0
-            if idle == _PATIENCE:
+            if idle == _IDLE_STEPS:
                 return True
         return False
 

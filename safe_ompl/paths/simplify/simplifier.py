@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from contextlib import suppress
 from copy import copy
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +29,38 @@ TIME = 0.2  # [s]
 _CONVERGED = 0.03  # a round that lowers the cost by less than this share is the last
 
 
+@dataclass(frozen=True)
+class SimplificationOptions:
+    """Options of a `Simplifier`.
+
+    Parameters
+    ----------
+    weight : float
+        λ·reference(CDF)ᵖ, with the median danger over valid configurations as reference: where the danger is that,
+        a radian of path costs `weight` radians besides its own length.
+    exponent : float
+        p ≥ 1. Larger ones punish peaks more.
+    clearance, length_factor, spacing : float
+        As in `simplify_danger`.
+
+    Raises
+    ------
+    InputError
+        If an option is out of range.
+    """
+
+    weight: float = WEIGHT
+    exponent: float = EXPONENT
+    clearance: float = CLEARANCE
+    length_factor: float = LENGTH_FACTOR
+    spacing: float = SPACING
+
+    def __post_init__(self) -> None:
+        for key, least in (("weight", 0.0), ("exponent", 1.0), ("clearance", 0.0), ("length_factor", 1.0)):
+            object.__setattr__(self, key, number(key, getattr(self, key), at_least=least))
+        object.__setattr__(self, "spacing", number("spacing", self.spacing, above=0.0))
+
+
 class Simplifier:
     """Lowers J = ∫ (1 + λ·CDF(q)ᵖ) ds of paths of one robot in one scene, and an obstacle cost with it.
 
@@ -39,18 +73,10 @@ class Simplifier:
 
     Parameters
     ----------
-    checker, field, motion, clearance, length_factor, spacing
+    checker, field, motion
         As in `simplify_danger`.
-    weight : float
-        λ·reference(CDF)ᵖ, with the median danger over valid configurations as reference: where the danger is that,
-        a radian of path costs `weight` radians besides its own length.
-    exponent : float
-        p ≥ 1. Larger ones punish peaks more.
-
-    Raises
-    ------
-    InputError
-        If an option is out of range.
+    **options
+        Those of `SimplificationOptions`; errors as there.
     """
 
     def __init__(
@@ -58,30 +84,22 @@ class Simplifier:
         checker: CollisionChecker,
         field: DangerField,
         motion: CertifiedMotion | None = None,
-        *,
-        weight: float = WEIGHT,
-        exponent: float = EXPONENT,
-        clearance: float = CLEARANCE,
-        length_factor: float = LENGTH_FACTOR,
-        spacing: float = SPACING,
+        **options: Any,
     ) -> None:
         self.robot = checker.robot
         self.checker = checker
         self.motion = motion or CertifiedMotion(checker)
-        self.length_factor = number("length_factor", length_factor, at_least=1.0)
-        self.spacing = number("spacing", spacing, above=0.0)
-        self.precision = _CONVERGED
-        self.obstacle_cost = (
-            ObstacleCost(checker, clearance) if number("clearance", clearance, at_least=0.0) else None
-        )
-        self._field, self._weight, self._exponent = field, weight, exponent
+        self._options = chosen = SimplificationOptions(**options)
+        self.length_factor, self.spacing, self.precision = chosen.length_factor, chosen.spacing, _CONVERGED
+        self.obstacle_cost = ObstacleCost(checker, chosen.clearance) if chosen.clearance else None
+        self._field = field
         self._measure_scene()
 
     def _measure_scene(self) -> None:
         """Measure what the danger is compared with in the scene as it is now."""
         self._revisions = self.checker.revision, self._field.revision
         reference = reference_danger(self._field, self.checker)
-        self._danger = DangerDensity(self._field, reference, self._weight, self._exponent)
+        self._danger = DangerDensity(self._field, reference, self._options.weight, self._options.exponent)
         self._cost = PathCost(self.robot, [self._danger])
 
     def _follow(self) -> None:

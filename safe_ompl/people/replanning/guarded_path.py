@@ -23,6 +23,8 @@ from safe_ompl.trajectories import (
     RateLimits,
     SpeedCap,
     Trajectory,
+    arc_cap,
+    braking,
     ceilings,
     drive,
     speed_caps,
@@ -30,7 +32,6 @@ from safe_ompl.trajectories import (
 )
 
 STEP = 0.02  # [rad] largest cell
-_BENDING = 0.5  # share of the accelerations that arcs may take; the rest is for speeding up and braking
 _SLOWEST = 0.01  # [m/s] of people, in estimates
 _BARRED = 0.02  # share of the full speed: ways that are slower than this are barred
 _AHEAD = 1.0  # [s] that estimates look ahead at most
@@ -189,15 +190,10 @@ class GuardedPath:
     ) -> GuardedPath:
         """Return the path along a curve, in cells no longer than a step [rad]."""
         cells, joints = curve.cells(step), limits.joints
-        with np.errstate(divide="ignore"):
-            bending = np.sqrt((_BENDING * joints.acceleration / cells.bends).min(axis=1))
-        speeds = np.minimum(velocity_cap(cells, joints), bending)
+        speeds = np.minimum(velocity_cap(cells, joints), arc_cap(cells, joints))
         of_bodies = bodies.speeds(curve, cells)
         for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
             speeds = np.minimum(speeds, cap.speeds)
-        rest = joints.acceleration - cells.bends * (speeds * speeds)[:, None]
-        with np.errstate(divide="ignore"):
-            brakes = np.where(cells.slopes > 0, rest / cells.slopes, np.inf).min(axis=1)
         frames = bodies.frames(curve.at(cells.centres).q)
         return cls(
             bodies,
@@ -205,7 +201,7 @@ class GuardedPath:
             limits,
             cells.edges,
             speeds * speeds,
-            brakes,
+            braking(cells, joints, speeds),
             cells.stops,
             frames,
             bodies.travel(of_bodies, cells),
@@ -243,7 +239,7 @@ class GuardedPath:
     def margin(
         self, motion: StopMotion, sets: ReachSets, since: float, clearance: float, *, exact: bool = False
     ) -> Margin:
-        """Return the smallest margin along a motion; see `kernels.hull_gaps.gaps`.
+        """Return the smallest margin along a motion; see `safe_ompl.geometry.kernels.gaps`.
 
         Parameters
         ----------
@@ -345,5 +341,5 @@ class GuardedPath:
         )
 
     def _arrays(self, sets: ReachSets, *rest: float) -> Any:
-        """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `kernels.hull_gaps`."""
+        """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `gaps`."""
         return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays, *rest

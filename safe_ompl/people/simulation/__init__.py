@@ -9,15 +9,16 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.people.simulation.contact_monitor import Contact, ContactMonitor, Solid, limb_solids
     from safe_ompl.people.simulation.movers import (
+        ALL_KEYPOINTS,
         Drifting,
         ObjectMover,
         PersonMover,
         Playback,
         Resting,
+        Walker,
         World,
     )
     from safe_ompl.people.simulation.simulation import Faults, Simulation, Summary
-    from safe_ompl.people.simulation.walkers import ALL_KEYPOINTS, Walker
 
 __all__ = [
     "ALL_KEYPOINTS",

@@ -7,14 +7,23 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.planning.ompl.constraints import ConfigurationCheck, Constraints
-    from safe_ompl.planning.ompl.duration import DurationObjective
+    from safe_ompl.planning.ompl.constraints import (
+        RESOLUTION,
+        AskedMotions,
+        ConfigurationCheck,
+        Constraints,
+        SampledValidity,
+        UserCheck,
+    )
     from safe_ompl.planning.ompl.goals import REGION_TOLERANCE, TOLERANCE, RegionGoal, WorkspaceGoal
-    from safe_ompl.planning.ompl.motion import CertifiedMotionValidator
-    from safe_ompl.planning.ompl.objective import DangerObjective, PeakDangerObjective, StateCost
+    from safe_ompl.planning.ompl.objective import (
+        DangerObjective,
+        DurationObjective,
+        PeakDangerObjective,
+        StateCost,
+    )
     from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-    from safe_ompl.planning.ompl.user_checks import RESOLUTION, AskedMotions, SampledValidity, UserCheck
-    from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+    from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
 
 __all__ = [
     "REGION_TOLERANCE",

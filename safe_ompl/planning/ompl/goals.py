@@ -27,7 +27,7 @@ _PRECISION = 0.01  # of the tolerance: a solution is this near to the place
 
 _FIRST_SEEDS = 16  # seeds of the first search: enough to see several of the arm's postures
 _MORE_SEEDS = 1  # of the later ones, which happen while a planner plans
-_PATIENCE = 16  # a planner that has seen all solutions is given another after it asked this often
+_REQUESTS = 16  # after so many requests a planner that has seen all solutions is offered another
 _SAME = 0.05  # [rad] solutions nearer to each other than this are one
 
 
@@ -52,7 +52,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         Orientation of the tip, a matrix or a quaternion x, y, z, w; without it any will do.
     tolerance : float
         How near to the place is near enough [m]. With a rotation a radian counts as
-        `safe_ompl.robot.ik.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
+        `safe_ompl.robot.METRES_PER_RADIAN` (0.25 m), `Place.distance`.
     field : DangerField, optional
         Ranks the solutions.
     seed : int, optional
@@ -139,7 +139,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         return self._refused
 
     def failure(self) -> str | None:
-        """Return why there is no goal configuration, as far as is known; None if there is one, or nobody looked."""
+        """Return why there is no goal configuration, as far as is known; None if there is one, or no search yet."""
         if self._found or not self._tries:
             return None
         begin = f"{self._tries} searches of the inverse kinematics found no valid goal configuration"
@@ -180,9 +180,9 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         return self._offered
 
     def couldSample(self) -> bool:
-        """Return True: there may be more, and who keeps asking gets them."""
+        """Return True: there may be more solutions, and a planner that keeps asking gets them."""
         self._asked += 1
-        if self._asked >= max(_PATIENCE, self._offered):
+        if self._asked >= max(_REQUESTS, self._offered):
             self._offer()
         return True
 

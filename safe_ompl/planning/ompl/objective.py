@@ -1,11 +1,12 @@
-"""Danger as an OMPL optimisation objective, and how planners read any objective as a cost."""
+"""Danger and duration as OMPL optimisation objectives, and how planners read any objective as a cost."""
 
 from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from ompl import base as ob
@@ -15,6 +16,9 @@ from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.planning.ompl.validity import CollisionFreeValidity
 
+if TYPE_CHECKING:
+    from safe_ompl.trajectories import PathTimer
+
 _log = logging.getLogger(__name__)
 
 _OWN_THREAD = (
@@ -22,11 +26,61 @@ _OWN_THREAD = (
     "ever: end this process, as Ctrl-C does not, and take SafePRM"
 )
 _MOTION_STEP = 0.2  # [rad] between the first samples of a motion's cost
-_REFINEMENTS = 6
+_DANGER_REFINEMENTS, _DURATION_REFINEMENTS = 6, 4  # halvings of that step
+_CRAWL = 50.0  # where people allow no speed a motion takes this many times the time of its joints
 
 _SLOPE_SAMPLES = 50
 _SLOPE_SEED = 0  # the scale belongs to robot and scene: it must not change with a planner's seed
 _VALUE_SAMPLES = 100
+
+
+class Motion(NamedTuple):
+    """A straight motion in joint space.
+
+    Attributes
+    ----------
+    start, delta : ndarray, shape (n,)
+        Where it begins, and its difference to where it ends [rad or m].
+    length : float
+        Length [rad].
+    """
+
+    start: FloatArray
+    delta: FloatArray
+    length: float
+
+    @classmethod
+    def between(cls, bridge: StateBridge, start: Any, end: Any) -> Motion:
+        """Return the motion between two states."""
+        q_start, q_end = bridge.read(start), bridge.read(end)
+        delta = bridge.difference(q_start, q_end)
+        return cls(q_start, delta, float(np.linalg.norm(delta)))
+
+    def integral(
+        self, density: Callable[[FloatArray], FloatArray], tolerance: float, refinements: int
+    ) -> float:
+        """Return the integral of a density over the length, by the trapezoidal rule with halved steps.
+
+        Parameters
+        ----------
+        density : callable
+            Returns its values (B,) at configurations (B, n).
+        tolerance : float
+            Relative error at which the refinement ends.
+        refinements : int
+            The step is halved at most this often.
+        """
+        panels = 1 + int(self.length / _MOTION_STEP)
+        values = density(self.start + np.linspace(0.0, 1.0, panels + 1)[:, None] * self.delta)
+        mean = float(np.trapezoid(values)) / panels
+        for _ in range(refinements):
+            between = density(self.start + ((np.arange(panels) + 0.5) / panels)[:, None] * self.delta)
+            coarse, mean = mean, (mean + float(between.mean())) / 2
+            panels *= 2
+            # The error of the finer rule is a third of the change, where the density is smooth.
+            if abs(mean - coarse) <= 3 * tolerance * abs(mean):
+                break
+        return mean * self.length
 
 
 class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
@@ -48,8 +102,8 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     Notes
     -----
-    Optimising planners look at no motion that cannot pay: `motionCostHeuristic` is CDF_min times the distance, with
-    a proven bound CDF_min of the danger anywhere (`DangerField.minimum`).
+    Optimising planners skip motions that cannot improve a path: `motionCostHeuristic` is CDF_min times the distance,
+    with a proven lower bound CDF_min of the danger (`DangerField.minimum`).
     """
 
     def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
@@ -81,23 +135,12 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     def motionCost(self, start: Any, end: Any) -> Any:
         """Return the integral of the danger over the straight motion, to within the tolerance."""
-        q_start, delta, length = self._motion(start, end)
-        panels = 1 + int(length / _MOTION_STEP)
-        values = self.values(q_start + np.linspace(0.0, 1.0, panels + 1)[:, None] * delta)
-        integral = float(np.trapezoid(values)) / panels
-        for _ in range(_REFINEMENTS):
-            between = self.values(q_start + ((np.arange(panels) + 0.5) / panels)[:, None] * delta)
-            refined = (integral + float(between.mean())) / 2
-            panels *= 2
-            # The error of the finer rule is a third of the change, where the danger is smooth.
-            if abs(refined - integral) <= 3 * self.tolerance * abs(refined):
-                return ob.Cost(refined * length)
-            integral = refined
-        return ob.Cost(integral * length)
+        motion = Motion.between(self._bridge, start, end)
+        return ob.Cost(motion.integral(self.values, self.tolerance, _DANGER_REFINEMENTS))
 
     def motionCostHeuristic(self, start: Any, end: Any) -> Any:
         """Return a cost that no way between two states goes below."""
-        return ob.Cost(self._least() * self._motion(start, end)[2])
+        return ob.Cost(self._least() * Motion.between(self._bridge, start, end).length)
 
     def _least(self) -> float:
         """Return the danger that no configuration goes below; say so if it is a thread of OMPL's own that asks.
@@ -118,12 +161,6 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its C-space gradients (B, n) at `Q: (B, n)`."""
         return self.field.values_and_gradients(Q)
-
-    def _motion(self, start: Any, end: Any) -> tuple[FloatArray, FloatArray, float]:
-        """Return where a motion starts (n,), its way (n,), and its length."""
-        q_start, q_end = self._bridge.read(start), self._bridge.read(end)
-        delta = self._bridge.difference(q_start, q_end)
-        return q_start, delta, float(np.linalg.norm(delta))
 
 
 class PeakDangerObjective(DangerObjective):
@@ -152,9 +189,9 @@ class PeakDangerObjective(DangerObjective):
 
     def motionCost(self, start: Any, end: Any) -> Any:
         """Return the largest danger on the straight motion, at samples."""
-        q_start, delta, length = self._motion(start, end)
-        t = np.linspace(0.0, 1.0, 2 + int(length / self.step))[:, None]
-        return ob.Cost(float(self.values(q_start + t * delta).max()))
+        motion = Motion.between(self._bridge, start, end)
+        t = np.linspace(0.0, 1.0, 2 + int(motion.length / self.step))[:, None]
+        return ob.Cost(float(self.values(motion.start + t * motion.delta).max()))
 
     def combineCosts(self, first: Any, second: Any) -> Any:
         """Return the larger cost."""
@@ -163,6 +200,86 @@ class PeakDangerObjective(DangerObjective):
     def motionCostHeuristic(self, start: Any, end: Any) -> Any:
         """Return the danger that no configuration goes below."""
         return ob.Cost(self._least())
+
+
+class DurationObjective(ob.OptimizationObjective):  # type: ignore[misc]
+    """The time that motions take under joint velocities and beside people, as a cost [s].
+
+    A motion with the direction u costs ∫ ds/V, with V(q) the least of
+
+    * joint velocity: min_i v_i/|u_i|,
+    * people: b·τ(q), with τ the time until the first limb may be at the robot, min (d − C)/v_h − T_r over limbs and
+      bodies, and the deceleration b = min_i a_i/|u_i|: a stop that begins here ends before that.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its space must have the robot's joints as coordinates (see `joint_space`).
+    timer : PathTimer
+        Limits, and people where there are any.
+    tolerance : float
+        Relative error of a motion's cost.
+
+    Raises
+    ------
+    InputError
+        If the tolerance is not positive.
+
+    Notes
+    -----
+    A bound is `motionCostHeuristic`, max_i |Δ_i|/v_i: no way between two states takes less. The cost itself is no
+    bound of a trajectory's duration. It leaves out corners and accelerations, which makes it too
+    low. A stop takes some path, so the cost is too low on the way towards people and too high on the way from them.
+    Contact, danger, and speeds of tool and links do not count. Where people allow no speed at all it is 50 times the
+    time of the joints, not infinite, so that planners find a way out. The duration of a path is what `PathTimer` says;
+    `SafeSetup.plan(cost="duration")` minimises that.
+    """
+
+    def __init__(self, si: Any, timer: PathTimer, tolerance: float = 0.02) -> None:
+        super().__init__(si)
+        self.timer = timer
+        self.tolerance = positive(tolerance, "tolerance")
+        self._bridge = StateBridge(si.getStateSpace())
+
+    def __repr__(self) -> str:
+        return f"DurationObjective({self.timer!r}, tolerance={self.tolerance:g})"
+
+    def getDescription(self) -> str:
+        """Return a line about the objective."""
+        return "duration within joint velocities and beside people"
+
+    def stateCost(self, state: Any) -> Any:
+        """Return the time of a radian in the slowest direction [s/rad]."""
+        return ob.Cost(float(self.values(self._bridge.read(state)[None])[0]))
+
+    def motionCost(self, start: Any, end: Any) -> Any:
+        """Return the time of the straight motion [s], to within the tolerance."""
+        motion = Motion.between(self._bridge, start, end)
+        if not motion.length:
+            return ob.Cost(0.0)
+        direction = np.abs(motion.delta) / motion.length
+        refinements = 0 if self.timer.distances is None else _DURATION_REFINEMENTS
+        return ob.Cost(motion.integral(lambda Q: self._slowness(Q, direction), self.tolerance, refinements))
+
+    def motionCostHeuristic(self, start: Any, end: Any) -> Any:
+        """Return a time that no way between two states goes below [s]."""
+        delta = Motion.between(self._bridge, start, end).delta
+        return ob.Cost(float((np.abs(delta) / self.timer.limits.velocity).max(initial=0.0)))
+
+    def values(self, Q: FloatArray) -> FloatArray:
+        """Return the time of a radian in the slowest direction (B,) at `Q: (B, n)` [s/rad]."""
+        return self._slowness(Q, np.ones(Q.shape[1]))
+
+    def _slowness(self, Q: FloatArray, direction: FloatArray) -> FloatArray:
+        """Return 1/V (B,) at `Q: (B, n)` in a direction |u| (n,)."""
+        limits = self.timer.limits
+        free = float((direction / limits.velocity).max())
+        if self.timer.distances is None:
+            return np.full(len(Q), free)
+        brake = 1 / float((direction / limits.acceleration).max())
+        left = np.maximum(self.timer.distances.times_at(Q), 1e-12)
+        found: FloatArray = np.clip(1 / (brake * left), free, _CRAWL * free)
+        return found
 
 
 class StateCost:
@@ -229,7 +346,7 @@ class StateCost:
         """Return the median of ‖∇c‖ over valid configurations, what α is measured in; 0 where that is of no use.
 
         A `DangerObjective` keeps it, as long as the same `CollisionFreeValidity` says with the same settings what is
-        valid. Of what a checker of the user's own decides by nothing is known: there it is measured anew at each call.
+        valid. Nothing is known of how a user's own checker decides, so with one it is measured at each call.
 
         Parameters
         ----------

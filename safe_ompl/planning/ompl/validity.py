@@ -1,12 +1,13 @@
-"""State validity on coal: joint limits, NaN, collision, and what constraints ask for."""
+"""Validity of states and motions for OMPL: both read the same `Constraints`, and motions are proven."""
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 from ompl import base as ob
 
-from safe_ompl.collision import CollisionChecker
+from safe_ompl.collision import FLOOR, TOUCHING_ONLY, CertifiedMotion, CollisionChecker
 from safe_ompl.planning.ompl.constraints import ConfigurationCheck, Constraints, with_former_setters
 from safe_ompl.planning.ompl.states import StateBridge
 
@@ -87,3 +88,84 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     def clearance(self, state: Any) -> float:
         """Return the distance [m] between the robot and the nearest obstacle."""
         return self.checker.clearance(self._bridge.read(state)).distance
+
+
+@with_former_setters
+class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
+    """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.CertifiedMotion`).
+
+    Any OMPL planner that asks `si.checkMotion` plans certified paths with it.
+
+    Parameters
+    ----------
+    si : ob.SpaceInformation
+        Its space must have the robot's joints as coordinates (see `joint_space`).
+    checker : CollisionChecker
+        Robot and scene.
+    floor : float
+        [m] An edge with less clearance than about this stays undecided, and counts as blocked.
+    constraints : Constraints
+        What else motions must be proven to keep to; the state validity checker should have the same. The user's checks
+        among them are asked about what is proven free. They are not kept alive: `CollisionFreeValidity` does that.
+
+    Raises
+    ------
+    InputError
+        If the floor is not positive.
+    UnknownNameError
+        If the scene has no obstacle of a name in the constraints.
+    """
+
+    def __init__(
+        self, si: Any, checker: CollisionChecker, floor: float = FLOOR, constraints: Constraints | None = None
+    ) -> None:
+        super().__init__(si)
+        self._floor = floor
+        self._space = si.getStateSpace()  # keeping `si` itself would be a cycle that is never freed
+        self._bridge = StateBridge(self._space)
+        self.setConstraints(constraints or Constraints(), checker)
+
+    def __repr__(self) -> str:
+        return f"CertifiedMotionValidator({self.motion!r})"
+
+    @property
+    def checker(self) -> CollisionChecker:
+        """Robot and scene."""
+        return self._motion.checker
+
+    @property
+    def motion(self) -> CertifiedMotion:
+        """What proves motions now; `setConstraints` puts another one in its place."""
+        return self._motion
+
+    def getConstraints(self) -> Constraints:
+        """Return what motions must keep to besides joint limits and collision."""
+        return self._constraints
+
+    def setConstraints(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
+        """Set what motions must keep to; with a checker also another scene of the same robot; errors as the class."""
+        borrowed = constraints.borrowed()
+        separation, limits = borrowed.separation, borrowed.limits
+        self._motion = CertifiedMotion(
+            checker or self.checker, self._floor, separation=separation, limits=limits
+        )
+        self._constraints = borrowed
+
+    def adds_nothing(self, other: Any) -> bool:
+        """Return whether another validator is this one, or proves nothing that this one does not prove."""
+        if other is self:
+            return True
+        if type(other) is not CertifiedMotionValidator:
+            return False
+        ours, theirs = self.motion, other.motion
+        same = theirs.checker is ours.checker and theirs.separation in (ours.separation, TOUCHING_ONLY)
+        return same and not theirs.limits
+
+    def checkMotion(self, start: Any, end: Any) -> bool:
+        """Return whether the straight motion between two states is within limits and proven free."""
+        if not (self._space.satisfiesBounds(start) and self._space.satisfiesBounds(end)):
+            return False
+        q_start, q_end = self._bridge.read(start), self._bridge.read(end)
+        if not isfinite(q_start.dot(q_end)):  # OMPL's bounds let NaN pass
+            return False
+        return self._motion.is_free(q_start, q_end)

@@ -10,15 +10,16 @@ from ompl import geometric as og
 from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.planning.ompl import WorkspaceGoal
 from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.baselines.hrrt import HRRT
-from safe_ompl.planning.planners.baselines.trrt import TRRT, BiTRRT
+from safe_ompl.planning.planners.baselines import HRRT, TRRT, BiTRRT
 from safe_ompl.planning.planners.bubble import BubblePlanner
 from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
 from safe_ompl.planning.planners.parameters import camel_case, snake_case
-from safe_ompl.planning.planners.printed.bubble import PaperSafeBubble
-from safe_ompl.planning.planners.printed.jt_rrt import PaperSafeJTRRT
-from safe_ompl.planning.planners.printed.prm import PaperSafePRM
-from safe_ompl.planning.planners.printed.rrt_connect import PaperSafeRRTConnect
+from safe_ompl.planning.planners.printed import (
+    PaperSafeBubble,
+    PaperSafeJTRRT,
+    PaperSafePRM,
+    PaperSafeRRTConnect,
+)
 from safe_ompl.planning.planners.prm import SafePRM
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 

@@ -5,9 +5,8 @@ import pytest
 from safe_ompl.geometry.basic import Box, Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.people.body import TrackedBody
 from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
-from safe_ompl.people.skeletons import find_skeleton
+from safe_ompl.people.skeletons import TrackedBody, find_skeleton
 from safe_ompl.people.tracking import Tracker
 from safe_ompl.scene.people import People
 from safe_ompl.scene.scene import Scene

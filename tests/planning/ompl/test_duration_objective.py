@@ -7,7 +7,7 @@ from ompl import base as ob
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.common.errors import InputError
-from safe_ompl.planning.ompl.duration import DurationObjective
+from safe_ompl.planning.ompl.objective import DurationObjective
 from safe_ompl.planning.ompl.states import StateBridge, joint_space
 from safe_ompl.scene.people import People
 from safe_ompl.scene.scenario import Scenario, find_scenario

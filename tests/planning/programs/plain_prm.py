@@ -8,10 +8,9 @@ from ompl import geometric as og
 
 from safe_ompl.apps.cli.arguments import load_scenario
 from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.motion import CertifiedMotionValidator
 from safe_ompl.planning.ompl.objective import DangerObjective
 from safe_ompl.planning.ompl.states import StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
 
 ours = setup_scenario(load_scenario("planar2"))
 setup = og.SimpleSetup(joint_space(ours.robot))

@@ -10,10 +10,10 @@ import pytest
 from safe_ompl import Box, InputError, Obstacle, People, Person, Pose, RateLimits, SafeSetup, Scene, load
 from safe_ompl.apps.cli.program import main
 from safe_ompl.geometry.person import STANDING
-from safe_ompl.io.form import marked, strict_json
+from safe_ompl.io.files import marked, strict_json
+from safe_ompl.io.motions import TimedMotion
 from safe_ompl.io.robot_document import carried_robot
 from safe_ompl.io.scene_document import carried_scene
-from safe_ompl.io.timed_motion import TimedMotion
 from safe_ompl.view.browser.layers import FieldSlice
 from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.pictures.animation import save_animation

@@ -14,7 +14,7 @@ import pytest
 
 from safe_ompl import Box, Obstacle, Pose, Robot, Scene
 from safe_ompl.geometry.person import STANDING
-from safe_ompl.io.timed_motion import TimedMotion
+from safe_ompl.io.motions import TimedMotion
 from safe_ompl.view.browser.view import save_page
 from safe_ompl.view.content import Movers, ViewerContent
 

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from safe_ompl.danger.field import DangerField
-from safe_ompl.io.timed_motion import ACCELERATION
+from safe_ompl.io.motions import ACCELERATION
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 from safe_ompl.view.plots.paths import plot_motion

@@ -7,7 +7,7 @@ import pytest
 from plane import EXACT, TIMEOUT, HotSpot, PlaneCost, PlaneProblem, dense, wall_with_a_gap, walled_in
 
 from safe_ompl.common.errors import InputError
-from safe_ompl.planning.planners.baselines.hrrt import HRRT
+from safe_ompl.planning.planners.baselines import HRRT
 
 
 class Hill(PlaneCost):

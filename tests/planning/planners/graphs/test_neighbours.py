@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.planning.planners.graphs.neighbours import NearestNode
+from safe_ompl.planning.planners.parts.tree import NearestNode
 
 
 def plainly(rows, q, wraps, alpha, costs):

@@ -1,1 +1,0 @@
-"""Planners of others that OMPL's wheel lacks, to compare with."""

@@ -1,0 +1,343 @@
+"""The planners exactly as the papers print them, beside which ours are measured; with α = 0 the classical ones."""
+
+from __future__ import annotations
+
+from itertools import count, islice
+from typing import Any
+
+import numpy as np
+
+from safe_ompl.collision import Bubble
+from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.danger import DangerField
+from safe_ompl.planning.ompl import WorkspaceGoal
+from safe_ompl.planning.planners.base import SafePlanner
+from safe_ompl.planning.planners.graphs.roadmap import Roadmap, roadmap_metric
+from safe_ompl.planning.planners.graphs.roadmap_search import (
+    LocalPlanner,
+    Samples,
+    SearchGraph,
+    joined_branches,
+)
+from safe_ompl.planning.planners.graphs.volume_tree import (
+    JointMetric,
+    VolumeTree,
+    VolumeTrees,
+    bubble_validity,
+    intersect,
+)
+from safe_ompl.planning.planners.parameters import Parameter
+from safe_ompl.planning.planners.parts.extend import Extension, straight_extension
+from safe_ompl.planning.planners.parts.goal_step import STALLED, Approach
+from safe_ompl.planning.planners.parts.tree import Tree, Trees
+
+
+class PaperSafeRRTConnect(SafePlanner):
+    """SAFE_RRT-CONNECT as it is printed in [1], §4.4, with EXTEND and CONNECT of [2]; with α = 0 `PaperRRTConnect`.
+
+    The argument x_g is read as q_g, and CONNECT is skipped where EXTEND was trapped, as there is no q_new.
+
+    References
+    ----------
+    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
+    .. [2] J. Kuffner, S. LaValle: RRT-Connect. ICRA 2000.
+    """
+
+    alpha = Parameter(1.0, "Weight of danger α, as length per danger.")
+    iterations = Parameter(0, "K: how many turns the trees take; 0: until time is up.")
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        """SAFE_RRT-CONNECT."""
+        tree, other = self._trees.start, self._trees.goal
+        for _ in islice(count(), self.iterations or None):
+            if ptc():
+                break
+            self._take_goals(ptc)
+            q_rand = self._problem.random_configuration(self._rng)
+            outcome, new = self._extend(tree, tree.best(q_rand, self.alpha), q_rand)
+            if outcome is not Extension.TRAPPED:
+                q_new = tree.configurations[new]
+                outcome, met = self._connect(other, other.best(q_new, self.alpha), q_new, ptc)
+                if outcome is Extension.REACHED:
+                    return self._trees.path(tree, new, other, met)  # RETURN_PATH
+            tree, other = other, tree  # SWAP
+        return None
+
+    def _extend(self, tree: Tree, old: int, target: FloatArray) -> tuple[Extension, int]:
+        """EXTEND."""
+        return straight_extension(self._problem, self._trees, tree, old, target, self.getRange())
+
+    def _connect(self, tree: Tree, node: int, target: FloatArray, ptc: Any) -> tuple[Extension, int]:
+        """CONNECT."""
+        outcome = Extension.ADVANCED
+        while outcome is Extension.ADVANCED and not ptc():
+            outcome, node = self._extend(tree, node, target)
+        return outcome, node
+
+
+class PaperSafePRM(SafePlanner):
+    """SAFE_PRM_PLANNER as it is printed in [1], §4.2; with α = 0 `PaperPRM`.
+
+    N samples are drawn once; where they do not suffice, the planner gives up with the status TIMEOUT. Where the print
+    leaves something open it is read so: the roots wait in Open and are closed once; g is measured in the 1-norm, as h
+    is, which would not underestimate it in another; a milestone that is offered twice takes the better offer; two
+    graphs that met are connected even where an Open list has become empty.
+
+    References
+    ----------
+    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
+    """
+
+    alpha = Parameter(5.0, "Weight of danger α, as length per danger.")
+    neighbors = Parameter(25, "K: how many of the nearest milestones are neighbours.", at_least=1)
+    samples = Parameter(50, "N: number of milestones.", at_least=1)
+
+    def clearQuery(self) -> None:
+        """Forget start and goal, but keep the samples."""
+        self.getPlannerInputStates().restart()
+        self._roadmap.forget_ends()
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        """SAFE_PRM_PLANNER."""
+        roadmap = self._roadmap
+        missing = self.samples + len(roadmap.starts) + len(roadmap.goals) - len(roadmap)
+        if missing > 0:
+            roadmap.add(Samples(self._bridge).uniform(missing, self._rng))  # RANDOM_SET
+        self._take_goals(ptc)
+        graph = SearchGraph(len(roadmap), roadmap.starts, from_start=True)
+        other = SearchGraph(len(roadmap), roadmap.goals, from_start=False)
+        current_goal = roadmap.goals[0]
+        while len(graph.g) and not ptc():
+            best = int(self._f(graph, current_goal).argmin())
+            new = graph.add_closed(best)
+            graph.remove_open([best])
+            self.counts.nodes += not roadmap.connected[new]
+            roadmap.connected[new] = True
+            if other.closed[new]:  # CONNECTED
+                return roadmap.configurations[joined_branches(graph, other, new)]  # PATH
+            neighbors = self._neighbors(graph, new, ptc)
+            graph.add_open(neighbors, new, self._lengths_from(new)[neighbors])
+            if not len(graph.g):
+                break  # EMPTY(Open(1))
+            graph, other = other, graph
+            current_goal = new
+        return None
+
+    def _f(self, graph: SearchGraph, current_goal: int) -> FloatArray:
+        """Return f = g + h + α·CDF for the offers in Open(1)."""
+        f = graph.g + self._lengths_from(current_goal)[graph.milestones]
+        return f + self.alpha * self._roadmap.costs(graph.milestones) if self.alpha else f
+
+    def _neighbors(self, graph: SearchGraph, new: int, ptc: Any) -> IntArray:
+        """NEIGHBORS: of Samples ∖ Closed(1) those of the K nearest to `new` that a free edge connects to it."""
+        local = LocalPlanner(self._problem, self._roadmap)
+        nearest: IntArray = self._roadmap.nearest(new, graph.closed)[: self.neighbors]
+        connected = [not ptc() and local.check(*graph.as_driven(new, other)) for other in nearest.tolist()]
+        free: IntArray = nearest[np.array(connected, dtype=bool)]
+        return free
+
+    def _lengths_from(self, milestone: int) -> FloatArray:
+        """Return the distances (N,) in the 1-norm between all milestones and one of them."""
+        return self._roadmap.lengths(self._roadmap.configurations[milestone], taxicab=True)
+
+    @property
+    def _structure(self) -> Roadmap:
+        return self._roadmap
+
+    def _forget(self) -> None:
+        metric = roadmap_metric(self.getSpaceInformation(), self._bridge)
+        self._roadmap = Roadmap(self._bridge, self._problem.cost, metric)
+
+
+class PaperSafeJTRRT(SafePlanner):
+    """SAFE_JT-RRT as it is printed in [1], §4.3; with Jᵀ and α = 0 the classical `PaperJTRRT` [2].
+
+    A step towards the goal is Δq = k₂ [J†Δx + (I − J†J)Δq₀] with Δq₀ = k₁ Σ_j Σ_i J_ijᵀ CDF(r_j), summed over all
+    danger points r_j and, as in the paper's own runs, the distal ends of all links. Where the print leaves something
+    open or misleads it is read so: Jᵀ in the step is J†; the loop `while 1` ends without progress; steps are bounded
+    and kept within the joint limits; a node from which a step was tried counts as chosen before, and where all are,
+    an extension is random; the vectors CDF carry the weights of their danger points.
+
+    References
+    ----------
+    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
+    .. [2] M. Vande Weghe, D. Ferguson, S. Srinivasa: Randomized path planning for redundant manipulators
+       without inverse kinematics. Humanoids 2007.
+    """
+
+    plans_to = WorkspaceGoal
+
+    alpha = Parameter(1.0, "Weight of danger α, as length per danger, in rad and in metres alike.")
+    goal_bias = Parameter(0.05, "p_g: share of the extensions towards the goal.", at_most=1)
+    step = Parameter(0.1, "Largest length of a step towards the goal.", unit="rad", above=0)
+    gain = Parameter(0.1, "k₂: gain of a step towards the goal.", above=0)
+    null_space_gain = Parameter(
+        1.0,
+        """k₁: gain of the posture motion. The more danger points, the smaller it must be: a thousandth serves the
+        paper's scenes.""",
+    )
+    danger_threshold = Parameter(
+        np.inf, "CDF_Threshold: danger from which on a step towards the goal is refused.", above=0
+    )
+    transpose = Parameter(False, "Whether the step is k₂JᵀΔx, as in the classical JT-RRT.")
+
+    def _make_parts(self) -> None:
+        self._goal: Any = None
+        self._approach: Approach
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        """SAFE_JT-RRT."""
+        while self._approach.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
+            if self._rng.random() < self.goal_bias:
+                self._extend_towards_goal(ptc)
+            else:
+                self._extend_randomly()
+        return None if self._approach.arrived is None else self._approach.tree.branch(self._approach.arrived)
+
+    def _extend_towards_goal(self, ptc: Any) -> None:
+        """EXTEND_TOWARDS_GOAL."""
+        approach, tree = self._approach, self._approach.tree
+        old = approach.best(self.alpha, 0.0, self._rng)
+        if old is None:
+            self._extend_randomly()
+            return
+        while True:
+            q_old = tree.configurations[old]
+            q_new = self._bridge.inside(q_old + self._displacement(q_old))
+            if self._goal.place.distance(q_new) > STALLED * approach.distances[old]:
+                return
+            if not (self._problem.motion_is_free(q_old, q_new) and self._is_below_threshold(q_new)):
+                return
+            old = approach.trees.add(tree, q_new, old)
+            approach.measure()
+            if approach.arrived is not None or ptc():
+                return
+
+    def _extend_randomly(self) -> None:
+        """EXTEND_RANDOMLY."""
+        q_rand = self._problem.random_configuration(self._rng)
+        approach, tree = self._approach, self._approach.tree
+        old = tree.best(q_rand, self.alpha)
+        outcome, new = straight_extension(self._problem, approach.trees, tree, old, q_rand, self.getRange())
+        if outcome is not Extension.TRAPPED:
+            approach.measure()
+            approach.untried.append(new)
+
+    def _displacement(self, q: FloatArray) -> FloatArray:
+        """Return Δq (n,) at `q: (n,)`, shortened to the largest step."""
+        place, field = self._goal.place, self._field
+        jacobian, error = place.jacobian(q), place.error(q)
+        if self.transpose:
+            step: FloatArray = self.gain * (jacobian.T @ error)
+        else:
+            inverse = np.linalg.pinv(jacobian)
+            step = inverse @ error
+            if self.null_space_gain and field is not None:
+                posture = self.null_space_gain * field.push(q)
+                if np.isfinite(posture).all():  # on a danger point the field is infinite
+                    step += posture - inverse @ (jacobian @ posture)
+            step = self.gain * step
+        length = float(np.sqrt(step @ step))
+        return step * (self.step / length) if length > self.step else step
+
+    def _is_below_threshold(self, q: FloatArray) -> bool:
+        """Return whether ‖CDF(q)‖ < CDF_Threshold."""
+        level = self.danger_threshold
+        return bool(np.isinf(level) or self._problem.cost.values(q[None])[0] < level)
+
+    @property
+    def _field(self) -> DangerField | None:
+        field = getattr(self.getProblemDefinition().getOptimizationObjective(), "field", None)
+        return field if isinstance(field, DangerField) else None
+
+    def _take_goals(self, ptc: Any) -> None:
+        """Take the place from the problem; the tree stays, and all of its nodes may be tried for another place."""
+        goal = self.getProblemDefinition().getGoal()
+        if goal is not self._goal:
+            self._goal, self._approach = goal, Approach(self._approach.trees, goal)
+        self._approach.take_new()
+
+    @property
+    def _structure(self) -> Approach:
+        return self._approach
+
+    def _forget(self) -> None:
+        self._approach = Approach(Trees(self._bridge, self._problem.cost, self.counts), self._goal)
+
+
+class PaperSafeBubble(SafePlanner):
+    """BUBBLE_PLANNER as it is printed in [1], §4.1; with α = 0 `PaperBubble`.
+
+    Bubbles are those of (9); f is that of (10), with joint angles in the 1-norm for g and h. Where the print leaves
+    something open it is read so: C is Closed(1); the roots wait in Open and are closed once; d_c counts the robot's own
+    pairs, too, or a bubble would not be free; vertices lie 0.99 of the way to the boundary, and within the joint
+    limits; of several bubbles that intersect the new one, the path takes the one that it overlaps most. The planner
+    is deterministic.
+
+    References
+    ----------
+    .. [1] B. Lacevic, P. Rocco: Safety-oriented path planning for articulated robots. Robotica, 2013.
+    """
+
+    alpha = Parameter(1.0, "Weight of danger α, as length per danger.")
+    beta = Parameter(0.0, "Weight β of the diversity.")
+    shape = Parameter(
+        "paper", "The paper's diamond (9), or the largest cube in it.", choices=("paper", "paper_cube")
+    )
+    iterations = Parameter(0, "k_max: how many turns the trees take; 0: until time is up.")
+
+    def _make_parts(self) -> None:
+        self._validity = bubble_validity(self.getSpaceInformation(), self.getName())
+
+    def _search(self, ptc: Any) -> FloatArray | None:
+        """BUBBLE_PLANNER."""
+        tree, other = self._volumes.start, self._volumes.goal
+        for _ in islice(count(), self.iterations or None):
+            if ptc() or not (len(tree.open) or len(other.open)):
+                break
+            self._take_goals(ptc)
+            path = self._expand(tree, other, other.latest) if len(tree.open) and not ptc() else None
+            if path is not None:
+                return path
+            tree, other = other, tree  # SWAP
+        return None
+
+    def _expand(self, tree: VolumeTree, other: VolumeTree, current_goal: FloatArray) -> FloatArray | None:
+        """Move argmin of f from Open(1) to Closed(1), and add the end points of its bubble to Open(1)."""
+        x = tree.take(int(self._f(tree, current_goal).argmin()))
+        bubble = Bubble.around(x.q, self._validity.checker, self.shape)
+        if bubble is None:
+            return None
+        new = tree.close(x, bubble.weights)
+        self.counts.nodes += 1
+        path = intersect(self._problem, self.shape, tree, new, other)
+        if path is None:
+            points = self._bubble_endpoints(bubble)
+            dangers = self._problem.cost.values(points) if self.alpha else np.zeros(len(points))
+            tree.add(points, new, dangers)
+        return path
+
+    def _f(self, tree: VolumeTree, current_goal: FloatArray) -> FloatArray:
+        """Return f = g + h + α·CDF − β·diversity, eq. (10), for the points in Open(1)."""
+        rows = tree.open
+        f: FloatArray = self._metric.lengths(rows["q"], current_goal) + rows["path_length"]
+        if self.alpha:
+            f += self.alpha * rows["cost"]
+        if self.beta:
+            f -= self.beta * rows["diversity"]
+        return f
+
+    def _bubble_endpoints(self, bubble: Bubble) -> FloatArray:
+        """BUBBLE_ENDPOINTS: the vertices (K, n)."""
+        bridge = self._bridge
+        points = bridge.inside(bubble.vertices(bridge.lower, bridge.upper, bridge.circular))
+        found: FloatArray = points[self._metric.separations(bubble.q, points) > 1e-9]
+        return found
+
+    @property
+    def _structure(self) -> VolumeTrees:
+        return self._volumes
+
+    def _forget(self) -> None:
+        self._metric = JointMetric(self._bridge, np.ones(self._bridge.n), taxicab=True)
+        self._volumes = VolumeTrees(self._bridge, self._metric, diverse=self.beta > 0)

@@ -1,1 +1,0 @@
-"""The planners exactly as the papers print them, beside which ours are measured."""
