@@ -100,15 +100,18 @@ class Queries:
         The robot.
     geometry : pin.GeometryModel
         The bodies and the P pairs.
+    pairs : ndarray of int, shape (P, 2)
+        The same pairs.
     changes : Changes
         Of the places of the bodies.
     """
 
-    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, changes: Changes) -> None:
+    def __init__(
+        self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray, changes: Changes
+    ) -> None:
         self.model = model
         self.geometry = geometry
         self._changes = changes
-        pairs: IntArray = np.array(indices(geometry), dtype=np.intp).reshape(-1, 2)
         self.no_margins: FloatArray = np.zeros(len(pairs))
         self.no_margins.setflags(write=False)
         self._all: WeakSet[_Memory] = WeakSet()
@@ -268,8 +271,3 @@ def _fresh_pair() -> pin.GeometryData:
         for request in (*data.collisionRequests, *data.distanceRequests):
             request.enable_cached_gjk_guess = False
     return data
-
-
-def indices(geometry: pin.GeometryModel) -> list[tuple[int, int]]:
-    """Return the two bodies of each pair, the first one with the smaller index."""
-    return [(int(pair.first), int(pair.second)) for pair in geometry.collisionPairs]
