@@ -26,8 +26,6 @@ from safe_ompl.common import BoolArray, FloatArray
 
 _TINY = 1e-200
 
-# ---------------------------------------------------------------------------------------------------- shapes
-
 
 def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
     """Return the weights (n,) of the paper's bubble: Σ r_i·|Δ_i| < d_c = min_p d_p, eq. (9).
@@ -69,9 +67,6 @@ def common_cube(radii: FloatArray, distances: FloatArray) -> FloatArray:
     return np.full(radii.shape[1], common_diamond(radii, distances).sum())
 
 
-# ------------------------------------------------------------------------------------------- points of a bubble
-
-
 def extents(weights: FloatArray) -> FloatArray:
     """Return how far (n,) a diamond or box reaches along each axis, 1/w_i; infinite where nothing limits it."""
     return np.divide(1.0, weights, out=np.full_like(weights, np.inf), where=weights > 0)
@@ -101,9 +96,6 @@ def reach_along(motion: FloatArray, radii: FloatArray, distances: FloatArray) ->
     approach = radii @ np.abs(motion)
     reaches = np.divide(distances, approach, out=np.full_like(distances, np.inf), where=approach > 0)
     return float(reaches.min(initial=np.inf))
-
-
-# ----------------------------------------------------------------------------------------------- intersection
 
 
 class Meetings(NamedTuple):

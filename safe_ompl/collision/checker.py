@@ -11,11 +11,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.arguments import configuration, margins_of
 from safe_ompl.collision.broad_phase import Distances, Queries
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairSet, PairTable
-from safe_ompl.common import Changes, Counts, FloatArray
+from safe_ompl.common import Changes, Counts, FloatArray, InputError, configuration, finite_array
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -196,14 +195,12 @@ class CollisionChecker:
         Margins may be one number for all. Of pairs that never touch, but come near, `pairs_within` knows.
         """
         pairs = self.pairs
-        return pairs.within_margins(configuration(q, self.robot.n), margins_of(margins, len(pairs.names)))
+        return pairs.within_margins(configuration(q, self.robot.n), _margins(margins, len(pairs.names)))
 
     def pair_within_margins(self, q: ArrayLike, margins: ArrayLike) -> tuple[str, str] | None:
         """Return the names of a pair that is nearer than its margin at `q: (n,)`, or None; see `within_margins`."""
         pairs = self.pairs
-        return pairs.pair_within_margins(
-            configuration(q, self.robot.n), margins_of(margins, len(pairs.names))
-        )
+        return pairs.pair_within_margins(configuration(q, self.robot.n), _margins(margins, len(pairs.names)))
 
     def distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
@@ -259,3 +256,18 @@ class CollisionChecker:
         nearest = int(distances.argmin())
         (pair,) = self._table.names(self._table.with_obstacle[[nearest]])
         return Clearance(float(distances[nearest]), *pair)
+
+
+def _margins(margins: ArrayLike, pairs: int) -> FloatArray:
+    """Return security margins [m] as a float array (P,): one for each pair, or one number for all.
+
+    Raises
+    ------
+    InputError
+        If they are not numeric, have another shape, are not finite, or negative.
+    """
+    number = np.ndim(margins) == 0
+    checked = finite_array(margins, () if number else (pairs,), "margins")
+    if not (checked >= 0).all():
+        raise InputError(f"margins must be lengths >= 0 [m], got {checked[checked < 0].tolist()}")
+    return np.full(pairs, float(checked)) if number else checked

@@ -71,7 +71,7 @@ class PairTable:
         return tuple((names[first], names[second]) for first, second in self.bodies[rows].tolist())
 
     def within(self, reach: float) -> IntArray:
-        """Return the rows of the pairs that may touch and, after them, of those that may come nearer than a reach [m]."""
+        """Return the rows of the pairs that may touch, then of those that may come nearer than a reach [m]."""
         touching = self._nearer_than(DISTANCE_ERROR)
         near = self._nearer_than(reach + DISTANCE_ERROR)
         return np.concatenate([np.flatnonzero(touching), np.flatnonzero(near & ~touching)])
@@ -87,7 +87,9 @@ class PairTable:
     def measure_from_axes(self, parts: Sequence[ObstaclePart]) -> None:
         """Renew the `obstacle_radii` of parts of obstacles, which have moved."""
         rows = [part.index for part in parts]
-        self.obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances([part.hull for part in parts])
+        self.obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances(
+            [part.hull for part in parts]
+        )
 
 
 def _balls(parts: Sequence[ObstaclePart]) -> tuple[FloatArray, FloatArray]:

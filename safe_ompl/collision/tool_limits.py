@@ -9,9 +9,8 @@ from math import atan2, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.arguments import edge
 from safe_ompl.collision.motion import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, finite_array, float_array, number
+from safe_ompl.common import FloatArray, InputError, edge, finite_array, float_array, number
 from safe_ompl.robot import Hull, Robot
 
 TOOL_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided

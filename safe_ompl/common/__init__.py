@@ -8,7 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.common import cache, documents
-    from safe_ompl.common.arrays import BoolArray, FloatArray, IntArray
+    from safe_ompl.common.arrays import BoolArray, FloatArray, IntArray, halton_point
     from safe_ompl.common.compilation import clock, compiled, part
     from safe_ompl.common.counts import Counts
     from safe_ompl.common.documents import within
@@ -23,8 +23,10 @@ if TYPE_CHECKING:
         pass_on,
         warn_once,
     )
-    from safe_ompl.common.halton import halton_point
     from safe_ompl.common.inputs import (
+        configuration,
+        configurations,
+        edge,
         finite_array,
         flag,
         float_array,
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
         positive,
         seed,
         shown,
+        unchecked,
         whole_number,
     )
     from safe_ompl.common.kernels.triangles import light_at, nearest_triangles
@@ -55,7 +58,10 @@ __all__ = [
     "cache",
     "clock",
     "compiled",
+    "configuration",
+    "configurations",
     "documents",
+    "edge",
     "finite_array",
     "flag",
     "float_array",
@@ -69,6 +75,7 @@ __all__ = [
     "positive",
     "seed",
     "shown",
+    "unchecked",
     "warn_once",
     "whole_number",
     "within",

@@ -214,8 +214,6 @@ class DangerField(RobotField):
         """The danger of the robot in motion, at (q, q̇), with the same danger points."""
         return KinetostaticField(self)
 
-    # ------------------------------------------------------------------------------ danger of configurations
-
     def value(self, q: ArrayLike) -> float:
         """Return the danger CDF(q) at `q: (n,)`; +inf where a segment passes through a danger point.
 
@@ -321,8 +319,6 @@ class DangerField(RobotField):
         charges = np.ones(len(farthest)) if lengths is None else lengths
         return float(self.aggregated(self.k1 * (charges @ (1.0 / farthest))[None])[0])
 
-    # --------------------------------------------------------------------------------------- parts of danger
-
     def link_fields(self, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the field of every link at the danger points, and the points' distances from the links.
 
@@ -420,8 +416,6 @@ class DangerField(RobotField):
             return self._danger_points.chosen(points, np.arange(len(levels)), levels.argmax(axis=1))
         shares: FloatArray = self._evaluation.shares(levels)
         return points, shares if self.weights is None else shares * self.weights
-
-    # ------------------------------------------------------------------------------------------------ within
 
     def _danger(self, Q: FloatArray) -> FloatArray:
         field = self.frozen()

@@ -121,9 +121,6 @@ def _rotation_matrix(value: ArrayLike) -> FloatArray:
     return rotation
 
 
-# ---------------------------------------------------------------------------------------------- joint steps
-
-
 def pseudoinverse_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
     """Return Δq (n,) = J†Δx + (I − J†J)Δq₀: of the joint motions to Δx the one nearest to Δq₀.
 
@@ -243,9 +240,6 @@ def limited_step(
 def _shortening(step: FloatArray, largest: float) -> float:
     length = float(np.sqrt(step @ step))
     return largest / length if length > largest else 1.0
-
-
-# --------------------------------------------------------------------------------------- inverse kinematics
 
 
 def solve_from_seed(place: Place, seed: FloatArray, precision: float) -> FloatArray | None:

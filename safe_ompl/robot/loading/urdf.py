@@ -168,9 +168,6 @@ def _finite_numbers(
     return values
 
 
-# ------------------------------------------------------------------------- what the parser stumbles over
-
-
 def make_readable(root: ElementTree.Element) -> None:
     """Put `root`, in place, in terms that the parser reads, for otherwise it drops all shapes of the link.
 
