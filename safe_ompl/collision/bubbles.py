@@ -25,6 +25,8 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.common import BoolArray, FloatArray
 
 _TINY = 1e-200
+INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/mathematics.md` §2)
+_HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
 
 
 def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
@@ -187,10 +189,6 @@ BUBBLE_SHAPES = {
 }
 
 
-INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/mathematics.md` §2)
-_HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
-
-
 @dataclass(frozen=True)
 class Bubble:
     """Configurations proven free: all those that lie within the shape around `q`.
@@ -225,7 +223,7 @@ class Bubble:
         checker : CollisionChecker
             Gives distances of all checked pairs, the robot's own included, and their radii at `q`.
         shape : str
-            One of `safe_ompl.maths.BUBBLE_SHAPES`.
+            One of `safe_ompl.collision.BUBBLE_SHAPES`.
         least : float
             [m]
         """

@@ -41,7 +41,7 @@ class Clearance:
 
 
 class CollisionChecker:
-    """Answers whether, how nearly, and with what a robot touches a scene or itself.
+    """Collision, margin and distance queries of a robot against a scene and against itself.
 
     Checked are the robot's own pairs (`robot.collision_model`) and every moving body against every obstacle; the
     fixed base may stand on obstacles. A pair whose body provably never reaches the obstacle, within the limits of the
@@ -192,7 +192,7 @@ class CollisionChecker:
     def within_margins(self, q: ArrayLike, margins: ArrayLike) -> bool:
         """Return whether any pair that may touch is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`.
 
-        Margins may be one number for all. Of pairs that never touch, but come near, `pairs_within` knows.
+        Margins may be one number for all. Pairs that never touch, but may come near, are in `pairs_within`.
         """
         pairs = self.pairs
         return pairs.within_margins(configuration(q, self.robot.n), _margins(margins, len(pairs.names)))
@@ -233,7 +233,7 @@ class CollisionChecker:
         return Distances(self.robot.shared.model, self.pairs.geometry, self.changes)
 
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
-        """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, and dearer.
+        """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, but costlier.
 
         They hold for motions that start at `q` (`docs/mathematics.md` §3).
         """

@@ -46,7 +46,7 @@ class ObstaclePart:
     def measure_anew(self, shape: coal.CollisionGeometry, local: pin.SE3) -> None:
         """Take another shape of the same kind.
 
-        A capsule takes the other's length, so that whoever holds it sees that; anything else is replaced.
+        A capsule takes the other's length, so that all that refer to it see the change; anything else is replaced.
         """
         self.local = local
         if not isinstance(self.shape, _KEPT):
@@ -57,7 +57,7 @@ class ObstaclePart:
         self._hull = bounding_hull(self.shape)
 
     def write(self, geometry: pin.GeometryModel) -> None:
-        """Put the part where it is into a geometry model, and what it is."""
+        """Write the placement and the shape of the part into a geometry model."""
         entry = geometry.geometryObjects[self.index]
         entry.placement = self.world
         if not isinstance(self.shape, _KEPT):

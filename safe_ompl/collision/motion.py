@@ -27,7 +27,7 @@ FLOOR = 5e-6
 
 
 class Verdict(Enum):
-    """What is known of an edge. Only FREE edges may be driven."""
+    """Result of checking an edge. Only FREE edges may be driven."""
 
     FREE = "free"
     BLOCKED = "blocked"
@@ -55,7 +55,7 @@ class MotionVerdict:
 
 
 class MotionLimit(Protocol):
-    """Something else that can be proven of motions."""
+    """A further requirement that can be proven of motions."""
 
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`."""
@@ -131,7 +131,7 @@ class CertifiedMotion:
 
     @property
     def limits(self) -> tuple[MotionLimit, ...]:
-        """What else must be proven."""
+        """Further requirements that must be proven."""
         return self._limits
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""What every room uses: arrays, checks of input, errors, documents, and compiled kernels."""
+"""Shared by all rooms: array types, checks of input, errors, documents, threads, and compiled kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The danger of a configuration: the robot's field at the places that must not come to harm."""
+"""The danger of a configuration: the field of the robot at the danger points."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ class DangerField(RobotField):
         self.revision += 1
 
     def _take_points(self, points: DangerPoints) -> None:
-        """Take danger points and what follows from them, all at once for whoever asks in another thread."""
+        """Take danger points and what follows from them, at once, as other threads may ask."""
         frozen = object.__new__(DangerField)
         vars(frozen).update(vars(self), _danger_points=points, _obstacles=None, _frozen=None)
         for followed in ("moving", "_minimum"):
@@ -186,9 +186,9 @@ class DangerField(RobotField):
         self._frozen = frozen
 
     def frozen(self) -> DangerField:
-        """Return the field at the danger points of now, where they stay if this one moves.
+        """Return the field at the present danger points, which stay where they are if this field moves.
 
-        What asks more than once about the same danger points asks this one: another thread may move them.
+        Several queries about the same danger points go to this one, as another thread may move them.
         """
         return self if self._frozen is None else self._frozen
 
@@ -244,7 +244,7 @@ class DangerField(RobotField):
         return self.values_and_gradients(Q)[1]
 
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` for the price of the gradients."""
+        """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` at the cost of the gradients."""
         Q = self._batch(Q)
         field = self.frozen()
         points, charges = field._prepared(Q)

@@ -1,4 +1,4 @@
-"""The danger field of a skeleton of link segments (Lacevic & Rocco 2013, §3), and how the segments weigh in it.
+"""The danger field of a skeleton of link segments (Lacevic & Rocco 2013, §3), and the weights of the segments.
 
 One link is the segment a → b. With u = p − a, v = p − b, S = ‖u‖ + ‖v‖ and ℓ = ‖b − a‖ its field at p is
 

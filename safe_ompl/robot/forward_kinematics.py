@@ -193,9 +193,8 @@ class ForwardKinematics:
         """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
         values = self.coupling.values(self._checked(q)[None])
         rows = np.zeros(len(self.skeleton.joints), dtype=np.intp)
-        columns = self.kinematics.point_jacobians(values, rows, self.skeleton.joints, self.skeleton.offsets)[
-            1
-        ]
+        joints, offsets = self.skeleton.joints, self.skeleton.offsets
+        _, columns = self.kinematics.point_jacobians(values, rows, joints, offsets)
         return self.coupling.columns(np.swapaxes(columns, 1, 2))
 
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

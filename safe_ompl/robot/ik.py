@@ -169,12 +169,12 @@ Rule: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class StepLimits:
-    """Joint limits as steps see them.
+    """Joint limits that steps respect.
 
     Attributes
     ----------
     lower, upper : ndarray, shape (n,)
-        [rad or m]; infinite for joints that may turn on and on.
+        [rad or m]; infinite for joints without limits.
     """
 
     lower: FloatArray
@@ -282,10 +282,8 @@ def tip_reach(robot: Robot) -> tuple[FloatArray, float]:
     """
     chain, frame = robot.shared.chain, robot.shared.model.frames[robot.tip_frame]
     centre, radius, rotation = np.zeros(3), 0.0, np.eye(3)
-    turned, first = (
-        0,
-        np.zeros(3),
-    )  # how many of the frames so far a joint turns; the axis of the first one that does
+    # How many of the frames so far a joint turns, and the axis of the first one that does.
+    turned, first = 0, np.zeros(3)
     for i in (*reversed(chain.path_to_root(int(frame.parentJoint))), None):
         placement = frame.placement if i is None else chain.placements[i]
         offset = placement.translation.copy()

@@ -94,7 +94,7 @@ class UrdfBlueprint(Blueprint):
 
 @dataclass(frozen=True)
 class ModelsBlueprint(Blueprint):
-    """A robot from models of Pinocchio's, which nobody else may change; see `Robot.from_models`."""
+    """A robot from models of Pinocchio's, which are its own; see `Robot.from_models`."""
 
     model: pin.Model
     collision_model: pin.GeometryModel
