@@ -8,13 +8,13 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.collision import bubbles
-    from safe_ompl.collision.arguments import configuration, configurations, edge
     from safe_ompl.collision.broad_phase import DISTANCE_ERROR, fresh_data
     from safe_ompl.collision.bubbles import BUBBLE_SHAPES, INSIDE, Bubble
     from safe_ompl.collision.checker import Clearance, CollisionChecker
     from safe_ompl.collision.distances import PairDistances, Proximity, Witnesses
     from safe_ompl.collision.motion import FLOOR, CertifiedMotion, MotionLimit, MotionVerdict, Verdict
     from safe_ompl.collision.pairs import PairSet
+    from safe_ompl.collision.self_filter import robot_points, without_robot
     from safe_ompl.collision.separation import TOUCHING_ONLY, MinClearance, Separation
     from safe_ompl.collision.tool_limits import TipBounds, ToolLimit, ToolOrientation
 
@@ -41,10 +41,9 @@ __all__ = [
     "Verdict",
     "Witnesses",
     "bubbles",
-    "configuration",
-    "configurations",
-    "edge",
     "fresh_data",
+    "robot_points",
+    "without_robot",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

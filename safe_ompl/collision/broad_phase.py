@@ -17,10 +17,11 @@ from safe_ompl.common import BoolArray, Changes, FloatArray, IntArray, PerThread
 from safe_ompl.geometry.kernels import near_boxes
 
 _PROBE = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.5, 0.7), np.array([1.0, 2.0, 3.0]))
+DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
 
 
-class NearPairs:
-    """A broad phase over the pairs of one geometry model: no pair of two obstacles is ever looked at.
+class BroadPhase:
+    """Finds the pairs of one geometry model whose bounding boxes are near; pairs of two obstacles are never tested.
 
     Parameters
     ----------
@@ -84,14 +85,11 @@ def _places(data: pin.GeometryData) -> FloatArray:
     return view
 
 
-DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
-
-
 class Queries:
     """Boolean queries over the pairs of one geometry model; any thread may ask.
 
     Margins are an argument of every query; they are written to coal's requests where they are not those of the query
-    before. Coal is only asked about pairs whose boxes are near each other (`NearPairs`): Pinocchio's managers compare
+    before. Coal is only asked about pairs whose boxes are near each other (`BroadPhase`): Pinocchio's managers compare
     obstacles with obstacles, too, and overlook bodies without volume.
 
     Parameters
@@ -100,24 +98,27 @@ class Queries:
         The robot.
     geometry : pin.GeometryModel
         The bodies and the P pairs.
+    pairs : ndarray of int, shape (P, 2)
+        The same pairs.
     changes : Changes
         Of the places of the bodies.
     """
 
-    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, changes: Changes) -> None:
+    def __init__(
+        self, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray, changes: Changes
+    ) -> None:
         self.model = model
         self.geometry = geometry
         self._changes = changes
-        pairs: IntArray = np.array(indices(geometry), dtype=np.intp).reshape(-1, 2)
         self.no_margins: FloatArray = np.zeros(len(pairs))
         self.no_margins.setflags(write=False)
         self._all: WeakSet[_Memory] = WeakSet()
         self._memory = PerThread(partial(_remembered, self._all, changes, model, geometry, pairs))
 
     def take_shapes(self, bodies: Sequence[int]) -> None:
-        """Look at some bodies anew: their shapes, or the sizes of these, are others now."""
+        """Renew what follows from the shapes of some bodies, which have changed."""
         for memory in self._all:
-            memory.near.take_shapes(bodies)
+            memory.broad_phase.take_shapes(bodies)
 
     def touching(self, q: FloatArray, margins: FloatArray) -> int | None:
         """Return a pair that is nearer than its margin (P,) [m], ≥ 0, at Pinocchio's `q: (nq,)`, or None."""
@@ -126,7 +127,7 @@ class Queries:
         if margins is not own.unchanging:
             own.set_margins(margins)
         pin.updateGeometryPlacements(self.model, own.kinematics, self.geometry, own.data, q)
-        for pair in own.near.found():
+        for pair in own.broad_phase.found():
             if pin.computeCollision(self.geometry, own.data, pair):
                 found = pair
                 break
@@ -159,7 +160,7 @@ class _Memory:
         self._margins: FloatArray = np.zeros((bodies, bodies), order="F")
         self._margin_entries: FloatArray = self._margins.reshape(-1, order="F")  # a view
         self._entries = pairs[:, 0] + bodies * pairs[:, 1]
-        self.near = NearPairs(geometry, self.data, pairs)
+        self.broad_phase = BroadPhase(geometry, self.data, pairs)
         self._write(np.zeros(len(pairs)))
 
     def set_margins(self, margins: FloatArray) -> None:
@@ -177,7 +178,7 @@ class _Memory:
         # With a margin of zero coal takes bodies that overlap, now and then by centimetres, for a micrometre
         # apart, and calls them free: what is nearer than it can tell counts as touching.
         self._margin_entries[self._entries] = margins + DISTANCE_ERROR
-        self.near.margins[:] = margins + 2 * DISTANCE_ERROR  # coal is as far off
+        self.broad_phase.margins[:] = margins + 2 * DISTANCE_ERROR  # coal is as far off
         self.data.setSecurityMargins(self._geometry, self._margins, True, False)
 
 
@@ -268,8 +269,3 @@ def _fresh_pair() -> pin.GeometryData:
         for request in (*data.collisionRequests, *data.distanceRequests):
             request.enable_cached_gjk_guess = False
     return data
-
-
-def indices(geometry: pin.GeometryModel) -> list[tuple[int, int]]:
-    """Return the two bodies of each pair, the first one with the smaller index."""
-    return [(int(pair.first), int(pair.second)) for pair in geometry.collisionPairs]

@@ -25,8 +25,8 @@ from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.common import BoolArray, FloatArray
 
 _TINY = 1e-200
-
-# ---------------------------------------------------------------------------------------------------- shapes
+INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/mathematics.md` §2)
+_HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
 
 
 def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
@@ -69,9 +69,6 @@ def common_cube(radii: FloatArray, distances: FloatArray) -> FloatArray:
     return np.full(radii.shape[1], common_diamond(radii, distances).sum())
 
 
-# ------------------------------------------------------------------------------------------- points of a bubble
-
-
 def extents(weights: FloatArray) -> FloatArray:
     """Return how far (n,) a diamond or box reaches along each axis, 1/w_i; infinite where nothing limits it."""
     return np.divide(1.0, weights, out=np.full_like(weights, np.inf), where=weights > 0)
@@ -101,9 +98,6 @@ def reach_along(motion: FloatArray, radii: FloatArray, distances: FloatArray) ->
     approach = radii @ np.abs(motion)
     reaches = np.divide(distances, approach, out=np.full_like(distances, np.inf), where=approach > 0)
     return float(reaches.min(initial=np.inf))
-
-
-# ----------------------------------------------------------------------------------------------- intersection
 
 
 class Meetings(NamedTuple):
@@ -195,10 +189,6 @@ BUBBLE_SHAPES = {
 }
 
 
-INSIDE = 0.99  # the boundary of a bubble may touch: stay this much inside (`docs/mathematics.md` §2)
-_HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways back are the same
-
-
 @dataclass(frozen=True)
 class Bubble:
     """Configurations proven free: all those that lie within the shape around `q`.
@@ -233,7 +223,7 @@ class Bubble:
         checker : CollisionChecker
             Gives distances of all checked pairs, the robot's own included, and their radii at `q`.
         shape : str
-            One of `safe_ompl.maths.BUBBLE_SHAPES`.
+            One of `safe_ompl.collision.BUBBLE_SHAPES`.
         least : float
             [m]
         """

@@ -11,11 +11,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.arguments import configuration, margins_of
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Distances, Queries
-from safe_ompl.collision.geometry import PlacedBodies, PlacedPart
-from safe_ompl.collision.pairs import Approaches, PairSet
-from safe_ompl.common import Changes, Counts, FloatArray
+from safe_ompl.collision.broad_phase import Distances, Queries
+from safe_ompl.collision.geometry import SceneGeometry
+from safe_ompl.collision.pairs import PairSet, PairTable
+from safe_ompl.common import Changes, Counts, FloatArray, InputError, configuration, finite_array
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -42,7 +41,7 @@ class Clearance:
 
 
 class CollisionChecker:
-    """Answers whether, how nearly, and with what a robot touches a scene or itself.
+    """Collision, margin and distance queries of a robot against a scene and against itself.
 
     Checked are the robot's own pairs (`robot.collision_model`) and every moving body against every obstacle; the
     fixed base may stand on obstacles. A pair whose body provably never reaches the obstacle, within the limits of the
@@ -87,29 +86,19 @@ class CollisionChecker:
         self.robot = robot
         self.scene = scene
         self.counts = Counts() if counts is None else counts
-        bodies = robot.shared.collision_model
-        self._placed = PlacedBodies(bodies, scene, movable)
-        self._names, parts = self._placed.names, self._placed.parts
-        self.links = tuple(self._names[: len(bodies.geometryObjects)])
+        self._bodies = SceneGeometry(robot.shared.collision_model, scene, movable)
+        self._table = PairTable(robot, self._bodies)
+        self.links = tuple(self._bodies.names[: len(robot.shared.collision_model.geometryObjects)])
         self.revision = 0
         self.changes = Changes()
-        self._obstacle_radii = np.full((len(self._names), robot.bounds.joint_radii.shape[1]), np.inf)
-        self._measure_from_axes(parts)
-
-        reaches = robot.bounds.body_reaches
-        self._apart_pairs = [(body, part.index) for part in parts for body in reaches]
-        moves = np.array([self._names[part.index] in self.movable for part in parts], dtype=bool)
-        self._approaches = Approaches(list(reaches.values()), parts, moves)
-        self._touching = self._placed.with_pairs(self._nearer_than(DISTANCE_ERROR))
-        self._contact = Queries(robot.shared.model, self._touching, self.changes)
         self._pair_sets: dict[float, PairSet] = {}  # by the reach that they are of
         self.pairs = self.pairs_within(0.0)
+        model, pairs = robot.shared.model, self.pairs
+        self._contact = Queries(model, pairs.geometry, pairs.bodies, self.changes)
 
     def __repr__(self) -> str:
         obstacles, pairs = len(self.scene.obstacles), len(self.pair_names)
         return f"CollisionChecker({self.robot.name!r}, {obstacles} obstacles, {pairs} pairs)"
-
-    # ---------------------------------------------------------------------------------------------------- pairs
 
     @property
     def pair_names(self) -> tuple[tuple[str, str], ...]:
@@ -139,25 +128,16 @@ class CollisionChecker:
         return self._pair_sets[level]
 
     def _pairs_at(self, level: float) -> PairSet:
-        touching = self._nearer_than(DISTANCE_ERROR)
-        beyond = [pair for pair in self._nearer_than(level + DISTANCE_ERROR) if pair not in touching]
+        rows = self._table.within(level)
         for known in self._pair_sets.values():
-            if len(known.names) == len(self._touching.collisionPairs) + len(beyond):
+            if len(known.names) == len(rows):
                 return known
-        geometry = self._placed.with_pairs(beyond, self._touching) if beyond else self._touching
-        return PairSet(self.robot, geometry, self._names, self._obstacle_radii, self.counts, self.changes)
-
-    def _nearer_than(self, distance: float) -> dict[tuple[int, int], None]:
-        """Return the pairs of a moving body and an obstacle that can come nearer than a distance [m], in order."""
-        nearer = self._approaches.nearer_than(distance).ravel().tolist()
-        return dict.fromkeys(pair for pair, near in zip(self._apart_pairs, nearer, strict=True) if near)
-
-    # -------------------------------------------------------------------------------------------------- movement
+        return PairSet(self._table, rows, self.counts, self.changes)
 
     @property
     def movable(self) -> frozenset[str]:
         """Names of the obstacles that may move."""
-        return self._placed.movable
+        return self._bodies.movable
 
     def move(self, scene: Scene) -> None:
         """Take the places of another scene, in which nothing but the places of movable obstacles differs.
@@ -176,23 +156,15 @@ class CollisionChecker:
             with another number of points. Then nothing moves.
         """
         with self.changes.one():
-            moved, measured = self._placed.move(scene)
+            moved, measured = self._bodies.move(scene)
             self.scene = scene
             if not moved:
                 return
             self.revision += 1
-            self._measure_from_axes(moved)
+            self._table.measure_from_axes(moved)
             self._contact.take_shapes(measured)
             for pairs in set(self._pair_sets.values()):
-                pairs.follow(self._obstacle_radii, measured)
-
-    def _measure_from_axes(self, parts: Sequence[PlacedPart]) -> None:
-        """Note how far parts of obstacles are from the joints' axes at most; the robot's own are infinitely far."""
-        hulls = [part.hull for part in parts]
-        rows = [part.index for part in parts]
-        self._obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances(hulls)
-
-    # -------------------------------------------------------------------------------------------------- queries
+                pairs.follow(measured)
 
     def in_collision(self, q: ArrayLike) -> bool:
         """Return whether the robot touches an obstacle or itself at `q: (n,)`; limits are not looked at.
@@ -220,17 +192,15 @@ class CollisionChecker:
     def within_margins(self, q: ArrayLike, margins: ArrayLike) -> bool:
         """Return whether any pair that may touch is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`.
 
-        Margins may be one number for all. Of pairs that never touch, but come near, `pairs_within` knows.
+        Margins may be one number for all. Pairs that never touch, but may come near, are in `pairs_within`.
         """
         pairs = self.pairs
-        return pairs.within_margins(configuration(q, self.robot.n), margins_of(margins, len(pairs.names)))
+        return pairs.within_margins(configuration(q, self.robot.n), _margins(margins, len(pairs.names)))
 
     def pair_within_margins(self, q: ArrayLike, margins: ArrayLike) -> tuple[str, str] | None:
         """Return the names of a pair that is nearer than its margin at `q: (n,)`, or None; see `within_margins`."""
         pairs = self.pairs
-        return pairs.pair_within_margins(
-            configuration(q, self.robot.n), margins_of(margins, len(pairs.names))
-        )
+        return pairs.pair_within_margins(configuration(q, self.robot.n), _margins(margins, len(pairs.names)))
 
     def distances(self, q: ArrayLike) -> FloatArray:
         """Return the distance [m] of every moving body to every obstacle at `q: (n,)`; see `distance_names`."""
@@ -254,20 +224,20 @@ class CollisionChecker:
     def _apart(self) -> Distances:
         """Every moving body against every obstacle."""
         with self.changes.none():
-            geometry = self._placed.with_pairs(self._apart_pairs, own=False)
+            geometry = self._bodies.with_pairs(self._table.bodies[self._table.with_obstacle])
         return Distances(self.robot.shared.model, geometry, self.changes)
 
     @cached_property
     def _pair_distances(self) -> Distances:
         """The pairs that may touch."""
-        return Distances(self.robot.shared.model, self._touching, self.changes)
+        return Distances(self.robot.shared.model, self.pairs.geometry, self.changes)
 
     def pair_radii_at(self, q: ArrayLike) -> FloatArray:
-        """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, and dearer.
+        """Return the displacement radii (P, n) of the pairs that may touch at `q: (n,)`: tighter, but costlier.
 
         They hold for motions that start at `q` (`docs/mathematics.md` §3).
         """
-        bodies = np.zeros((len(self._names), self.robot.n))
+        bodies = np.zeros((len(self._bodies.names), self.robot.n))
         bodies[: len(self.links)] = self.robot.bounds.displacement_radii_at(configuration(q, self.robot.n))
         first, second = self.pairs.bodies.T
         both: FloatArray = bodies[first] + bodies[second]
@@ -276,7 +246,7 @@ class CollisionChecker:
     @property
     def distance_names(self) -> list[tuple[str, str]]:
         """Link and obstacle of each entry of `distances`."""
-        return [(self._names[a], self._names[b]) for a, b in self._apart_pairs]
+        return list(self._table.names(self._table.with_obstacle))
 
     def clearance(self, q: ArrayLike) -> Clearance:
         """Return the smallest distance between robot and obstacles at `q: (n,)`, and between which two."""
@@ -284,5 +254,20 @@ class CollisionChecker:
         if not len(distances):
             return Clearance(float("inf"), None, None)
         nearest = int(distances.argmin())
-        body, obstacle = self._apart_pairs[nearest]
-        return Clearance(float(distances[nearest]), self._names[body], self._names[obstacle])
+        (pair,) = self._table.names(self._table.with_obstacle[[nearest]])
+        return Clearance(float(distances[nearest]), *pair)
+
+
+def _margins(margins: ArrayLike, pairs: int) -> FloatArray:
+    """Return security margins [m] as a float array (P,): one for each pair, or one number for all.
+
+    Raises
+    ------
+    InputError
+        If they are not numeric, have another shape, are not finite, or negative.
+    """
+    number = np.ndim(margins) == 0
+    checked = finite_array(margins, () if number else (pairs,), "margins")
+    if not (checked >= 0).all():
+        raise InputError(f"margins must be lengths >= 0 [m], got {checked[checked < 0].tolist()}")
+    return np.full(pairs, float(checked)) if number else checked

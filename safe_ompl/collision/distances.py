@@ -124,7 +124,7 @@ class _Memory:
         return self._data
 
     def forget(self) -> None:
-        """Let distances of trees not depend on what was asked before, not even by rounding."""
+        """Make distances of trees independent of earlier queries, also of their rounding."""
         if self._revision >= 0:
             self.trees.forget()
 

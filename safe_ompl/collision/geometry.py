@@ -1,4 +1,4 @@
-"""The bodies of a robot and the parts of obstacles in one geometry model, and how obstacles move there."""
+"""One geometry model with the bodies of a robot and the parts of obstacles, and how obstacles move in it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import coal
 import pinocchio as pin
 
-from safe_ompl.common import InputError
+from safe_ompl.common import InputError, IntArray
 from safe_ompl.geometry import Obstacle, Part
 from safe_ompl.robot import Hull, bounding_hull
 from safe_ompl.scene import Scene
@@ -17,7 +17,7 @@ _KEPT = (coal.Capsule, coal.Sphere)  # stay the same objects when they are measu
 
 
 @dataclass
-class PlacedPart:
+class ObstaclePart:
     """One part of an obstacle where it is now.
 
     Attributes
@@ -46,7 +46,7 @@ class PlacedPart:
     def measure_anew(self, shape: coal.CollisionGeometry, local: pin.SE3) -> None:
         """Take another shape of the same kind.
 
-        A capsule takes the other's length, so that whoever holds it sees that; anything else is replaced.
+        A capsule takes the other's length, so that all that refer to it see the change; anything else is replaced.
         """
         self.local = local
         if not isinstance(self.shape, _KEPT):
@@ -57,20 +57,20 @@ class PlacedPart:
         self._hull = bounding_hull(self.shape)
 
     def write(self, geometry: pin.GeometryModel) -> None:
-        """Put the part where it is into a geometry model, and what it is."""
+        """Write the placement and the shape of the part into a geometry model."""
         entry = geometry.geometryObjects[self.index]
         entry.placement = self.world
         if not isinstance(self.shape, _KEPT):
             entry.geometry = self.shape
 
 
-class PlacedBodies:
+class SceneGeometry:
     """The bodies of a robot and, after them, the parts of the obstacles of a scene.
 
     Parameters
     ----------
     bodies : pin.GeometryModel
-        The robot's.
+        The robot's, with the pairs of these that are checked.
     scene : Scene
         The obstacles.
     movable : sequence of str
@@ -79,7 +79,9 @@ class PlacedBodies:
     Attributes
     ----------
     names : list of str
-        Link or obstacle of each.
+        Link or obstacle of each body.
+    self_pairs : list of (int, int)
+        Pairs of the robot's own bodies, by their indices.
     movable : frozenset of str
         As given.
 
@@ -95,53 +97,37 @@ class PlacedBodies:
         if isinstance(movable, str) or not isinstance(movable, Iterable):
             raise InputError(f"movable must be a list of names of obstacles, got {movable!r}")
         self.movable = frozenset(scene[name].name for name in movable)
-        self._own_pairs = bodies.copy()  # and all bodies
+        self.self_pairs = [(int(pair.first), int(pair.second)) for pair in bodies.collisionPairs]
         self.names = [body.name.rsplit("_", 1)[0] for body in bodies.geometryObjects]
-        self._parts: list[list[PlacedPart]] = []  # of each obstacle
+        self._without_pairs = bodies.copy()
+        self._without_pairs.removeAllCollisionPairs()
+        self._parts: list[list[ObstaclePart]] = []  # of each obstacle
         for obstacle in scene.obstacles:
             parts = []
             for part in obstacle.shape.parts():
                 world = obstacle.pose.se3 * part.placement
                 entry = pin.GeometryObject(f"obstacle:{obstacle.part_name(part)}", 0, world, part.geometry)
-                index = self._own_pairs.addGeometryObject(entry)
-                parts.append(PlacedPart(int(index), part.geometry, part.placement, world))
+                index = self._without_pairs.addGeometryObject(entry)
+                parts.append(ObstaclePart(int(index), part.geometry, part.placement, world))
                 self.names.append(obstacle.name)
             self._parts.append(parts)
-        self._models = [self._own_pairs]
+        self._models = [self._without_pairs]
         self._scene = scene
 
-    def with_pairs(
-        self,
-        pairs: Iterable[tuple[int, int]],
-        geometry: pin.GeometryModel | None = None,
-        *,
-        own: bool = True,
-    ) -> pin.GeometryModel:
-        """Return all bodies with some pairs, and where they move that model follows.
-
-        Parameters
-        ----------
-        pairs : iterable of (int, int)
-            Bodies and parts, by their index.
-        geometry : pin.GeometryModel, optional
-            A model of this kind whose pairs come before them; default: one with the pairs of the robot's own.
-        own : bool
-            Whether there are such pairs.
-        """
-        model = (self._own_pairs if geometry is None else geometry).copy()
-        if not own:
-            model.removeAllCollisionPairs()
-        for first, second in pairs:
+    def with_pairs(self, pairs: IntArray) -> pin.GeometryModel:
+        """Return a model of all bodies with `pairs: (P, 2)` of them; obstacles move in it as they do here."""
+        model = self._without_pairs.copy()
+        for first, second in pairs.tolist():
             model.addCollisionPair(pin.CollisionPair(first, second))
         self._models.append(model)
         return model
 
     @property
-    def parts(self) -> list[PlacedPart]:
+    def parts(self) -> list[ObstaclePart]:
         """The parts of all obstacles."""
         return [part for parts in self._parts for part in parts]
 
-    def move(self, scene: Scene) -> tuple[list[PlacedPart], list[int]]:
+    def move(self, scene: Scene) -> tuple[list[ObstaclePart], list[int]]:
         """Take the places of another scene; return what has moved, and the indices of what was measured anew.
 
         Raises
@@ -150,7 +136,7 @@ class PlacedBodies:
             If anything but the place of a movable obstacle differs. Then nothing moves.
         """
         moves = self._moves(scene)
-        moved, measured = list[PlacedPart](), list[int]()
+        moved, measured = list[ObstaclePart](), list[int]()
         for k, obstacle, shapes in moves:
             pose = obstacle.pose.se3
             for part, shape in zip(self._parts[k], shapes, strict=False):

@@ -11,11 +11,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.arguments import unchecked
 from safe_ompl.collision.bounds import BoundsProof
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
-from safe_ompl.common import FloatArray, InputError, positive
+from safe_ompl.common import FloatArray, InputError, positive, unchecked
 from safe_ompl.robot import JointLimits
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
@@ -28,7 +27,7 @@ FLOOR = 5e-6
 
 
 class Verdict(Enum):
-    """What is known of an edge. Only FREE edges may be driven."""
+    """Result of checking an edge. Only FREE edges may be driven."""
 
     FREE = "free"
     BLOCKED = "blocked"
@@ -56,7 +55,7 @@ class MotionVerdict:
 
 
 class MotionLimit(Protocol):
-    """Something else that can be proven of motions."""
+    """A further requirement that can be proven of motions."""
 
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`."""
@@ -132,13 +131,11 @@ class CertifiedMotion:
 
     @property
     def limits(self) -> tuple[MotionLimit, ...]:
-        """What else must be proven."""
+        """Further requirements that must be proven."""
         return self._limits
 
     def __repr__(self) -> str:
         return f"CertifiedMotion({self._checker!r}, floor={self._floor:g}, margin={self.margin:g})"
-
-    # ------------------------------------------------------------------------------- the same with other demands
 
     def with_margin(self, margin: float) -> CertifiedMotion:
         """Return the same that proves another margin [m] from every obstacle; 0: motions are free."""
@@ -187,8 +184,6 @@ class CertifiedMotion:
     def with_limits(self, limits: Sequence[MotionLimit]) -> CertifiedMotion:
         """Return the same that proves other limits besides."""
         return CertifiedMotion(self._checker, self._floor, separation=self._separation, limits=limits)
-
-    # ------------------------------------------------------------------------------------------------- questions
 
     def is_free(self, start: ArrayLike, end: ArrayLike, margin: float = 0.0) -> bool:
         """Return whether the straight motion between two configurations (n,) is proven free; errors as `check`.
@@ -251,8 +246,6 @@ class CertifiedMotion:
         """
         required = self._separation.required_during(self._checker, speeds, span)
         return self._check(*self._edge(start, end), required)
-
-    # ---------------------------------------------------------------------------------------------------- proof
 
     def _widened(self, margin: float) -> RequiredDistances:
         """Return the required distances with a margin [m] besides; that of the last call is kept."""

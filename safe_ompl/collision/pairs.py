@@ -1,4 +1,4 @@
-"""Pairs of bodies that may come near each other, reachable pairs of links and obstacles, and margins for each pair."""
+"""The table of all body pairs of a robot and a scene, and sets of those that may come near each other."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision.bounds import DistanceBounds
-from safe_ompl.collision.broad_phase import Queries, indices
-from safe_ompl.collision.geometry import PlacedPart
+from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
+from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray
 from safe_ompl.robot import ReachCylinder, Robot
 
@@ -19,42 +19,80 @@ _ROUNDING = 1e-9  # [m] of what bounds by balls say
 _HOLLOW = (coal.BVHModelBase, coal.OcTree)
 
 
-class Approaches:
-    """Says which of M bodies can come nearer to which of K parts of obstacles than some distance.
+class PairTable:
+    """All T pairs of bodies: those of the robot's own that are checked, then each moving body with each obstacle part.
 
-    Bounds by balls decide most of it; coal decides the rest, once, when it is asked for.
+    It knows which pairs can come near each other at all: bounds by balls decide most of them; coal decides the rest,
+    once, when it is asked for. The robot's own pairs always count as near, and so do those of obstacles that may move.
 
     Parameters
     ----------
-    reaches : sequence of ReachCylinder
-        A cylinder in the world for each body, that it never leaves.
-    parts : sequence of PlacedPart
-        The parts of obstacles.
-    movable : ndarray of bool, shape (K,)
-        Which of them may be anywhere: every body can come to them.
+    robot : Robot
+        The robot.
+    geometry : SceneGeometry
+        Its bodies and the parts of obstacles.
+
+    Attributes
+    ----------
+    robot, geometry
+        As given.
+    bodies : ndarray of int, shape (T, 2)
+        Indices of the bodies in the geometry, the smaller one first.
+    with_obstacle : ndarray of int
+        Rows of the pairs of a link and an obstacle.
+    obstacle_radii : ndarray, shape (G, m)
+        [m] How far each of the G bodies is from the axes of the model's m ≥ n joints at most, where obstacles are now;
+        infinite for the robot's own.
     """
 
-    def __init__(
-        self, reaches: Sequence[ReachCylinder], parts: Sequence[PlacedPart], movable: BoolArray
-    ) -> None:
-        self._reaches = [_as_object(reach) for reach in reaches]
+    def __init__(self, robot: Robot, geometry: SceneGeometry) -> None:
+        self.robot, self.geometry = robot, geometry
+        own, parts, reaches = geometry.self_pairs, geometry.parts, robot.bounds.body_reaches
+        pairs = [*own, *((body, part.index) for part in parts for body in reaches)]
+        self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+        self.with_obstacle: IntArray = np.arange(len(own), len(pairs))
+        self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
+        self.measure_from_axes(parts)
+        cylinders = list(reaches.values())
+        self._reaches = [_as_object(reach) for reach in cylinders]
         self._parts = parts
         centres, radii = _balls(parts)
-        away = _distances(reaches, centres)
-        self._least = np.where(movable[:, None], -np.inf, away - radii[:, None] - _ROUNDING)
+        away = _distances(cylinders, centres)
+        movable = np.array([geometry.names[part.index] in geometry.movable for part in parts], dtype=bool)
+        # Bounds (K, M) of the least distance of each of K parts from all that each of M moving bodies can reach.
+        self._lower = np.where(movable[:, None], -np.inf, away - radii[:, None] - _ROUNDING)
         hollow = np.array([isinstance(part.shape, _HOLLOW) for part in parts], dtype=bool)
         far = np.where(hollow, radii, 0.0)  # the centre of any other is in it
-        self._most = np.where(movable[:, None], -np.inf, away + far[:, None] + _ROUNDING)
+        self._upper = np.where(movable[:, None], -np.inf, away + far[:, None] + _ROUNDING)
 
-    def nearer_than(self, distance: float) -> BoolArray:
-        """Return for each part and each body (K, M) whether the two can come nearer than a distance [m]."""
-        for k, m in np.argwhere((self._least < distance) & (self._most >= distance)).tolist():
-            self._least[k, m] = self._most[k, m] = _distance(self._reaches[m], self._parts[k])
-        nearer: BoolArray = self._least < distance
+    def names(self, rows: IntArray) -> tuple[tuple[str, str], ...]:
+        """Return the names of pairs: link and obstacle, or link and link."""
+        names = self.geometry.names
+        return tuple((names[first], names[second]) for first, second in self.bodies[rows].tolist())
+
+    def within(self, reach: float) -> IntArray:
+        """Return the rows of the pairs that may touch, then of those that may come nearer than a reach [m]."""
+        touching = self._nearer_than(DISTANCE_ERROR)
+        near = self._nearer_than(reach + DISTANCE_ERROR)
+        return np.concatenate([np.flatnonzero(touching), np.flatnonzero(near & ~touching)])
+
+    def _nearer_than(self, distance: float) -> BoolArray:
+        """Return for each pair (T,) whether its bodies can come nearer to each other than a distance [m]."""
+        for k, m in np.argwhere((self._lower < distance) & (self._upper >= distance)).tolist():
+            self._lower[k, m] = self._upper[k, m] = _distance(self._reaches[m], self._parts[k])
+        nearer = np.ones(len(self.bodies), dtype=bool)
+        nearer[self.with_obstacle] = (self._lower < distance).ravel()
         return nearer
 
+    def measure_from_axes(self, parts: Sequence[ObstaclePart]) -> None:
+        """Renew the `obstacle_radii` of parts of obstacles, which have moved."""
+        rows = [part.index for part in parts]
+        self.obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances(
+            [part.hull for part in parts]
+        )
 
-def _balls(parts: Sequence[PlacedPart]) -> tuple[FloatArray, FloatArray]:
+
+def _balls(parts: Sequence[ObstaclePart]) -> tuple[FloatArray, FloatArray]:
     """Return centres (K, 3) and radii (K,) of balls that hold the parts [m]."""
     hulls = [part.hull for part in parts]
     centres = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
@@ -84,7 +122,7 @@ def _as_object(reach: ReachCylinder) -> coal.CollisionObject:
     return coal.CollisionObject(coal.Cylinder(reach.radius, 2 * reach.half_length), rotation, reach.center)
 
 
-def _distance(reach: coal.CollisionObject, part: PlacedPart) -> float:
+def _distance(reach: coal.CollisionObject, part: ObstaclePart) -> float:
     place = coal.Transform3s(part.world.rotation, part.world.translation)
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     shape = reach.collisionGeometry()
@@ -100,14 +138,10 @@ class PairSet:
 
     Parameters
     ----------
-    robot : Robot
-        The robot.
-    geometry : pin.GeometryModel
-        Its bodies and, after them, the parts of the obstacles, with the pairs.
-    names : sequence of str
-        Link or obstacle of each body.
-    obstacle_radii : ndarray, shape (G, m)
-        How far each of the G bodies is from the axes of the model's m ≥ n joints at most; infinite for the robot's own.
+    table : PairTable
+        All pairs.
+    rows : ndarray of int, shape (P,)
+        Which of them these are.
     counts : Counts
         Counts the queries.
     changes : Changes
@@ -116,7 +150,7 @@ class PairSet:
     Attributes
     ----------
     geometry : pin.GeometryModel
-        As given.
+        The robot's bodies and, after them, the parts of the obstacles, with the pairs.
     names : tuple of (str, str)
         Names of the pairs: link and obstacle, or link and link.
     bodies : ndarray of int, shape (P, 2)
@@ -130,46 +164,34 @@ class PairSet:
         Which pairs are of a link and an obstacle.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        geometry: pin.GeometryModel,
-        names: Sequence[str],
-        obstacle_radii: FloatArray,
-        counts: Counts,
-        changes: Changes,
-    ) -> None:
-        pairs, links = indices(geometry), len(robot.bounds.joint_radii)
-        self.geometry = geometry
-        self.names = tuple((names[a], names[b]) for a, b in pairs)
-        self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-        self.meets_obstacle: BoolArray = self.bodies.max(axis=1, initial=-1) >= links
+    def __init__(self, table: PairTable, rows: IntArray, counts: Counts, changes: Changes) -> None:
+        self._table, self._robot, self._counts, self.changes = table, table.robot, counts, changes
+        self.names = table.names(rows)
+        self.bodies: IntArray = table.bodies[rows]
+        self.meets_obstacle: BoolArray = np.isin(rows, table.with_obstacle)
         for array in (self.bodies, self.meets_obstacle):
             array.setflags(write=False)
-        self._robot = robot
+        self.geometry = table.geometry.with_pairs(self.bodies)
         self.revision = 0
-        self._take_radii(obstacle_radii)
-        self._counts = counts
-        self.changes = changes
-        self._queries = Queries(robot.shared.model, geometry, changes)
+        self._take_radii()
+        self._queries = Queries(self._robot.shared.model, self.geometry, self.bodies, changes)
 
-    def _take_radii(self, obstacle_radii: FloatArray) -> None:
-        self._joint_radii = _pair_radii(self._robot.bounds.joint_radii, self.bodies, obstacle_radii)
+    def _take_radii(self) -> None:
+        links, obstacles = self._robot.bounds.joint_radii, self._table.obstacle_radii
+        self._joint_radii = _pair_radii(links, self.bodies, obstacles)
         self.radii: FloatArray = self._robot.coupling.radii(self._joint_radii)
         self.radii.setflags(write=False)
 
-    def follow(self, obstacle_radii: FloatArray, measured: Sequence[int]) -> None:
+    def follow(self, measured: Sequence[int]) -> None:
         """Renew what follows from the places of obstacles, which have moved; for `CollisionChecker`.
 
         Parameters
         ----------
-        obstacle_radii : ndarray, shape (G, m)
-            As above, for the places that all have now.
         measured : sequence of int
             Bodies whose shapes, or the sizes of these, are others now.
         """
         self._queries.take_shapes(measured)
-        self._take_radii(obstacle_radii)
+        self._take_radii()
         vars(self).pop("bounds", None)
         self.revision += 1
 

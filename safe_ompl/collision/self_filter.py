@@ -1,4 +1,4 @@
-"""Clouds without the robot: removes the points of a scan that show the robot itself."""
+"""Removes the points of the robot itself from the point clouds of a scene."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Sc
     Returns
     -------
     Scene
-        A person's hand on the robot is a part of the robot for this function: keep the margin small.
+        The scene without these points. Those of a person's hand on the robot are among them: keep the margin small.
 
     Raises
     ------

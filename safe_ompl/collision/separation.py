@@ -101,7 +101,7 @@ class MinClearance:
 
 @dataclass(frozen=True)
 class Separation:
-    """What must be kept free between a robot and obstacles; without arguments they must not touch, no more.
+    """The separation required between a robot and obstacles; by default they must not touch.
 
     Attributes
     ----------

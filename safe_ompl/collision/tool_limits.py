@@ -9,9 +9,8 @@ from math import atan2, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.arguments import edge
 from safe_ompl.collision.motion import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, finite_array, float_array, number
+from safe_ompl.common import FloatArray, InputError, edge, finite_array, float_array, number
 from safe_ompl.robot import Hull, Robot
 
 TOOL_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
@@ -20,7 +19,7 @@ _LEAST_LENGTH = 1e-9  # of a direction
 
 
 class ToolLimit(ABC):
-    """What the tool must keep to at every configuration, such as an angle; a `MotionLimit` of `CertifiedMotion`.
+    """A requirement on the tool at every configuration, such as a largest tilt; a `MotionLimit` of `CertifiedMotion`.
 
     While the joints move by Δ, its `excess` changes by at most Σ_i r_i·|Δ_i| with constant rates r. If the excess at
     the centre of an interval of half-length s (a fraction of the edge) is below −s·Σ_i r_i·|Δ_i|, the whole interval

@@ -48,9 +48,8 @@ class TreeDistances:
             objects[pair.second if side == 0 else pair.first].geometry.computeLocalAABB()
         # By pair: a lower bound of the distance [m], and where the body was then.
         self._floors: dict[int, tuple[float, pin.SE3]] = {}
-        self._last: dict[
-            int, FloatArray
-        ] = {}  # by pair: the nearest point of the tree, in its frame, (3,) [m]
+        # By pair: the nearest point of the tree, in its frame, (3,) [m].
+        self._last: dict[int, FloatArray] = {}
         self._witnesses: dict[int, tuple[FloatArray, FloatArray]] = {}
 
     @property
@@ -66,7 +65,7 @@ class TreeDistances:
         return self._witnesses[pair]
 
     def forget(self) -> None:
-        """Begin anew: what follows does not depend, not even by rounding, on what was asked before."""
+        """Forget earlier queries, so that later results do not depend on them, not even by rounding."""
         self._last.clear()
         self._floors.clear()
 

@@ -1,4 +1,4 @@
-"""What every room uses: arrays, checks of input, errors, documents, and compiled kernels."""
+"""Shared by all rooms: array types, checks of input, errors, documents, threads, and compiled kernels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.common import cache, documents
-    from safe_ompl.common.arrays import BoolArray, FloatArray, IntArray
+    from safe_ompl.common.arrays import BoolArray, FloatArray, IntArray, halton_point
     from safe_ompl.common.compilation import clock, compiled, part
     from safe_ompl.common.counts import Counts
     from safe_ompl.common.documents import within
@@ -23,8 +23,10 @@ if TYPE_CHECKING:
         pass_on,
         warn_once,
     )
-    from safe_ompl.common.halton import halton_point
     from safe_ompl.common.inputs import (
+        configuration,
+        configurations,
+        edge,
         finite_array,
         flag,
         float_array,
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
         positive,
         seed,
         shown,
+        unchecked,
         whole_number,
     )
     from safe_ompl.common.threads import Changes, PerThread
@@ -54,7 +57,10 @@ __all__ = [
     "cache",
     "clock",
     "compiled",
+    "configuration",
+    "configurations",
     "documents",
+    "edge",
     "finite_array",
     "flag",
     "float_array",
@@ -66,6 +72,7 @@ __all__ = [
     "positive",
     "seed",
     "shown",
+    "unchecked",
     "warn_once",
     "whole_number",
     "within",

@@ -1,8 +1,8 @@
-"""Results that take long, kept on disk: small JSON values under a hash of all that they follow from.
+"""A cache on disk for expensive results: small JSON values under a hash of all that they depend on.
 
 They lie in the user's cache folder (`XDG_CACHE_HOME`, `~/Library/Caches` on macOS, `%LOCALAPPDATA%` on Windows). The
-environment variable `SAFE_OMPL_CACHE` names another folder, or is `off`. A folder that cannot be read or written
-costs time, nothing else.
+environment variable `SAFE_OMPL_CACHE` names another folder, or is `off`. If the folder
+cannot be read or written, results are computed anew.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The decorator of the kernels: compiled once per installation, kept on disk, and said so on the console.
+"""Decorators of the kernels, which are compiled once per installation and kept on disk; a warning announces it.
 
 Numba keeps what it has compiled beside the source, or in the user's cache folder where that cannot be written to, or
 where `NUMBA_CACHE_DIR` says; files are replaced as a whole, so that processes may share them. Where no folder can be
@@ -30,6 +30,12 @@ from safe_ompl.common.errors import warn_once
 
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+_PACKAGE = __name__.partition(".")[0] + "."
+_BEGINNING = 8000  # bytes of a file that hold its imports
+_WORDS = b"compiled", b"part"
+_IMPORTED = re.compile(
+    rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:compiled|part)\b".encode(), re.MULTILINE
+)
 
 
 def compiled(function: _Function) -> _Function:
@@ -47,7 +53,7 @@ def compiled(function: _Function) -> _Function:
 
 
 def part(function: _Function) -> _Function:
-    """Return a part of kernels: `function`, compiled into the kernels that call it, for which Python cannot call it."""
+    """Return a part of kernels: `function`, compiled into the kernels that call it; Python cannot call it."""
     inner: Any = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
     fast: _Function = _without_literals(inner)
     return fast
@@ -64,12 +70,12 @@ def _without_literals(kernel: Any) -> Any:
 
 
 def clock() -> float:
-    """Return the time [s] of a clock that stands while kernels are compiled: no time limit should count that."""
+    """Return the time [s] of a clock that stops while kernels are compiled: time limits should not count that."""
     return perf_counter() - _compilation.seconds
 
 
 def _depend_on_all_kernels(kernel: Any) -> None:
-    """Let what is kept of a kernel be out of date once any file with kernels changes, and not its own alone.
+    """Invalidate the cache of a kernel when any file with kernels changes, and not only its own.
 
     Numba looks at the file of the kernel only, although what other kernels do is compiled into it.
     """
@@ -101,7 +107,7 @@ def _stamps(package: Path) -> tuple[tuple[str, float, int], ...]:
 
 
 class _Compilation(event.Listener):  # type: ignore[misc]
-    """Says once that kernels are being compiled, adds up for how long, and sees to it that Ctrl-C is heard.
+    """Announces compilation once, sums the time that it takes, and preserves a Ctrl-C that arrives meanwhile.
 
     What comes from the disk causes no such event. Kernels that others call are compiled within these. Meanwhile there
     is no collection of garbage: it would go through the millions of objects of a compiler again and again.
@@ -162,12 +168,6 @@ class _Compilation(event.Listener):  # type: ignore[misc]
             raise error
 
 
-_PACKAGE = __name__.partition(".")[0] + "."
-_BEGINNING = 8000  # bytes of a file that hold its imports
-_WORDS = b"compiled", b"part"
-_IMPORTED = re.compile(
-    rf"^from {_PACKAGE}[\w.]+ import (?:\([^)]*?|[^\n(]*)\b(?:compiled|part)\b".encode(), re.MULTILINE
-)
 _SOURCES = _stamps(Path(__file__).parents[__name__.count(".") - 1])
 _compilation = _Compilation()
 event.register("numba:compile", _compilation)

@@ -1,4 +1,4 @@
-"""Counters of the work that planning does; unlike seconds they do not drift."""
+"""Counters of the work of planning; unlike times they are reproducible."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Counts:
 
     @property
     def queries(self) -> int:
-        """How often the whole robot was looked at for collisions at some configuration, in whatever way."""
+        """Number of configurations at which the whole robot was checked for collisions, in any way."""
         return self.collision_queries + self.margin_queries + self.bound_queries
 
     def reset(self) -> None:

@@ -24,6 +24,12 @@ import yaml
 from safe_ompl.common import inputs
 from safe_ompl.common.errors import InputError
 
+if TYPE_CHECKING:
+    _Loader = yaml.SafeLoader
+else:
+    _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
+_DEEPEST = 100  # levels of lists and mappings in one another
+
 
 @contextmanager
 def within(place: str, separator: str = ".") -> Iterator[None]:
@@ -131,14 +137,6 @@ def sequence(key: str, value: Any) -> list[Any]:
 def kind_of(value: Any) -> str:
     """Return what `value` is, for messages: its type and how it is written."""
     return "nothing" if value is None else f"{type(value).__name__} {inputs.shown(value)}"
-
-
-if TYPE_CHECKING:
-    _Loader = yaml.SafeLoader
-else:
-    _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
-
-_DEEPEST = 100  # levels of lists and mappings in one another
 
 
 @contextmanager

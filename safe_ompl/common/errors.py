@@ -56,11 +56,11 @@ class CollisionError(InputError):
 
 
 class StaleSceneError(SafeOmplError):
-    """Something that was made while obstacles were elsewhere, and cannot follow them; says what to make anew."""
+    """An object refers to an earlier placement of obstacles, and cannot follow them; says what to make anew."""
 
 
 class PlanningError(SafeOmplError):
-    """A planner broke a promise, for example returned a path that the validator refuses."""
+    """A planner violated its contract: it returned, for example, a path that the validator refuses."""
 
 
 class CertificateError(SafeOmplError):
@@ -74,7 +74,7 @@ def warn_once(log: logging.Logger, message: str) -> None:
 
 
 def pass_on(record: logging.LogRecord) -> None:
-    """Log what another process has logged; what is said once was perhaps said by several."""
+    """Log what another process has logged; a warning that is logged once may come from several processes."""
     log = logging.getLogger(record.name)
     if getattr(record, "once", False):
         warn_once(log, record.getMessage())

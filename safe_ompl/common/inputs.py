@@ -1,4 +1,4 @@
-"""Checks of what users give: numbers, whole numbers, flags, text and arrays, in one voice.
+"""Checks of what users give: numbers, flags, text, arrays and configurations, with messages of one form.
 
 Every function takes what people have (Python's and NumPy's scalars, lists, arrays), returns it as the plain type that
 it stands for, or raises an `InputError` that reads ``<name> must be <what would be right>, got <what was given>``.
@@ -19,6 +19,7 @@ from safe_ompl.common.errors import InputError
 _SHOWN = 200  # characters of a value in a message
 _LISTED = 12  # numbers of an array in a message
 _SEEDS = 2**32
+_FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: comparing with it costs least
 
 
 def number(
@@ -143,6 +144,39 @@ def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> N
         wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise InputError(f"{name} must have shape {wanted}, got {array.shape}")
     return array
+
+
+def configuration(q: ArrayLike, n: int, name: str = "configuration") -> NDArray[np.float64]:
+    """Return `q` as a float array (n,); what is one already is returned as it is, within half a microsecond.
+
+    Raises
+    ------
+    InputError
+        If it is not numeric, has another shape, or holds NaN or infinity.
+    """
+    if type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == (n,) and math.isfinite(q.dot(q)):
+        return q
+    return finite_array(q, (n,), name)
+
+
+def configurations(Q: ArrayLike, n: int) -> NDArray[np.float64]:
+    """Return `Q` as a float array (B, n); see `configuration`."""
+    is_batch = isinstance(Q, np.ndarray) and Q.dtype is _FLOAT and Q.ndim == 2 and Q.shape[1] == n
+    if isinstance(Q, np.ndarray) and is_batch and math.isfinite(np.vdot(Q, Q)):
+        return Q
+    return finite_array(Q, (None, n), "configurations")
+
+
+def edge(start: ArrayLike, end: ArrayLike, n: int) -> NDArray[np.float64]:
+    """Return the ends (2, n) of a motion as a float array; errors as `configuration`."""
+    return np.array([configuration(start, n, "start of a motion"), configuration(end, n, "end of a motion")])
+
+
+def unchecked(q: ArrayLike, n: int, name: str) -> NDArray[np.float64]:
+    """Return `q` as a float array (n,); the caller must check that what is one already is finite."""
+    if type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == (n,):
+        return q
+    return finite_array(q, (n,), name)
 
 
 def positive(value: Any, name: str, kind: str = "number") -> float:

@@ -1,4 +1,4 @@
-"""What lets several threads ask one model at the same time: working memory of their own, and notice of changes."""
+"""Concurrent queries of one model: working memory for each thread, and detection of changes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _Memory = TypeVar("_Memory")
 
 
 class PerThread(threading.local, Generic[_Memory]):
-    """Working memory that every thread has for itself; it is made when a thread asks for it first.
+    """Working memory of each thread, made when a thread first asks for it.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Changes:
     """Counts the changes of a model, so that a query notices one that another thread makes meanwhile.
 
     A query reads `done` when it begins. Where `begun` is still the same when it ends, nothing has changed in between;
-    else its answer is of no scene, and it waits for the change to end and asks again.
+    otherwise its answer may mix two scenes: it waits for the change to end, and asks again.
 
     Attributes
     ----------

@@ -11,8 +11,8 @@ from math import inf
 
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import MotionVerdict, Verdict, edge
-from safe_ompl.common import InputError, positive
+from safe_ompl.collision import MotionVerdict, Verdict
+from safe_ompl.common import InputError, edge, positive
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.search import PeakSearch
 

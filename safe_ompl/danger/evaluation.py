@@ -16,6 +16,10 @@ from safe_ompl.robot import Robot, plain
 _GROUP = 48  # points in a group
 _BLOCK = 32  # groups in a block
 _LEVELS = 12  # halvings of each side of the points' box in the curve that goes through them
+Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
+AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
+_KINDS = {"max": MAXIMUM, "mean": MEAN, "softmax": SOFTMAX}
+_NO_BALLS: Any = np.empty(0, BALL)
 
 
 class PointGroups(NamedTuple):
@@ -93,12 +97,6 @@ def _places_on_curve(points: FloatArray) -> IntArray:
         for axis in range(3):
             places = (places << 1) | ((x[axis] >> bit) & 1)
     return places
-
-
-Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
-AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
-_KINDS = {"max": MAXIMUM, "mean": MEAN, "softmax": SOFTMAX}
-_NO_BALLS: Any = np.empty(0, BALL)
 
 
 class Evaluation:

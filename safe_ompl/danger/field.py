@@ -1,4 +1,4 @@
-"""The danger of a configuration: the robot's field at the places that must not come to harm."""
+"""The danger of a configuration: the field of the robot at the danger points."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ class DangerField(RobotField):
         self.revision += 1
 
     def _take_points(self, points: DangerPoints) -> None:
-        """Take danger points and what follows from them, all at once for whoever asks in another thread."""
+        """Take danger points and what follows from them, at once, as other threads may ask."""
         frozen = object.__new__(DangerField)
         vars(frozen).update(vars(self), _danger_points=points, _obstacles=None, _frozen=None)
         for followed in ("moving", "_minimum"):
@@ -186,9 +186,9 @@ class DangerField(RobotField):
         self._frozen = frozen
 
     def frozen(self) -> DangerField:
-        """Return the field at the danger points of now, where they stay if this one moves.
+        """Return the field at the present danger points, which stay where they are if this field moves.
 
-        What asks more than once about the same danger points asks this one: another thread may move them.
+        Several queries about the same danger points go to this one, as another thread may move them.
         """
         return self if self._frozen is None else self._frozen
 
@@ -213,8 +213,6 @@ class DangerField(RobotField):
     def moving(self) -> KinetostaticField:
         """The danger of the robot in motion, at (q, q̇), with the same danger points."""
         return KinetostaticField(self)
-
-    # ------------------------------------------------------------------------------ danger of configurations
 
     def value(self, q: ArrayLike) -> float:
         """Return the danger CDF(q) at `q: (n,)`; +inf where a segment passes through a danger point.
@@ -246,7 +244,7 @@ class DangerField(RobotField):
         return self.values_and_gradients(Q)[1]
 
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` for the price of the gradients."""
+        """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` at the cost of the gradients."""
         Q = self._batch(Q)
         field = self.frozen()
         points, charges = field._prepared(Q)
@@ -320,8 +318,6 @@ class DangerField(RobotField):
         lengths = self._segments.lengths if self.weighting == "length" else None
         charges = np.ones(len(farthest)) if lengths is None else lengths
         return float(self.aggregated(self.k1 * (charges @ (1.0 / farthest))[None])[0])
-
-    # --------------------------------------------------------------------------------------- parts of danger
 
     def link_fields(self, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the field of every link at the danger points, and the points' distances from the links.
@@ -420,8 +416,6 @@ class DangerField(RobotField):
             return self._danger_points.chosen(points, np.arange(len(levels)), levels.argmax(axis=1))
         shares: FloatArray = self._evaluation.shares(levels)
         return points, shares if self.weights is None else shares * self.weights
-
-    # ------------------------------------------------------------------------------------------------ within
 
     def _danger(self, Q: FloatArray) -> FloatArray:
         field = self.frozen()

@@ -1,4 +1,4 @@
-"""The kinetostatic danger of a robot that moves: its field at the danger points, the faster the higher."""
+"""The kinetostatic danger of a robot that moves: its field at the danger points, higher the faster it moves."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import configuration, configurations
-from safe_ompl.common import FloatArray, IntArray, finite_array, number
+from safe_ompl.common import FloatArray, IntArray, configuration, configurations, finite_array, number
 from safe_ompl.danger import moving_link_field as maths
 from safe_ompl.danger.evaluation import PointGroups
 from safe_ompl.danger.kernels import kinetostatic_peak as peak_kernel
@@ -113,8 +112,7 @@ class KinetostaticField:
             field.segments,
             chosen,
             rates,
-            self.lead,
-            self.lead * self.gamma,
+            (self.lead, self.lead * self.gamma),
             weighting=field.weighting,
         )
         return dangers, *self._pulled_back(Q, Qd, np.array(pulls))

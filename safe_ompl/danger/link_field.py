@@ -1,4 +1,4 @@
-"""The danger field of a skeleton of link segments (Lacevic & Rocco 2013, §3), and how the segments weigh in it.
+"""The danger field of a skeleton of link segments (Lacevic & Rocco 2013, §3), and the weights of the segments.
 
 One link is the segment a → b. With u = p − a, v = p − b, S = ‖u‖ + ‖v‖ and ℓ = ‖b − a‖ its field at p is
 
@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, finite_array
 from safe_ompl.danger.kernels import field as kernel
+from safe_ompl.robot import plain
 
 Weighting: TypeAlias = Literal["unit", "length"]
 WEIGHTINGS: tuple[Weighting, ...] = ("unit", "length")
@@ -93,7 +94,7 @@ def _checked_lengths(lengths: ArrayLike, number: int) -> FloatArray:
 def columns(points: FloatArray) -> FloatArray:
     """Return points (M, 3) as (1, 3, M), points (B, M, 3) as (B, 3, M), the way kernels read them."""
     turned = points.T[None] if points.ndim == 2 else points.transpose(0, 2, 1)
-    return np.require(turned, np.float64, ["C", "W"])
+    return plain(turned)
 
 
 def field(
@@ -126,7 +127,7 @@ def field(
     """
     check_weighting(weighting)
     total: FloatArray = kernel.fields(
-        _plain(keypoints), segments.pairs, columns(points), weighting == "length"
+        plain(keypoints), segments.pairs, columns(points), weighting == "length"
     )
     return total if k1 == 1.0 else k1 * total
 
@@ -142,13 +143,13 @@ def segment_fields(
     """Return the field of every segment on its own, φ_l(p), (B, L, M), eq. (7); otherwise like `field`."""
     check_weighting(weighting)
     by_length = weighting == "length"
-    fields: FloatArray = kernel.link_fields(_plain(keypoints), segments.pairs, columns(points), by_length)
+    fields: FloatArray = kernel.link_fields(plain(keypoints), segments.pairs, columns(points), by_length)
     return fields if k1 == 1.0 else k1 * fields
 
 
 def segment_distances(keypoints: FloatArray, segments: Segments, points: FloatArray) -> FloatArray:
     """Return the distance of every point to every segment, (B, L, M) [m]; parameters as for `field`."""
-    return kernel.link_distances(_plain(keypoints), segments.pairs, columns(points))
+    return kernel.link_distances(plain(keypoints), segments.pairs, columns(points))
 
 
 def segment_bounds(fields: FloatArray, distances: FloatArray, displacement: FloatArray | float) -> FloatArray:
@@ -197,7 +198,7 @@ def workspace_gradient(
     """
     check_weighting(weighting)
     by_length = weighting == "length"
-    return k1 * kernel.space_gradients(_plain(keypoints), segments.pairs, columns(points), by_length)
+    return k1 * kernel.space_gradients(plain(keypoints), segments.pairs, columns(points), by_length)
 
 
 def keypoint_gradient(
@@ -225,7 +226,7 @@ def keypoint_gradient(
     check_weighting(weighting)
     by_length = weighting == "length"
     return kernel.pulls(
-        _plain(keypoints), segments.pairs, columns(points), np.multiply(weights, k1, order="C"), by_length
+        plain(keypoints), segments.pairs, columns(points), np.multiply(weights, k1, order="C"), by_length
     )
 
 
@@ -250,7 +251,3 @@ def vector_field(field: FloatArray, gradient: FloatArray) -> FloatArray:
     scale = np.divide(field, norm, out=np.zeros_like(norm), where=norm > 0)
     vectors: FloatArray = gradient * scale[..., None]
     return vectors
-
-
-def _plain(keypoints: FloatArray) -> FloatArray:
-    return np.require(keypoints, np.float64, ["C", "W"])

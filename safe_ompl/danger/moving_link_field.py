@@ -19,6 +19,7 @@ import numpy as np
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger.kernels import kinetostatic as kernel
 from safe_ompl.danger.link_field import Segments, Weighting, check_weighting
+from safe_ompl.robot import plain
 
 _ZERO = 1e-30
 
@@ -62,8 +63,8 @@ def terms(
     """
     check_weighting(weighting)
     found = kernel.link_terms(
-        _plain(keypoints),
-        _plain(velocities),
+        plain(keypoints),
+        plain(velocities),
         *_ends(segments),
         _rows(points),
         weighting == "length",
@@ -78,12 +79,11 @@ def gradients(
     segments: Segments,
     points: FloatArray,
     weights: FloatArray,
-    ahead: float,
-    spread: float,
+    factors: tuple[float, float],
     *,
     weighting: Weighting = "unit",
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the gradients of Σ_m w_m (static + ahead·directional + spread·isotropic)_m, the points held fixed.
+    """Return the gradients of Σ_m w_m (static + a·directional + b·isotropic)_m, the points held fixed.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def gradients(
         As for `terms`.
     weights : ndarray, shape (B, M)
         w; points on a segment contribute nothing.
-    ahead, spread : float
-        Factors [s].
+    factors : (float, float)
+        a and b [s].
 
     Returns
     -------
@@ -101,13 +101,13 @@ def gradients(
     """
     check_weighting(weighting)
     found = kernel.pulls(
-        _plain(keypoints),
-        _plain(velocities),
+        plain(keypoints),
+        plain(velocities),
         *_ends(segments),
         _rows(points),
-        _plain(weights),
-        float(ahead),
-        float(spread),
+        plain(weights),
+        float(factors[0]),
+        float(factors[1]),
         weighting == "length",
     )
     return found[0], found[1]
@@ -155,11 +155,6 @@ def isotropic_bracket(
     return np.maximum(integral(lower), 0.0), integral(upper)
 
 
-def _plain(array: FloatArray) -> FloatArray:
-    """Return the array, C-contiguous and writable: kernels are compiled anew for any other sort."""
-    return np.require(array, np.float64, ["C", "W"])
-
-
 def _ends(segments: Segments) -> tuple[IntArray, IntArray]:
     start, end = np.ascontiguousarray(segments.pairs.T)
     return start, end
@@ -167,4 +162,4 @@ def _ends(segments: Segments) -> tuple[IntArray, IntArray]:
 
 def _rows(points: FloatArray) -> FloatArray:
     """Return points (M, 3) or (B, M, 3) as (1 or B, M, 3), in C order."""
-    return _plain(points if points.ndim == 3 else points[None])
+    return plain(points if points.ndim == 3 else points[None])

@@ -1,4 +1,4 @@
-"""Danger points: the places that must not come to harm, how much each counts, and the obstacles that they belong to."""
+"""Danger points, their weights, and the obstacles that they belong to."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class DangerPoints:
         return places[:, None], weights[:, None]
 
     def _charged(self, number: int | None) -> FloatArray | None:
-        """Return the charges (1, M); None where nobody knows how many there are."""
+        """Return the charges (1, M); None where their number is not known."""
         if self.weights is not None:
             return (self._k1 * self.weights)[None]
         return None if number is None else np.full((1, number), self._k1)

@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision import configuration, configurations
-from safe_ompl.common import Counts, FloatArray, InputError, finite_array, positive
+from safe_ompl.common import (
+    Counts,
+    FloatArray,
+    InputError,
+    configuration,
+    configurations,
+    finite_array,
+    positive,
+)
 from safe_ompl.danger import link_field as maths
 from safe_ompl.danger.link_field import Segments, Weighting, check_weighting
 from safe_ompl.robot import Robot
@@ -73,8 +80,6 @@ class RobotField:
     def count(self, keypoints: FloatArray, points: FloatArray) -> None:
         """Count an evaluation of the points at every configuration."""
         self._count(len(keypoints), points.shape[-2])
-
-    # ------------------------------------------------------------------------------------------------ within
 
     def _count(self, configurations: int, points: int) -> None:
         self.counts.field_configurations += configurations

@@ -22,6 +22,9 @@ from safe_ompl.danger.kernels import danger as kernel
 from safe_ompl.danger.motion_rates import KeypointRates
 from safe_ompl.robot import Robot
 
+_BATCH = 16  # intervals halved at once: many share the cost of a call, few are halved for nothing
+_ROUNDING = 1e-8  # of the arithmetic, relative
+
 
 class Ends(NamedTuple):
     """What is known of segments at one end of an interval: fields and distances, (L, M)."""
@@ -67,10 +70,6 @@ def chords(
     """
     moves = np.ascontiguousarray(speed), np.ascontiguousarray(acceleration)
     return kernel.chords(*first, *last, duration, *moves, lengths)
-
-
-_BATCH = 16  # intervals halved at once: many share the cost of a call, few are halved for nothing
-_ROUNDING = 1e-8  # of the arithmetic, relative
 
 
 @dataclass(frozen=True)

@@ -77,6 +77,10 @@ LIMBS: dict[str, tuple[str, str, float]] = {
         for name, (start, end, radius) in _SIDE_LIMBS.items()
     },
 }
+_DEFAULT_HEIGHT = 1.75  # [m]
+_HEIGHTS = (0.3, 2.8)  # [m] of people
+_UP = np.array([0.0, 0.0, 1.0])
+_SHORTEST = 1e-9  # [m] of a limb
 
 
 @dataclass(frozen=True)
@@ -166,12 +170,6 @@ def _perpendicular(vector: FloatArray, axis: FloatArray) -> FloatArray:
             break
     unit: FloatArray = rest / np.linalg.norm(rest)
     return unit
-
-
-_DEFAULT_HEIGHT = 1.75  # [m]
-_HEIGHTS = (0.3, 2.8)  # [m] of people
-_UP = np.array([0.0, 0.0, 1.0])
-_SHORTEST = 1e-9  # [m] of a limb
 
 
 class Limb(NamedTuple):

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from safe_ompl.robot.arm import arm_joints, default_tip, finger_joints, has_range
     from safe_ompl.robot.convex_bodies import ConvexBodies
     from safe_ompl.robot.fingerprint import robot_hash
+    from safe_ompl.robot.forward_kinematics import JointLimits
     from safe_ompl.robot.ik import (
         METRES_PER_RADIAN,
         Place,
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
         tip_reach,
         transpose_step,
     )
-    from safe_ompl.robot.joint_limits import JointLimits
     from safe_ompl.robot.joint_tables import Mimic, plain
     from safe_ompl.robot.place import inverse_kinematics, place_of
     from safe_ompl.robot.reach import Hull, ReachCylinder, bounding_hull

@@ -114,7 +114,7 @@ def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tu
 
 
 def has_range(full: pin.Model, joint: int) -> bool:
-    """Return whether a joint can be planned for: it has one value, and limits unless it turns on and on."""
+    """Return whether a joint can be planned for: it has one value, and limits unless it is continuous."""
     kind = full.joints[joint]
     if kind.nv != 1 or kind.nq != 1:
         return bool(kind.nv == 1)

@@ -18,6 +18,9 @@ _GRIDS = ((100, 4), (1000, 8), (np.inf, 12))  # cells by the number of vertices
 _COARSE = 2  # cells in which many vertices are thinned first
 _MANY, _MOST = 1000, 20_000  # vertices: from here on thinned first, and from here on only their box
 
+_FARTHEST = 1e6  # [m] from the origin: beyond are shapes without end
+_POINT = np.zeros((1, 3))
+
 
 @dataclass(frozen=True)
 class ConvexBodies:
@@ -80,10 +83,6 @@ class _Summands:
     @property
     def bounded(self) -> bool:
         return bool(np.isfinite(self.vertices).all() and np.abs(self.vertices).max(initial=0.0) < _FARTHEST)
-
-
-_FARTHEST = 1e6  # [m] from the origin: beyond are shapes without end
-_POINT = np.zeros((1, 3))
 
 
 def _summands(geometry: coal.CollisionGeometry) -> _Summands:

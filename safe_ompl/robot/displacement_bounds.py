@@ -95,7 +95,7 @@ class DisplacementBounds:
     def displacement_radii_at(self, q: ArrayLike) -> FloatArray:
         """Return the radii R (G, n) at `q: (n,)`: the distance of body g's farthest point from joint i's axis.
 
-        Tighter than `displacement_radii`, and dearer. Between `q` and q + Δ no point of body g moves more than
+        Tighter than `displacement_radii`, but costlier. Between `q` and q + Δ no point of body g moves more than
         Σ_i R_gi·|Δ_i| (`docs/mathematics.md` §3: the radii at the centre are enough).
         """
         return self._robot.coupling.radii(self.joint_radii_at(self._robot.configuration(q)))

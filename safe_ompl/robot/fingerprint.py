@@ -1,4 +1,4 @@
-"""A hash of all that makes a robot: certificates are refused for any other one."""
+"""The hash of a robot by which certificates name it: they are refused for any other robot."""
 
 from __future__ import annotations
 

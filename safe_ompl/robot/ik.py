@@ -121,9 +121,6 @@ def _rotation_matrix(value: ArrayLike) -> FloatArray:
     return rotation
 
 
-# ---------------------------------------------------------------------------------------------- joint steps
-
-
 def pseudoinverse_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
     """Return Δq (n,) = J†Δx + (I − J†J)Δq₀: of the joint motions to Δx the one nearest to Δq₀.
 
@@ -172,12 +169,12 @@ Rule: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class StepLimits:
-    """Joint limits as steps see them.
+    """Joint limits that steps respect.
 
     Attributes
     ----------
     lower, upper : ndarray, shape (n,)
-        [rad or m]; infinite for joints that may turn on and on.
+        [rad or m]; infinite for joints without limits.
     """
 
     lower: FloatArray
@@ -245,9 +242,6 @@ def _shortening(step: FloatArray, largest: float) -> float:
     return largest / length if length > largest else 1.0
 
 
-# --------------------------------------------------------------------------------------- inverse kinematics
-
-
 def solve_from_seed(place: Place, seed: FloatArray, precision: float) -> FloatArray | None:
     """Return a configuration (n,) within the joint limits whose tip is at the place, or None; see `approach`."""
     q, distance = approach(place, seed, precision)
@@ -288,10 +282,8 @@ def tip_reach(robot: Robot) -> tuple[FloatArray, float]:
     """
     chain, frame = robot.shared.chain, robot.shared.model.frames[robot.tip_frame]
     centre, radius, rotation = np.zeros(3), 0.0, np.eye(3)
-    turned, first = (
-        0,
-        np.zeros(3),
-    )  # how many of the frames so far a joint turns; the axis of the first one that does
+    # How many of the frames so far a joint turns, and the axis of the first one that does.
+    turned, first = 0, np.zeros(3)
     for i in (*reversed(chain.path_to_root(int(frame.parentJoint))), None):
         placement = frame.placement if i is None else chain.placements[i]
         offset = placement.translation.copy()

@@ -13,9 +13,9 @@ from safe_ompl.common import FloatArray, InputError, finite_array, positive
 from safe_ompl.robot.ik import Place, solve_from_seed
 from safe_ompl.robot.robot import Robot
 
-_UNIT = (
-    1e-3  # a quaternion whose norm is as near to 1 is brought to unit length; one farther off is a mistake
-)
+_UNIT = 1e-3  # quaternions whose norm is as near to 1 are normalised; others are taken for mistakes
+SEEDS = 16
+PRECISION = 1e-4  # [m]
 
 
 def place_of(robot: Robot, position: Any, rotation: Any = None) -> Place:
@@ -55,10 +55,6 @@ def _matrix(rotation: ArrayLike | pin.Quaternion) -> ArrayLike:
         )
     matrix: FloatArray = pin.Quaternion(xyzw / norm).matrix()
     return matrix
-
-
-SEEDS = 16
-PRECISION = 1e-4  # [m]
 
 
 def inverse_kinematics(

@@ -222,9 +222,6 @@ def _bounds(key: str, given: Any) -> Bounds:
     return low, high
 
 
-# ---------------------------------------------------------------------------------------- the nearest orientation
-
-
 def _nearest_rotation(rotation: FloatArray, bounds: tuple[Bounds, Bounds, Bounds]) -> FloatArray:
     """Return the orientation (3, 3) with roll, pitch and yaw within bounds and the least angle to another one."""
     lower, upper = np.transpose(bounds)

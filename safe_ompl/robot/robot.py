@@ -85,8 +85,6 @@ class Robot(ForwardKinematics):
         self.held_joints = dict(self.shared.held)
         self.links_without_collision = self.shared.links_without_collision
 
-    # ------------------------------------------------------------------------------------------ construction
-
     @classmethod
     def from_urdf(
         cls,
@@ -294,8 +292,6 @@ class Robot(ForwardKinematics):
         blueprint = Combined(document.text("name", name), blueprints, tip or next(iter(robots)))
         return cls(blueprint, blueprint.joined({prefix: robot.shared for prefix, robot in robots.items()}))
 
-    # ------------------------------------------------------------------------------------------------ variants
-
     def with_limits(self, limits: RangeByJoint) -> Robot:
         """Return the same robot with other limits [rad or m] for the joints named."""
         return type(self)(self.blueprint.with_limits(limits))
@@ -381,8 +377,6 @@ class Robot(ForwardKinematics):
         """The objects that it holds."""
         return self.blueprint.attached()
 
-    # --------------------------------------------------------------------------------------- bodies and models
-
     @cached_property
     def bounds(self) -> DisplacementBounds:
         """Bounds of how far bodies and key points move when joints do."""
@@ -424,8 +418,6 @@ class Robot(ForwardKinematics):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         warnings.warn(f"Robot.{name} is now Robot.bounds.{name}", DeprecationWarning, stacklevel=2)
         return getattr(self.bounds, name)
-
-    # ----------------------------------------------------------------------------------------------- questions
 
     def named(self, q: ArrayLike | str) -> dict[str, float]:
         """Return `q: (n,)`, or the state of the SRDF that it names, as a mapping from joint name to value [rad or m].

@@ -30,7 +30,7 @@ def select_self_pairs(
 
     Pairs that the SRDF disables go. Where it disables none, those of adjacent links go. Of the rest, those in
     contact in more than 95 % of the sampled configurations go: no configuration could be free otherwise. What is
-    dropped without an SRDF's word is logged; pairs that merely were never seen in contact stay.
+    dropped, and is not disabled by the SRDF, is logged; pairs that merely were never seen in contact stay.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def always_in_contact(
 
 
 def _key(model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray) -> str:
-    """Return a hash of all that decides which pairs touch: kinematics, bodies, pairs, samples, and who computes."""
+    """Return a hash of all that decides which pairs touch: kinematics, bodies, pairs, samples, and library versions."""
     state = sha256(f"{_METHOD} {_ALWAYS} {pin.__version__} {coal.__version__}".encode())
     data = model.createData()
     for q in samples[:_KEY_SAMPLES]:  # joints are known by where they bring their bodies
@@ -188,7 +188,7 @@ def _content(shape: coal.CollisionGeometry) -> bytes:
 
 
 def _pairs(geometry: pin.GeometryModel) -> list[pin.CollisionPair]:
-    """Return copies of the pairs: an element of Pinocchio's vector would change under our hands as others go."""
+    """Return copies of the pairs: an element of Pinocchio's vector changes when others are removed."""
     return [pin.CollisionPair(pair.first, pair.second) for pair in geometry.collisionPairs]
 
 

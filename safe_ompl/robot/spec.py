@@ -1,4 +1,4 @@
-"""Which robot: plain data that a scenario file holds and that travels between processes."""
+"""Specifications of robots: plain data, for scenario files and for other processes."""
 
 from __future__ import annotations
 

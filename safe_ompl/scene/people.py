@@ -1,4 +1,4 @@
-"""People of a scenario: who counts, how fast she may move, and what contact is allowed; plain data."""
+"""People in the scene, bounds on their speed, and the contact that is allowed; plain data."""
 
 from __future__ import annotations
 
@@ -11,9 +11,20 @@ from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS, Person
 from safe_ompl.scene.scene import Scene
 
+_OF_LIMB = {
+    "neck": "head",
+    "torso": "chest",
+    "hips": "pelvis",
+    "shoulders": "shoulder",
+    "flank": "abdomen",
+    "shank": "lower_leg",
+    "foot": "lower_leg",
+}
+WALKING = 1.6  # [m/s]
+
 
 class BodyRegion(NamedTuple):
-    """What a region of the body may bear in a contact.
+    """Contact limits of a region of the body.
 
     Attributes
     ----------
@@ -44,38 +55,28 @@ CONTACT_TABLE: dict[str, BodyRegion] = {
     "thigh": BodyRegion(440, 75, 50),
     "lower_leg": BodyRegion(260, 75, 60),
 }
-_OF_LIMB = {
-    "neck": "head",
-    "torso": "chest",
-    "hips": "pelvis",
-    "shoulders": "shoulder",
-    "flank": "abdomen",
-    "shank": "lower_leg",
-    "foot": "lower_leg",
-}
-WALKING = 1.6  # [m/s]
 
 
 @dataclass(frozen=True)
 class People:
-    """People beside a robot, and what a trajectory assumes of them.
+    """People beside a robot, and the assumptions about them that trajectories rest on.
 
     What is proven holds *if* no limb moves faster than its speed.
 
     Parameters
     ----------
     who : sequence of str, optional
-        Obstacles that count; default: those that are persons.
+        Obstacles that are treated as people; default: those whose shape is a person.
     speed : float
-        How fast any part of them may move [m/s].
+        Bound on the speed of every limb [m/s].
     speeds : mapping of str to float, optional
-        Limbs that may move at another speed, such as ``right_hand`` [m/s].
+        Other bounds for single limbs, such as ``right_hand`` [m/s].
     reaction_time : float
-        From when a person is measured until the robot begins to brake [s].
+        Time from the measurement of a person until the robot begins to brake [s].
     clearance : float
-        What must be left when the robot stands [m]: intrusion distance and uncertainties, C + Z_d + Z_r.
+        Distance that must be left when the robot stands still [m]: intrusion distance and uncertainties, C + Z_d + Z_r.
     contact : bool
-        Whether the robot may touch people where it is slow enough for the region of the body.
+        Whether the robot may touch people at speeds at which contact stays below the limits of the body region.
     regions : mapping of str to 3 float, optional
         Regions whose force [N], mass [kg] and stiffness [N/mm] replace those of `CONTACT_TABLE`.
     robot_mass : float, optional
@@ -138,7 +139,7 @@ class People:
         return changed
 
     def names(self, scene: Scene) -> tuple[str, ...]:
-        """Return the obstacles that count.
+        """Return the names of the obstacles that are treated as people.
 
         Raises
         ------
@@ -152,16 +153,17 @@ class People:
         found = tuple(o.name for o in scene if isinstance(o.shape, Person))
         if not found:
             raise InputError(
-                "the scene has no person; name the obstacles that count, or give no people", "people"
+                "the scene has no person; name the obstacles that are treated as people, or give no people",
+                "people",
             )
         return found
 
     def speed_of(self, limb: str) -> float:
-        """Return how fast a limb may move [m/s]."""
+        """Return the bound on the speed of a limb [m/s]."""
         return self.speeds.get(limb, self.speed)
 
     def region_of(self, limb: str) -> BodyRegion:
-        """Return what a limb may bear; of what is no limb, what a head may.
+        """Return the contact limits of a limb; those of the head for what is no limb.
 
         Raises
         ------

@@ -89,8 +89,6 @@ class Scenario:
         if not isinstance(self.description, str):
             raise InputError(f"must be text, not {self.description!r}", "description")
 
-    # ------------------------------------------------------------------------------------------ documents
-
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
         """Read a scenario from a YAML file; the files that it names are relative to it.
@@ -166,8 +164,6 @@ class Scenario:
             "time": self.time,
         }
         Path(path).write_text(yaml_documents.dump_document(data), encoding="utf-8")
-
-    # ----------------------------------------------------------------------------------------- for a robot
 
     def build_robot(self) -> Robot:
         """Return the robot; an InputError names the scenario file."""

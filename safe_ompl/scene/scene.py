@@ -14,7 +14,6 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, shown
 from safe_ompl.common import documents as document
-from safe_ompl.common import documents as yaml_documents
 from safe_ompl.geometry import Box, Cylinder, Obstacle, Pose, Shape, Sphere, check_number
 
 _SPACING = 0.1  # [m]
@@ -57,8 +56,6 @@ class Scene:
                 )
             seen[obstacle.name] = k
 
-    # ------------------------------------------------------------------------------------------ documents
-
     @classmethod
     def from_file(cls, path: str | Path) -> Scene:
         """Read a scene from a YAML file; mesh and point files are relative to it.
@@ -69,13 +66,13 @@ class Scene:
             If it cannot be read or is not a valid scene; the message names file, line, key and value.
         """
         file = Path(path)
-        with yaml_documents.reading(file) as data:
+        with document.reading(file) as data:
             return cls.from_mapping(data, file.parent)
 
     @classmethod
     def from_yaml(cls, text: str, folder: str | Path = ".") -> Scene:
         """Read a scene from YAML text; mesh and point files are relative to `folder`."""
-        return cls.from_mapping(yaml_documents.parse_document(text), Path(folder))
+        return cls.from_mapping(document.parse_document(text), Path(folder))
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], folder: Path = Path()) -> Scene:
@@ -95,7 +92,7 @@ class Scene:
 
         Mesh and point files are named relative to `folder`, or in full if there is none.
         """
-        return yaml_documents.dump_document(self.to_mapping(None if folder is None else Path(folder)))
+        return document.dump_document(self.to_mapping(None if folder is None else Path(folder)))
 
     def to_mapping(self, folder: Path | None) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
@@ -141,8 +138,6 @@ class Scene:
             "obstacles": [obstacle.canonical() for obstacle in self.obstacles],
         }
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-    # ------------------------------------------------------------------------------------------- obstacles
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -5,8 +5,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.geometry import PlacedBodies
-from safe_ompl.collision.pairs import Approaches
+from safe_ompl.collision.broad_phase import DISTANCE_ERROR
+from safe_ompl.collision.geometry import SceneGeometry
+from safe_ompl.collision.pairs import PairTable
 from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
 from safe_ompl.geometry.cloud import PointCloud
 from safe_ompl.geometry.obstacle import Obstacle
@@ -33,18 +34,18 @@ def test_pairs_that_can_come_near_are_those_that_coal_finds(robot_named, rng, na
     shapes += [PointCloud(0.02, points=rng.normal(0, 0.1, (50, 3)).tolist())]
     places = [Pose.from_rpy(rng.uniform(-2.0, 2.0, 3), rng.uniform(-3, 3, 3)) for _ in range(8 * len(shapes))]
     scene = Scene([Obstacle(str(k), shapes[k % len(shapes)], place) for k, place in enumerate(places)])
-    parts = PlacedBodies(robot.collision_model, scene, ()).parts
-    reaches = list(robot.bounds.body_reaches.values())
-    approaches = Approaches(reaches, parts, np.zeros(len(parts), dtype=bool))
-    expected = np.array([[coal_distance(reach, part) for reach in reaches] for part in parts])
+    geometry = SceneGeometry(robot.collision_model, scene, ())
+    table = PairTable(robot, geometry)
+    reaches = robot.bounds.body_reaches.values()
+    expected = np.array([coal_distance(reach, part) for part in geometry.parts for reach in reaches])
     for distance in (1e-5, 0.05, 0.4):
         clear = np.abs(expected - distance) > 2e-5
-        np.testing.assert_array_equal(approaches.nearer_than(distance)[clear], (expected < distance)[clear])
+        near = np.isin(table.with_obstacle, table.within(distance - DISTANCE_ERROR))
+        np.testing.assert_array_equal(near[clear], (expected < distance)[clear])
     assert 0 < (expected < 1e-5).sum() < expected.size, "both answers occur"
 
 
 def test_what_may_be_anywhere_is_always_near(panda):
     scene = Scene([Obstacle("far", Sphere(0.1), Pose((50.0, 0.0, 0.0)))])
-    parts = PlacedBodies(panda.collision_model, scene, ["far"]).parts
-    reaches = list(panda.bounds.body_reaches.values())
-    assert Approaches(reaches, parts, np.array([True])).nearer_than(1e-5).all()
+    table = PairTable(panda, SceneGeometry(panda.collision_model, scene, ["far"]))
+    assert np.isin(table.with_obstacle, table.within(0.0)).all()

@@ -6,8 +6,8 @@ import pinocchio as pin
 import pytest
 from numpy.lib.stride_tricks import as_strided
 
-from safe_ompl.collision import broad_phase as near_pairs
-from safe_ompl.collision.broad_phase import NearPairs
+from safe_ompl.collision import broad_phase
+from safe_ompl.collision.broad_phase import BroadPhase
 
 BODIES = 6
 
@@ -41,7 +41,7 @@ def distances(geometry, data):
 @pytest.mark.parametrize("seed", range(20))
 def test_no_near_pair_is_missed(geometry, seed):
     data = geometry.createData()
-    near = NearPairs(geometry, data, PAIRS)
+    near = BroadPhase(geometry, data, PAIRS)
     near.margins[:] = 0.05
     pin.seed(seed)
     for k in range(BODIES):
@@ -53,13 +53,13 @@ def test_no_near_pair_is_missed(geometry, seed):
 
 
 def test_another_layout_of_places_is_noticed(geometry, monkeypatch):
-    monkeypatch.setattr(near_pairs, "as_strided", lambda first, shape, _: as_strided(first, shape, (96, 0)))
+    monkeypatch.setattr(broad_phase, "as_strided", lambda first, shape, _: as_strided(first, shape, (96, 0)))
     with pytest.raises(RuntimeError, match="another layout"):
-        NearPairs(geometry, geometry.createData(), PAIRS)
+        BroadPhase(geometry, geometry.createData(), PAIRS)
 
 
 def test_looking_at_the_layout_changes_no_place(geometry):
     data = geometry.createData()
     data.oMg[BODIES - 1] = place = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([0.4, 0.5, 0.6]))
-    NearPairs(geometry, data, PAIRS)
+    BroadPhase(geometry, data, PAIRS)
     assert data.oMg[BODIES - 1] == place

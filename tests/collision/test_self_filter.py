@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from safe_ompl.collision import robot_points, without_robot
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.self_filter import robot_points, without_robot
 from safe_ompl.common.errors import InputError
 from safe_ompl.geometry.basic import Box
 from safe_ompl.geometry.cloud import PointCloud

@@ -105,7 +105,7 @@ def test_gradients_are_those_of_finite_differences():
                 return float(2 * (found[0] + 0.3 * found[1] + 0.5 * found[2])[0, 0])
 
             by_place, by_velocity = gradients(
-                state[:1], state[1:], LINK, p[None], np.full((1, 1), 2.0), 0.3, 0.5, weighting=weighting
+                state[:1], state[1:], LINK, p[None], np.full((1, 1), 2.0), (0.3, 0.5), weighting=weighting
             )
             found = np.array([by_place[0], by_velocity[0]])
             expected = np.empty_like(state)
@@ -122,7 +122,7 @@ def test_gradients_stay_finite_for_links_that_stand_still_or_do_not_turn():
     keys = np.array([[[0.0, 0, 0], [0.3, 0, 0]]])
     for velocity in (np.zeros(3), np.ones(3)):
         v = np.array([[velocity, velocity]])
-        parts = gradients(keys, v, LINK, np.array([[0.1, 0.5, 0.2]]), np.ones((1, 1)), 0.2, 0.2)
+        parts = gradients(keys, v, LINK, np.array([[0.1, 0.5, 0.2]]), np.ones((1, 1)), (0.2, 0.2))
         assert np.isfinite(parts).all()
 
 

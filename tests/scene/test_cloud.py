@@ -18,8 +18,7 @@ from hypothesis import strategies as st
 from safe_ompl.common.errors import InputError, warn_once
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.cells import cell_tree, touched_cells
-from safe_ompl.geometry.cloud import PointCloud
+from safe_ompl.geometry.cloud import PointCloud, cell_tree, touched_cells
 from safe_ompl.geometry.mesh import triangle_tree
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.point_files import _lzf_decompressed

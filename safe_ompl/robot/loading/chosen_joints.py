@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import pinocchio as pin
@@ -17,22 +18,47 @@ from safe_ompl.robot.skeleton import frame_index
 _log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class JointChoice:
+    """What a user says of the joints that are planned for, and of the others; see `Robot.from_urdf`.
+
+    Attributes
+    ----------
+    tip, group : str or None
+        Frame to move; group of the SRDF whose joints move.
+    locked : mapping of str to float
+        Joints to hold [rad or m].
+    locked_state : str or None
+        State of the SRDF with the values of the other joints that are held.
+    srdf : str or None
+        File of the SRDF.
+    """
+
+    tip: str | None
+    locked: Mapping[str, float]
+    srdf: str | None = None
+    group: str | None = None
+    locked_state: str | None = None
+
+    def group_tip(self, full: pin.Model, source: str) -> str | None:
+        """Return the tip of the group if it is a chain or carries an end effector; None without a group."""
+        return None if self.group is None else self.semantics("group", source).group_tip(self.group, full)
+
+    def semantics(self, key: str, source: str) -> SrdfFile:
+        """Return the SRDF, which the argument `key` needs; raise InputError if there is none."""
+        if self.srdf is None:
+            raise InputError(f"{key} is a name of an SRDF: give the SRDF", source)
+        return SrdfFile(self.srdf)
+
+
 def joints_and_posture(
-    full: pin.Model,
-    mimics: Mapping[str, Mimic],
-    locked: Mapping[str, float],
-    *,
-    tip: str | None,
-    group: str | None,
-    locked_state: str | None,
-    srdf: str | None,
-    source: str,
+    full: pin.Model, mimics: Mapping[str, Mimic], choice: JointChoice, source: str
 ) -> dict[str, float]:
     """Return all joints to hold with their values [rad or m], except those that mimic others.
 
-    Held are the joints of `locked`, and those that are not in the group or, without a group, do not move the tip, not
-    even through a joint that mimics them. The latter keep the values of the state `locked_state`; or those of
-    `locked`, if that leaves no joint free and so can only be meant as a posture; or zero, which a warning says.
+    Held are the locked joints, and those that are not in the group or, without a group, do not move the tip, not even
+    through a joint that mimics them. The latter keep the values of the locked state; or those of the locked joints, if
+    these leave no joint free and so can only be meant as a posture; or zero, which a warning says.
 
     Parameters
     ----------
@@ -40,12 +66,8 @@ def joints_and_posture(
         All joints.
     mimics : mapping of str to Mimic
         Which of them mimic which, chains resolved.
-    locked : mapping of str to float
-        Joints to hold.
-    tip, group, locked_state : str, optional
-        Frame to move; group and state of the SRDF.
-    srdf : str, optional
-        The SRDF.
+    choice : JointChoice
+        What the user wants.
     source : str
         The URDF, for messages.
 
@@ -55,23 +77,24 @@ def joints_and_posture(
         If group, state, or a joint does not exist, or there is a state but no joint to hold.
     """
     names = [name for name in list(full.names)[1:] if name not in mimics]
+    locked, tip, group, locked_state = choice.locked, choice.tip, choice.group, choice.locked_state
     for name in locked:
         if not full.existJointName(name):
             raise UnknownNameError("joint to lock", name, list(full.names)[1:], source)
     posture: Mapping[str, float] = {}
     if locked_state is not None:
-        posture = _srdf(srdf, "locked_state", source).state(locked_state)
+        posture = choice.semantics("locked_state", source).state(locked_state)
     if tip is None and group is None:
         if locked_state is not None:
             raise InputError(
                 "locked_state is the posture of joints that are held: give a tip or a group", source
             )
         return dict(locked)
-    moving = _moving(full, mimics, tip, group, srdf, source)
+    moving = _moving(full, mimics, choice, source)
     free = [name for name in names if name in moving]
     if locked_state is None and free and all(name in locked for name in free):
         posture, locked = locked, {}
-    moving = _moving(full, _without(mimics, locked), tip, group, srdf, source)
+    moving = _moving(full, _without(mimics, locked), choice, source)
     held = dict(locked)
     idle = [name for name in names if name not in moving and name not in held]
     for name in idle:
@@ -82,23 +105,15 @@ def joints_and_posture(
     return held
 
 
-def group_tip(full: pin.Model, srdf: str | None, group: str | None, source: str) -> str | None:
-    """Return the tip of a group that is a chain or carries an end effector; None without a group."""
-    return None if group is None else _srdf(srdf, "group", source).group_tip(group, full)
-
-
 def _moving(
-    full: pin.Model,
-    mimics: Mapping[str, Mimic],
-    tip: str | None,
-    group: str | None,
-    srdf: str | None,
-    source: str,
+    full: pin.Model, mimics: Mapping[str, Mimic], choice: JointChoice, source: str
 ) -> Collection[str]:
-    if group is not None:
-        return _srdf(srdf, "group", source).group_joints(group, full)
-    assert tip is not None
-    above = {full.names[j] for j in list(full.supports[full.frames[frame_index(full, tip)].parentJoint])[1:]}
+    """Return the joints of the group or, without a group, those that move the tip."""
+    if choice.group is not None:
+        return choice.semantics("group", source).group_joints(choice.group, full)
+    assert choice.tip is not None
+    tip = full.frames[frame_index(full, choice.tip)]
+    above = {full.names[j] for j in list(full.supports[tip.parentJoint])[1:]}
     return above | {mimic.primary for name, mimic in mimics.items() if name in above}
 
 
@@ -106,16 +121,10 @@ def _without(mimics: Mapping[str, Mimic], locked: Mapping[str, float]) -> dict[s
     return {name: mimic for name, mimic in mimics.items() if name not in locked}
 
 
-def _srdf(srdf: str | None, key: str, source: str) -> SrdfFile:
-    if srdf is None:
-        raise InputError(f"{key} is a name of an SRDF: give the SRDF", source)
-    return SrdfFile(srdf)
-
-
 def _report(
     full: pin.Model, names: list[str], held: Mapping[str, float], moving: Collection[str], text: str
 ) -> None:
-    """Say in a warning which joints are held at zero; of a gripper beyond the joints that move, in a lower voice."""
+    """Say in a warning which joints are held at zero; of a gripper beyond the joints that move, at a lower level."""
     beyond = {name for name in names if _beyond(full, name, moving)}
     for level, some in (
         (logging.WARNING, [name for name in names if name not in beyond]),

@@ -14,6 +14,7 @@ from safe_ompl.common import InputError, UnknownNameError
 
 _PACKAGE = "package://"
 _MANIFEST = "package.xml"
+_GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand
 
 
 class PackageFolders:
@@ -122,8 +123,6 @@ class ExampleRobot:
     tip: str
     locked: dict[str, float] = field(default_factory=dict)
 
-
-_GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand
 
 EXAMPLES: dict[str, ExampleRobot] = {
     "panda": ExampleRobot(

@@ -277,7 +277,7 @@ def _add_pairs_between(bodies: pin.GeometryModel, sizes: list[int]) -> None:
 
 
 class GuardedCopy:
-    """A copy of one of Pinocchio's models for users: whatever they change in it, the robot stays what was proven.
+    """A copy of one of Pinocchio's models for users: changes of it do not reach the robot, of which things are proven.
 
     The copy is kept: working memory made from a model (GeometryData, broad-phase managers) points into it, and
     Pinocchio does not keep it alive. A new copy for each access would crash who makes such memory in one line and
@@ -298,7 +298,7 @@ class GuardedCopy:
         self._copies = [duplicate(original)]
 
     def get(self) -> Any:
-        """Return a copy that nobody has changed yet; say so if somebody has changed the one before."""
+        """Return an unchanged copy; warn if the one before was changed."""
         if self._copies[-1] != self._original:
             _log.warning(
                 "%s was changed, which does not change the robot: use with_attached, with_limits or from_models",

@@ -177,7 +177,7 @@ def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: st
     Raises
     ------
     InputError
-        If a joint that turns on and on is mimicked: its mimic joint would have no place at ±π.
+        If a continuous joint is mimicked: its mimic joint would have no place at ±π.
     """
     lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
     single = {name: _coordinate(model, name) for name in mimics}
@@ -188,7 +188,7 @@ def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: st
                 f"joint {name!r} mimics {mimic.primary!r}, which is continuous: lock one of them", source
             )
         if own is None:
-            continue  # it may turn on and on
+            continue  # it is continuous
         low, high = sorted((float(end) - mimic.offset) / mimic.multiplier for end in (lower[own], upper[own]))
         if low > lower[first] or high < upper[first]:
             lower[first], upper[first] = max(low, lower[first]), min(high, upper[first])

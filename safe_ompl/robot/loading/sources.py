@@ -15,7 +15,7 @@ from safe_ompl.common import FloatArray, InputError, UnknownNameError, warn_once
 from safe_ompl.robot.arm import default_tip
 from safe_ompl.robot.joint_tables import Mimic, resolved
 from safe_ompl.robot.loading.blueprint import Blueprint, RangeByJoint
-from safe_ompl.robot.loading.chosen_joints import group_tip, joints_and_posture
+from safe_ompl.robot.loading.chosen_joints import JointChoice, joints_and_posture
 from safe_ompl.robot.loading.parts import RobotParts, independent
 from safe_ompl.robot.loading.reduction import (
     apply_mimic_limits,
@@ -78,16 +78,8 @@ class UrdfBlueprint(Blueprint):
 
         source = _Source(full, collision_model, read_visual, mimics, str(file.path))
         name = self.name or full.name or file.path.stem
-        parts = source.reduced(
-            name,
-            self.tip,
-            self.locked,
-            self.limits,
-            self.hulls,
-            srdf=self.srdf,
-            group=self.group,
-            locked_state=self.locked_state,
-        )
+        choice = JointChoice(self.tip, self.locked, self.srdf, self.group, self.locked_state)
+        parts = source.reduced(name, choice, self.limits, self.hulls)
         bare = links_with_visuals_alone(file, parts.model, parts.collision_model, self.collision)
         parts = replace(parts, bare_links=bare)
         warn_of_unchecked(name, parts.links_without_collision)
@@ -102,7 +94,7 @@ class UrdfBlueprint(Blueprint):
 
 @dataclass(frozen=True)
 class ModelsBlueprint(Blueprint):
-    """A robot from models of Pinocchio's, which nobody else may change; see `Robot.from_models`."""
+    """A robot from models of Pinocchio's, which are its own; see `Robot.from_models`."""
 
     model: pin.Model
     collision_model: pin.GeometryModel
@@ -123,7 +115,7 @@ class ModelsBlueprint(Blueprint):
             self.mimics,
             self.name,
         )
-        return source.reduced(self.name, self.tip, self.locked, self.limits, self.hulls)
+        return source.reduced(self.name, JointChoice(self.tip, self.locked), self.limits, self.hulls)
 
     def with_limits(self, limits: RangeByJoint) -> ModelsBlueprint:
         return replace(self, limits={**self.limits, **limits})
@@ -139,26 +131,13 @@ class _Source:
     mimics: Mapping[str, Mimic]
     source: str
 
-    def reduced(
-        self,
-        name: str,
-        tip: str | None,
-        locked: Mapping[str, float],
-        limits: RangeByJoint,
-        hulls: bool,
-        *,
-        srdf: str | None = None,
-        group: str | None = None,
-        locked_state: str | None = None,
-    ) -> RobotParts:
+    def reduced(self, name: str, choice: JointChoice, limits: RangeByJoint, hulls: bool) -> RobotParts:
         """Return the parts of the robot with its joints locked, bodies convex and self pairs chosen."""
-        full, source, mimics = self.full, self.source, resolved(self.mimics, self.source)
+        full, source, mimics, tip = self.full, self.source, resolved(self.mimics, self.source), choice.tip
         override_limits(full, limits, source)
         if tip is not None and not full.existFrame(tip):
             raise UnknownNameError("tip frame", tip, (frame.name for frame in list(full.frames)[1:]), source)
-        held = joints_and_posture(
-            full, mimics, locked, tip=tip, group=group, locked_state=locked_state, srdf=srdf, source=source
-        )
+        held = joints_and_posture(full, mimics, choice, source)
         stiff = joints_without_range(full, set(list(full.names)[1:]) - set(mimics) - set(limits) - set(held))
         if stiff:
             values = ", ".join(f"{joint} = {value:g}" for joint, value in sorted(stiff.items()))
@@ -173,14 +152,14 @@ class _Source:
         joint_limits(model, source)
         _drop_fixed_pairs(collision_model)
         if not len(collision_model.collisionPairs):
-            select_self_pairs(model, collision_model, srdf, _samples(model, mimics), name)
+            select_self_pairs(model, collision_model, choice.srdf, _samples(model, mimics), name)
 
         def visual() -> pin.GeometryModel | None:
             drawn = self.read_visual()
             return None if drawn is None else reduce_model(full, drawn, held)[1]
 
         ends = tuple(full.names)[1:]
-        tips = (tip or group_tip(full, srdf, group, source) or default_tip(full, model),)
+        tips = (tip or choice.group_tip(full, source) or default_tip(full, model),)
         return RobotParts(name, source, model, collision_model, visual, ends, tips, mimics, held)
 
 
@@ -249,11 +228,8 @@ def owned(model: pin.Model, *geometries: pin.GeometryModel | None) -> tuple[Any,
     for joint in range(1, model.njoints):
         if not any(f.type == pin.FrameType.JOINT and f.parentJoint == joint for f in model.frames):
             model.addJointFrame(joint)
-    order = [
-        0,
-        *range(given, model.nframes),
-        *range(1, given),
-    ]  # frames must come after those that they are on
+    # Frames must come after those that they are on.
+    order = [0, *range(given, model.nframes), *range(1, given)]
     number = {old: new for new, old in enumerate(order)}
     for new, frame in enumerate([pin.Frame(model.frames[old]) for old in order]):
         frame.parentFrame = number[frame.parentFrame]

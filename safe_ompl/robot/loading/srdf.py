@@ -18,6 +18,8 @@ from safe_ompl.robot.loading.shapes import build_collision_geometry, make_convex
 from safe_ompl.robot.loading.urdf import UrdfFile, existing_file
 from safe_ompl.robot.self_collision import adjacent_pairs, always_in_contact, sample_configurations
 
+_log = logging.getLogger(__name__)
+
 
 class SrdfFile:
     """The groups and states of an SRDF.
@@ -189,9 +191,6 @@ class SrdfFile:
         except ValueError:
             text = f"state {state!r}: {joint.get('value')!r} of joint {joint.get('name')!r} is not a number"
             raise InputError(text, str(self.path)) from None
-
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)

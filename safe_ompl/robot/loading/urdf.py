@@ -24,6 +24,15 @@ from safe_ompl.robot.loading.packages import PackageFolders
 _XACRO_TAG = re.compile(r"\{[^}]*xacro[^}]*\}")
 _PREFIX = re.compile(r"[\s<]([A-Za-z_][\w.-]*):[A-Za-z_]")
 _EXPRESSION = re.compile(r"\$[{(][^})]*[})]")
+_SIZES = {  # attributes of each shape, and how many positive numbers they hold
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+}
+_MESH = "mesh"
+_MOVING = ("revolute", "continuous", "prismatic", "planar")
+_PACKAGE = "package://"
 
 
 def parsed(path: Path) -> ElementTree.Element:
@@ -75,16 +84,6 @@ def _not_expanded(path: Path, source: str, evidence: str) -> InputError:
         f"a xacro file, not yet a URDF (it holds {evidence}); expand it with: xacro {path.name} -o {target}",
         source,
     )
-
-
-_SIZES = {  # attributes of each shape, and how many positive numbers they hold
-    "box": {"size": 3},
-    "sphere": {"radius": 1},
-    "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
-}
-_MESH = "mesh"
-_MOVING = ("revolute", "continuous", "prismatic", "planar")
 
 
 def check_joints(root: ElementTree.Element, source: str) -> None:
@@ -168,9 +167,6 @@ def _finite_numbers(
     return values
 
 
-# ------------------------------------------------------------------------- what the parser stumbles over
-
-
 def make_readable(root: ElementTree.Element) -> None:
     """Put `root`, in place, in terms that the parser reads, for otherwise it drops all shapes of the link.
 
@@ -219,9 +215,6 @@ def check_complete(
                 "the parser drops those of a link of which it cannot read every element",
                 source,
             )
-
-
-_PACKAGE = "package://"
 
 
 class UrdfFile:
