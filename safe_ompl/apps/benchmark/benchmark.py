@@ -18,9 +18,8 @@ from ompl import tools as ot
 from ompl import util as ou
 
 from safe_ompl.apps.benchmark.log import Experiment, PlannerRuns, save_database
-from safe_ompl.apps.benchmark.measures import Value
-from safe_ompl.apps.benchmark.runs import Entry, Events, Measured, MeasuredRuns, Run, RunLimits
-from safe_ompl.apps.benchmark.workers import checked_processes, do_tasks, on_cluster
+from safe_ompl.apps.benchmark.measures import Entry, Events, Measured, MeasuredRuns, RunLimits, Value
+from safe_ompl.apps.benchmark.runs import Run, do_tasks, rounds
 from safe_ompl.common import InputError
 from safe_ompl.planning import SafeSetup
 
@@ -153,19 +152,17 @@ class Benchmark:
             No planner, a number of runs or processes below 1, or what a cluster cannot do.
         """
         request = request or ot.Request()
-        if not self._entries:
-            raise InputError("a benchmark needs at least one planner")
         if request.runCount < 1:
             raise InputError(f"runCount must be at least 1, got {request.runCount!r}")
+        tasks = rounds([entry.name for entry in self._entries], request.runCount, seed)
         if processes is None:
             processes = 1 if self._events else _processors()
-        processes = checked_processes(processes)
         if client is not None:
             self._check_portable()
-        tasks = [Run(entry.name, seed + k) for k in range(request.runCount) for entry in self._entries]
         limits = RunLimits(request.maxTime, request.maxMem, request.timeBetweenUpdates, request.simplify)
         setup = self._setup if client is None else self._given
         job = MeasuredRuns(setup, {entry.name: entry for entry in self._entries}, limits, self._events)
+        runs = do_tasks(job, tasks, processes, client)
         if self._switch is not None:
             for entry in self._entries:
                 self._switch(entry.planner(self._setup))
@@ -174,10 +171,6 @@ class Benchmark:
         self._status.running = True
         try:
             with _console_output(request.saveConsoleOutput, self._experiment.name):
-                if client is not None:
-                    runs = on_cluster(job.built, job.crash, tasks, client)
-                else:
-                    runs = do_tasks(job, tasks, processes)
                 for run, measured in runs:
                     found[run] = measured
                     self._report(request.displayProgress, run, len(found) / len(tasks))

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.apps.benchmark.measures import SUMMARISED, summarised_measures
-from safe_ompl.apps.benchmark.runs import Run
-from safe_ompl.apps.benchmark.workers import checked_processes, do_tasks
-from safe_ompl.common import FloatArray, InputError, PlanningError
+from safe_ompl.apps.benchmark.runs import Run, do_tasks, rounds
+from safe_ompl.common import FloatArray, PlanningError
 from safe_ompl.common import documents as document
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import is_ours, make_planner, needs_place, planner_names
@@ -27,7 +26,7 @@ BAND = (15, 85)  # [%]; the percentiles that the paper shows
 class Campaign:
     """Several planners, each with the same seeds, on one scenario.
 
-    The planners take turns, so that what else the machine does meets all of them alike.
+    The planners take turns, so that other work of the machine affects all of them alike.
 
     Parameters
     ----------
@@ -61,21 +60,13 @@ class Campaign:
     done: Collection[Run] = frozenset()
 
     def __post_init__(self) -> None:
-        if not self.planners:
-            raise InputError("a campaign needs at least one planner")
-        for name in self.planners:
-            if list(self.planners).count(name) > 1:
-                raise InputError(f"planner {name!r} is named twice")
-        if isinstance(self.runs, bool) or not isinstance(self.runs, int) or self.runs < 1:
-            raise InputError(f"runs must be a whole number of at least 1, got {self.runs!r}")
+        self._todo()
 
     def __len__(self) -> int:
-        return sum(len(self.round(k)) for k in range(self.runs))
+        return len(self._todo())
 
-    def round(self, k: int) -> list[Run]:
-        """Return the runs with the k-th seed that are to be done, one for each planner."""
-        runs = (Run(planner, self.seed + k) for planner in self.planners)
-        return [run for run in runs if run not in self.done]
+    def _todo(self) -> list[Run]:
+        return rounds(self.planners, self.runs, self.seed, self.done)
 
     def check(self, setup: SafeSetup) -> None:
         """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
@@ -97,10 +88,9 @@ class Campaign:
         InputError
             If the scenario cannot be planned, or a planner or parameter does not exist.
         """
-        processes = checked_processes(processes)
         setup = setup or setup_scenario(self.scenario)
         self.check(setup)
-        runs = [run for k in range(self.runs) for run in self.round(k)]
+        runs = self._todo()
         return _in_order(runs, do_tasks(CampaignRuns(self, setup), runs, processes))
 
     def result(self, run: Run, setup: SafeSetup) -> PlanResult:

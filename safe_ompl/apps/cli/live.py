@@ -10,15 +10,25 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.apps.cli.arguments import add_package_dirs, add_run_options, load_scenario
-from safe_ompl.apps.cli.console import error_console, output_console, progress_bar
-from safe_ompl.apps.cli.files import make_folder
 from safe_ompl.apps.cli.live_actors import CLIP, Actors, choose_actors, clearance_of_movers, limits_of_still
-from safe_ompl.apps.cli.values import count, finite, limit, noise, seconds, share
+from safe_ompl.apps.cli.options import (
+    add_package_dirs,
+    add_parser,
+    add_run_options,
+    add_scenario,
+    count,
+    finite,
+    limit,
+    load_scenario,
+    noise,
+    run_options,
+    seconds,
+    share,
+)
+from safe_ompl.apps.cli.output import error_console, make_folder, output_console, progress_bar, write_json
 from safe_ompl.apps.cli.view import check_page
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import Pose
-from safe_ompl.io import strict_json as json_line
 from safe_ompl.io import ticks_header, write_ticks
 from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation import Faults, Simulation, Summary
@@ -32,14 +42,16 @@ _PLANNER = "SafeRRTConnect"
 
 def add_command(commands: Any) -> None:
     """Add `live` to the commands."""
-    parser = commands.add_parser(
+    parser = add_parser(
+        commands,
         "live",
-        help="drive a robot beside people and things that move, in simulated time",
-        description="Plan from start to goal and back, and drive there again and again beside a recorded person, or "
+        prepare,
+        "drive a robot beside people and things that move, in simulated time",
+        "Plan from start to goal and back, and drive there again and again beside a recorded person, or "
         "beside people and things that move at random. Every motion is proven at every tick, including its stop. A "
         "monitor looks for contacts.",
     )
-    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
+    add_scenario(parser)
     parser.add_argument(
         "--people",
         metavar="FILE|random[:N]",
@@ -92,7 +104,6 @@ def add_command(commands: Any) -> None:
         metavar="FACTOR",
         help="how many times as fast as recorded, or as promised, they move",
     )
-    parser.set_defaults(prepare=prepare)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -140,7 +151,7 @@ class Live:
         ticks = _with_progress(simulation, options.seconds, options.tick)
         write_ticks(folder / "ticks.jsonl", self._header(simulation), ticks)
         summary = simulation.summary
-        (folder / "summary.json").write_text(json_line(summary.as_dict()) + "\n", encoding="utf-8")
+        write_json(str(folder / "summary.json"), summary.as_dict())
         output_console().print(describe(summary))
         error_console().print(f"ticks and summary in {folder}")
         if options.html is None:
@@ -157,13 +168,7 @@ class Live:
 
     def _trajectories(self) -> list[Trajectory] | None:
         scenario = self.scenario
-        result = self.setup.plan(
-            _PLANNER,
-            time=self.options.time or scenario.time,
-            seed=self.options.seed,
-            parameters=scenario.planners.get(_PLANNER, {}),
-            simplify=self.options.simplify,
-        )
+        result = self.setup.plan(_PLANNER, **run_options(self.options, scenario, _PLANNER))
         if result.path is None:
             error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
             return None

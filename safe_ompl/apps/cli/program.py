@@ -10,8 +10,8 @@ from typing import NoReturn
 
 import argcomplete
 
-from safe_ompl.apps.cli import compare, completion, doctor, listing, live, mbm, new, plan, srdf, verify, view
-from safe_ompl.apps.cli.console import error_console, ompl_messages, shown_log
+from safe_ompl.apps.cli import compare, info, live, mbm, new, plan, verify, view
+from safe_ompl.apps.cli.output import error_console, ompl_messages, shown_log
 from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.version import __version__
 
@@ -84,11 +84,8 @@ def command_line() -> argparse.ArgumentParser:
         live.add_command,
         compare.add_command,
         mbm.add_command,
-        new.add_command,
-        srdf.add_command,
-        listing.add_commands,
-        doctor.add_command,
-        completion.add_command,
+        new.add_commands,
+        info.add_commands,
     ):
         add_command(commands)
     for command in commands.choices.values():

@@ -14,7 +14,7 @@ import pytest
 from ompl import util as ou
 
 from safe_ompl.apps.benchmark.campaign import failure
-from safe_ompl.apps.cli import pictures
+from safe_ompl.apps.cli import compare, output
 from safe_ompl.apps.cli.program import main
 from safe_ompl.planning.planners.registry import planner_names
 from safe_ompl.planning.safe_setup import SafeSetup
@@ -121,7 +121,7 @@ def quick_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
         return lambda *arguments, **options: draw(*arguments, **{**options, **quality})
 
     monkeypatch.setattr(results, "render_path", coarse(render_path, ghosts=0))
-    monkeypatch.setattr(pictures, "render_comparison", coarse(render_comparison, panel=(60, 50)))
+    monkeypatch.setattr(compare, "render_comparison", coarse(render_comparison, panel=(60, 50)))
 
 
 def strict(text: str) -> Any:
@@ -336,7 +336,7 @@ def test_what_is_no_certificate(run: Run, folder: Path, text: str, words: list[s
 
 
 def test_compare_writes_table_and_report(run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pictures, "EXTRAS", ("no_such_module",))
+    monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     arguments = ("--planners", "RRTConnect,SafeRRTConnect", "--runs", 4, "--seed", 7, "--out", "deep/out")
     status, out, err = run("compare", "test.yaml", *arguments)
     assert status == 0
@@ -367,7 +367,7 @@ def test_compare_writes_table_and_report(run: Run, folder: Path, monkeypatch: py
 def test_compare_leaves_paths_as_planned_on_request(
     run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pictures, "EXTRAS", ("no_such_module",))
+    monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     status, out, _ = run("compare", "test.yaml", "--planners", "RRTConnect", "--runs", 1, "--no-simplify")
     assert status == 0
     assert "as planned" not in out
@@ -385,7 +385,7 @@ def test_compare_draws_pictures(run: Run, folder: Path) -> None:
 
 
 def test_compare_without_solution_is_status_1(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pictures, "EXTRAS", ("no_such_module",))
+    monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     status, out, _ = run(
         "compare", "test.yaml", "--planners", "SafeRRTConnect", "--runs", 2, "--time", "1e-9"
     )
@@ -619,7 +619,7 @@ def test_messages_of_ompl_come_with_verbose(run: Run, options: tuple[str, ...], 
 def test_where_nothing_is_dangerous_danger_is_zero(
     run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
 ) -> None:
-    monkeypatch.setattr("safe_ompl.apps.cli.compare.how_to_get_pictures", lambda: "not now")
+    monkeypatch.setattr("safe_ompl.apps.cli.compare.missing_extra", lambda extra: "not now")
     (folder / "harmless.yaml").write_text(SCENARIO.replace(", weight: 1", ""))
     name, *options = command
     status, out, _ = run(name, "harmless.yaml", *options, "--simplify", "0.1")
@@ -700,7 +700,7 @@ def test_checking_an_output_file_leaves_it_alone(run: Run, folder: Path) -> None
 def test_pictures_without_the_extra_are_refused_with_advice(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pictures, "EXTRAS", ("no_such_module",))
+    monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     assert_refused(
         run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]"
     )

@@ -1,20 +1,57 @@
-"""Options that several commands share: how to plan, which robot, which limits, which scenario."""
+"""Options of the commands: what several of them share, and how values are read from text."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
-from safe_ompl.apps.cli.values import degrees, joint_value, limit, parameter, random_seed, seconds, speeds
 from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.planning.planners import planner_names
-from safe_ompl.robot import RobotSpec
+from safe_ompl.robot import Robot, RobotSpec
 from safe_ompl.robot.loading import CollisionSource, find_example
 from safe_ompl.scene import MovingObstacles, Scenario, ToolConstraint, find_scenario
+
+_Number = TypeVar("_Number", int, float)
+
+_BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+
+
+def add_parser(
+    commands: Any,
+    name: str,
+    prepare: Callable[[argparse.Namespace], Callable[[], int]],
+    summary: str,
+    description: str | None = None,
+) -> argparse.ArgumentParser:
+    """Add a command, and return its parser.
+
+    Parameters
+    ----------
+    commands : object
+        What `argparse.ArgumentParser.add_subparsers` returns.
+    name : str
+        Name of the command.
+    prepare : callable
+        Reads and checks what the options name, raises all errors of input, and returns the job: a function without
+        arguments that does the work and returns the exit status.
+    summary, description : str
+        What the command does: in the list of commands, and in its own help; by default the same.
+    """
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=summary, description=description or f"{summary[0].upper()}{summary[1:]}."
+    )
+    parser.set_defaults(prepare=prepare)
+    return parser
+
+
+def add_scenario(parser: argparse.ArgumentParser) -> None:
+    """Add which scenario."""
+    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
 
 
 def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
@@ -47,6 +84,16 @@ def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplif
         help="make paths shorter and safer, for some time or until nothing more is to gain"
         + (" (default: the latter)" if simplify else ""),
     )
+
+
+def run_options(options: argparse.Namespace, scenario: Scenario, planner: str) -> dict[str, Any]:
+    """Return what `SafeSetup.plan` takes for a run of a planner: time, seed, parameters, whether to simplify."""
+    return {
+        "time": options.time or scenario.time,
+        "seed": options.seed,
+        "parameters": scenario.planners.get(planner, {}),
+        "simplify": options.simplify,
+    }
 
 
 def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
@@ -137,6 +184,12 @@ def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> 
     if locked:
         spec = dataclasses.replace(spec, locked={**_usually_locked(spec), **locked})
     return dataclasses.replace(spec, **chosen) if chosen else spec
+
+
+def scenario_robot(options: argparse.Namespace, scenario: Scenario) -> tuple[RobotSpec, Robot]:
+    """Return the robot that the options ask for instead of the scenario's, or else the scenario's."""
+    spec = given_robot(options, lambda: scenario.robot)
+    return spec, scenario.build_robot() if spec is scenario.robot else spec.build()
 
 
 def _usually_locked(spec: RobotSpec) -> Mapping[str, float]:
@@ -231,3 +284,119 @@ def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = ()) -> Scena
         return scenario
     with document.within("--", separator=""):
         return dataclasses.replace(scenario, robot=scenario.robot.with_package_dirs(package_dirs))
+
+
+# ------------------------------------------------------------------------------------------------- values
+
+
+def seconds(text: str) -> float:
+    """Read a time limit [s]."""
+    return _number(float, text, lambda value: 0 < value < math.inf, "a positive number of seconds")
+
+
+def count(text: str) -> int:
+    """Read how many."""
+    return _number(int, text, lambda value: value >= 1, "a whole number of at least 1")
+
+
+def random_seed(text: str) -> int:
+    """Read a seed."""
+    return _number(int, text, lambda value: 0 <= value < 2**32, "a whole number in [0, 2**32)")
+
+
+def limit(text: str) -> float:
+    """Read a limit."""
+    return _number(float, text, lambda value: 0 < value < math.inf, "a positive number")
+
+
+def finite(text: str) -> float:
+    """Read a finite number."""
+    return _number(float, text, math.isfinite, "a finite number")
+
+
+def noise(text: str) -> float:
+    """Read how large errors are, 0 for none."""
+    return _number(float, text, lambda value: 0 <= value < math.inf, "a finite number >= 0")
+
+
+def share(text: str) -> float:
+    """Read a share."""
+    return _number(float, text, lambda value: 0 <= value <= 1, "a share in [0, 1]")
+
+
+def port(text: str) -> int:
+    """Read the port of a server."""
+    return _number(int, text, lambda value: 1 <= value < 2**16, "a port in [1, 65535]")
+
+
+def degrees(text: str) -> float:
+    """Read an angle in degrees; return it in radians."""
+    return math.radians(_number(float, text, lambda value: 0 < value <= 180, "an angle in (0, 180] degrees"))
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Read names with commas between them."""
+    found = tuple(name.strip() for name in text.split(","))
+    if not all(found):
+        raise argparse.ArgumentTypeError(f"must be names with commas between them, not {text!r}")
+    return found
+
+
+def positions(text: str) -> slice:
+    """Read a range of positions like Python's: ``0:50``, ``:50``, ``50:``; or one position."""
+    first, colon, last = text.partition(":")
+    try:
+        start = int(first) if first else 0
+        stop = (int(last) if last else None) if colon else start + 1
+    except ValueError:
+        start, stop = -1, None
+    if not text or start < 0 or (stop is not None and stop <= start):
+        raise argparse.ArgumentTypeError(f"must be a range such as 0:50, or a position, not {text!r}")
+    return slice(start, stop)
+
+
+def parameter(text: str) -> tuple[str, Any]:
+    """Read ``name=value`` with a number, true, yes, on, false, no, off, or else text."""
+    name, value = _assignment(text, "name=value")
+    for kind in (int, float):
+        try:
+            return name, kind(value)
+        except ValueError:
+            pass
+    return name, _BOOLEANS.get(value.lower(), value)
+
+
+def joint_value(text: str) -> tuple[str, float]:
+    """Read ``joint=value`` [rad or m]."""
+    name, value = _assignment(text, "joint=value")
+    return name, _number(float, value, math.isfinite, f"a finite number for joint {name!r}")
+
+
+def speeds(text: str) -> dict[str, float]:
+    """Read ``name=speed`` [m/s], several with commas between them."""
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, value = _assignment(part, "NAME=SPEED[,NAME=SPEED…]")
+        if name in found:
+            raise argparse.ArgumentTypeError(f"{name!r} is given twice")
+        found[name] = _number(
+            float, value, lambda speed: 0 <= speed < math.inf, f"a speed >= 0 [m/s] for {name!r}"
+        )
+    return found
+
+
+def _assignment(text: str, form: str) -> tuple[str, str]:
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise argparse.ArgumentTypeError(f"must have the form {form}, not {text!r}")
+    return name, value
+
+
+def _number(kind: Callable[[str], _Number], text: str, fits: Callable[[_Number], bool], what: str) -> _Number:
+    try:
+        value = kind(text)
+        if fits(value):
+            return value
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"must be {what}, not {text!r}")
