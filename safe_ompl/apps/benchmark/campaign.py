@@ -43,7 +43,7 @@ class Campaign:
     simplify : bool or float
         Whether paths are simplified, and for how long [s]; see `SafeSetup.plan`.
     done : collection of Run
-        Runs to leave out: a campaign that was interrupted goes on where it stopped.
+        Runs to leave out, as those that an interrupted campaign has done.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class Campaign:
         setup : SafeSetup, optional
             What to plan with, already holding the scenario's start and goal; built by default.
         processes : int
-            How many runs go on at the same time. Times are cleanest with one.
+            How many runs go on at the same time; times are most accurate with one.
 
         Raises
         ------
@@ -123,7 +123,7 @@ class CampaignRuns:
         return self.campaign.result(task, self.setup)
 
     def crash(self, task: Run, words: str) -> PlanResult:
-        """Return the result of a run that its process did not survive: not solved."""
+        """Return the result of a run whose process died: not solved."""
         _log.warning("%s, seed %d: %s", task.planner, task.seed, words)
         return failure(f"Error: {words}", task.planner, task.seed, self.setup.robot.joint_names)
 
@@ -138,7 +138,7 @@ def _in_order(runs: Sequence[Run], done: Iterator[tuple[Run, PlanResult]]) -> It
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:
-    """Return the planners that a comparison looks at: OMPL's RRT-Connect, and all of ours that fit the goal."""
+    """Return the default planners of a comparison: OMPL's RRT-Connect, and all of ours that fit the goal."""
     has_place = scenario.goal.is_place
     ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
     return ("RRTConnect", *ours)
@@ -152,7 +152,7 @@ def check_named_planner(scenario: Scenario, planner: str, setup: SafeSetup) -> N
 
 
 def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) -> PlanResult:
-    """Return the result of a run that came to nothing."""
+    """Return the result of a run without a path."""
     return PlanResult(status, None, None, planner, seed, joint_names, planning_time=0.0)
 
 
@@ -168,7 +168,7 @@ class Summary:
     planner : str
         Name of the planner.
     runs, solved : int
-        How many there were, and how many found a path.
+        Number of runs, and of those that found a path.
     metrics : mapping of str to ndarray, shape (S,)
         For each metric its values over the S solved runs: planning_time, simplification_time [s], length [rad],
         danger_mean, danger_max, danger_avoidable, clearance_min [m], clearance_mean [m], length_below_50mm [rad],

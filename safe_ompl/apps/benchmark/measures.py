@@ -200,7 +200,7 @@ class MeasuredRuns:
         return self.setup() if callable(self.setup) else self.setup
 
     def run(self, task: Run) -> Measured:
-        """Do one run. An exception that planner or callbacks raise makes it a crash, with what was said."""
+        """Do one run; if the planner or a callback raises an exception, the run is a crash with its message."""
         problem = self.problem  # if it cannot be built, no run can be done: that is no crash of one of them
         try:
             return _measure(problem, self.entries[task.planner], task.seed, self.limits, self.events)

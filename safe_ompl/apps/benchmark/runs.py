@@ -70,7 +70,7 @@ class Job(Protocol[_Task, _Outcome]):
         """Do one task."""
 
     def crash(self, task: _Task, words: str) -> _Outcome:
-        """Return the outcome of a task that its process did not survive; `words` say how it ended."""
+        """Return the outcome of a task whose process died; `words` say how."""
 
 
 def do_tasks(
@@ -108,8 +108,8 @@ def in_processes(
 ) -> Iterator[tuple[TaskT, Outcome]]:
     """Do tasks in processes that are forked: jobs of any kind are there without being pickled.
 
-    A task whose process dies is done again in a new one; if that dies, too, the task is a crash. All others finish.
-    An exception of a task is raised here, and ends all. What the package logs in a process is logged here.
+    A task whose process dies is done again in a new one; if that dies, too, the task is a crash; all others finish.
+    An exception that a task raises is raised here, and ends all tasks. Log records of the processes are logged here.
     """
     context = multiprocessing.get_context("fork")
     left = [(task, 1) for task in reversed(tasks)]
@@ -164,7 +164,7 @@ def in_processes(
 
 
 class _Raised:
-    """An exception on its way from a worker to the process that started it."""
+    """An exception that a worker sends to the process that started it."""
 
     def __init__(self, error: Exception) -> None:
         self.error = error
@@ -206,9 +206,8 @@ def _on_cluster(
 ) -> Iterator[tuple[TaskT, Outcome]]:
     """Do tasks on a cluster of dask.distributed.
 
-    Its scheduler does by itself what a long comparison needs: runs of a worker that was lost are done by another,
-    workers may come and go, and dask-jobqueue or dask-kubernetes start them on most clusters. joblib was the
-    alternative: its own backend gives up all runs when one worker dies, and on a cluster it needs dask underneath.
+    Its scheduler repeats the runs of a lost worker on another one, and lets workers join and leave; dask-jobqueue and
+    dask-kubernetes start workers on most clusters. The backend of joblib gives up all runs when one worker dies.
     """
     import cloudpickle
     from distributed import Client, KilledWorker, as_completed

@@ -62,7 +62,7 @@ def add_command(commands: Any) -> None:
         "--no-simplify",
         dest="simplify",
         action="store_false",
-        help="compare the paths as they are planned; by default they are simplified, and the table has both",
+        help="compare the paths as they are planned, without simplification",
     )
     parser.add_argument(
         "--processes",
@@ -77,7 +77,7 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--timed",
         action="store_true",
-        help="compare, too, how long the paths take within the scenario's limits and beside its people",
+        help="also compare the durations of the paths, within the limits and beside the people of the scenario",
     )
     add_package_dirs(parser)
 
@@ -90,7 +90,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     setup = setup_scenario(scenario)
     campaign.check(setup)
     if options.timed:
-        setup.timer  # noqa: B018  # whatever it lacks is said now
+        setup.timer  # noqa: B018  # raises now if limits are missing
     folder = options.out or Path(f"compare-{scenario.name}")
     make_folder(folder, "--out")
     return Compare(campaign, setup, options.processes, folder, options.timed)

@@ -1,4 +1,4 @@
-"""What is installed: `safe-ompl scenarios`, `robots`, `doctor` and `completion`."""
+"""What the package offers and needs: `safe-ompl scenarios`, `robots`, `doctor` and `completion`."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def add_commands(commands: Any) -> None:
         commands,
         "doctor",
         lambda _: examine,
-        "say versions, what is missing, and try a tiny plan",
-        "Say which versions are installed, which are missing or unfit, and plan once. The exit status "
+        "show versions and what is missing, and try a small plan",
+        "Show which versions are installed, and which are missing or do not fit, and plan once. The exit status "
         "is 1 if something needed is missing or the plan fails.",
     )
     parser = add_parser(
@@ -113,16 +113,16 @@ def _moving_joints(urdf: UrdfFile, example: ExampleRobot) -> int:
 
 @dataclass(frozen=True)
 class Requirement:
-    """A package that is needed, or wanted by an extra.
+    """A package that is required, by an extra or always.
 
     Attributes
     ----------
     name : str
         As on PyPI.
     bounds : str
-        Which versions will do, such as ">=2.0,<3".
+        Versions that fit, such as ">=2.0,<3".
     extra : str
-        Which extra wants it; empty: it is needed.
+        The extra that requires it; empty if it is always required.
     """
 
     name: str
@@ -139,7 +139,7 @@ class Requirement:
 
     @property
     def fits(self) -> bool:
-        """Whether a version is installed that will do."""
+        """Whether a version is installed that fits."""
         found = self.found
         return found is not None and all(
             _within(found, bound) for bound in filter(None, self.bounds.split(","))
@@ -165,7 +165,7 @@ def examine() -> int:
 
 
 def requirements() -> Iterator[Requirement]:
-    """Yield what the installed package says that it needs, and what its extras want."""
+    """Yield the requirements of the installed package and of its extras."""
     for line in requires("safe-ompl") or ():
         found = re.match(r"""([\w.-]+)(?:\[.*?\])?\s*([^;]*?)\s*(?:;.*extra == ['"](\w+)['"].*)?$""", line)
         if found and (found[3] or "") in ("", *_EXTRAS):

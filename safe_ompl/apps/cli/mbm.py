@@ -78,7 +78,7 @@ class Mbm:
     options: argparse.Namespace
 
     def __call__(self) -> int:
-        """Solve the problems and write a line for each; then show a table by family."""
+        """Solve the problems, write a line for each, and show a table by family."""
         to_terminal = self.options.json == STANDARD_OUTPUT and sys.stdout.isatty()
         console = error_console()
         results: dict[str, list[PlanResult]] = {}

@@ -50,12 +50,12 @@ def add_parser(
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
-    """Add which scenario."""
+    """Add the scenario, as the first argument."""
     parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
 
 
 def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
-    """Add what says how to plan: planner, parameters, time, seed."""
+    """Add planner, parameters, time limit, seed and simplification."""
     parser.add_argument("--planner", default="SafeRRTConnect", metavar="NAME", help="default: %(default)s")
     parser.add_argument(
         "--param",
@@ -69,7 +69,7 @@ def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> Non
 
 
 def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplify: bool = False) -> None:
-    """Add time limit and seed."""
+    """Add time limit, seed and simplification."""
     parser.add_argument(
         "--time", type=seconds, metavar="SECONDS", help=f"time limit of a run (default: {usual_time})"
     )
@@ -81,23 +81,23 @@ def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplif
         const=True,
         default=simplify,
         metavar="SECONDS",
-        help="make paths shorter and safer, for some time or until nothing more is to gain"
-        + (" (default: the latter)" if simplify else ""),
+        help="make paths shorter and safer; without SECONDS until no step improves them"
+        + (" (this is the default)" if simplify else ""),
     )
 
 
 def run_options(options: argparse.Namespace, scenario: Scenario, planner: str) -> dict[str, Any]:
-    """Return what `SafeSetup.plan` takes for a run of a planner: time, seed, parameters, whether to simplify."""
+    """Return the arguments of `SafeSetup.plan` for a planner; options take precedence over the scenario."""
     return {
         "time": options.time or scenario.time,
         "seed": options.seed,
-        "parameters": scenario.planners.get(planner, {}),
+        "parameters": {**scenario.planners.get(planner, {}), **given_parameters(options)},
         "simplify": options.simplify,
     }
 
 
 def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
-    """Add what says which robot plans, if not the one `instead_of` which it is."""
+    """Add options for another robot; `instead_of` names the one that is used without them."""
     group = parser.add_argument_group(f"another robot than {instead_of}")
     kinds = group.add_mutually_exclusive_group()
     kinds.add_argument("--robot", metavar="NAME", help="an example robot, see `safe-ompl robots`")
@@ -106,7 +106,7 @@ def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
 
 
 def add_urdf_options(parser: argparse._ActionsContainer) -> None:
-    """Add what a URDF leaves open: SRDF, packages, tip, joints that move, what collides."""
+    """Add options for what a URDF does not say: SRDF, packages, tip, joints that move, shapes that collide."""
     parser.add_argument("--srdf", metavar="FILE", help="its SRDF, which says which links may touch")
     add_package_dirs(parser)
     parser.add_argument("--tip", metavar="FRAME", help="frame at the end of the arm")
@@ -128,7 +128,7 @@ def add_urdf_options(parser: argparse._ActionsContainer) -> None:
 
 
 def add_collision_option(parser: argparse._ActionsContainer) -> None:
-    """Add what collides of links without collision shapes."""
+    """Add how links without collision shapes are treated."""
     parser.add_argument(
         "--collision",
         choices=get_args(CollisionSource),
@@ -138,7 +138,7 @@ def add_collision_option(parser: argparse._ActionsContainer) -> None:
 
 
 def add_package_dirs(parser: argparse._ActionsContainer) -> None:
-    """Add where packages are that URDFs name; every command that loads a robot or a saved file has it."""
+    """Add folders of packages that URDFs name; every command that loads a robot or a saved file has the option."""
     parser.add_argument(
         "--package-dir",
         action="append",
@@ -156,12 +156,12 @@ def _folder(text: str) -> Path:
 
 
 def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters of the planner that the options give."""
-    return _once("--param", options.param)
+    """Return the parameters of the planner that the options give; a command may lack the option."""
+    return _once("--param", vars(options).get("param", ()))
 
 
 def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> RobotSpec:
-    """Return the robot that the options ask for: another one, or the usual one with another tip or locks.
+    """Return the robot that the options ask for: another one, or the usual one with another tip or other locks.
 
     Raises
     ------
@@ -208,37 +208,37 @@ def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def add_limit_options(parser: argparse.ArgumentParser) -> None:
-    """Add what every path must keep to."""
+    """Add the limits that every path must keep."""
     group = parser.add_argument_group("limits, proven along whole motions")
-    group.add_argument("--max-danger", type=limit, metavar="X", help="no configuration is more dangerous")
+    group.add_argument("--max-danger", type=limit, metavar="X", help="largest danger of any configuration")
     group.add_argument(
         "--min-clearance",
         type=limit,
         metavar="D",
-        help="keep D metres from people and whatever has a danger weight",
+        help="keep D metres from people and from all obstacles with a danger weight",
     )
     group.add_argument(
         "--keep-upright",
         type=degrees,
         metavar="DEG",
-        help="what is upright on the tool at the start stays so within DEG degrees",
+        help="the axis of the tool that points up at the start stays within DEG degrees of upright",
     )
     group.add_argument(
         "--moving",
         type=speeds,
         metavar="NAME=SPEED[,…]",
-        help="obstacles that may move, no faster than so many m/s: the path is free whatever they do",
+        help="obstacles that may move, and their largest speeds [m/s]: the path is free however they move",
     )
     group.add_argument(
         "--moving-time",
         type=limit,
         metavar="SECONDS",
-        help="for how long after the moment of the scene (default: the scenario's limits.moving.time)",
+        help="how long they may move, from the time of the scene on (default: the scenario's limits.moving.time)",
     )
 
 
 def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
-    """Return the scenario with the limits that the options give instead of its own."""
+    """Return the scenario; limits that the options give replace its own."""
     keys = ("max_danger", "min_clearance")
     given: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
     if options.keep_upright:
@@ -249,14 +249,14 @@ def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
 
 
 def _moving(scenario: Scenario, options: argparse.Namespace) -> MovingObstacles:
-    """Return the obstacles that may move: what the options do not say, the scenario says."""
+    """Return the obstacles that may move; the scenario gives what the options do not."""
     own = scenario.limits.moving
     moving = options.moving or (own and own.speeds)
     time = options.moving_time or (own and own.time)
     if not moving:
-        raise InputError("says for how long obstacles move: give these with --moving, too", "--moving-time")
+        raise InputError("needs the obstacles that move: give --moving, too", "--moving-time")
     if not time:
-        raise InputError("give also for how long they move: --moving-time SECONDS", "--moving")
+        raise InputError("needs how long they move: give --moving-time SECONDS, too", "--moving")
     for name in moving:
         if name not in scenario.scene.names:
             raise UnknownNameError("obstacle", name, scenario.scene.names, "--moving")
@@ -267,7 +267,7 @@ def _moving(scenario: Scenario, options: argparse.Namespace) -> MovingObstacles:
 
 
 def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = ()) -> Scenario:
-    """Load a scenario; also the planners that it has parameters for must exist.
+    """Load a scenario; the planners that it gives parameters to must exist, too.
 
     Parameters
     ----------

@@ -16,7 +16,6 @@ from safe_ompl.apps.cli.options import (
     add_planner_options,
     add_robot_options,
     add_scenario,
-    given_parameters,
     limit,
     load_scenario,
     run_options,
@@ -53,13 +52,13 @@ def add_command(commands: Any) -> None:
         "--optimise",
         type=seconds,
         metavar="SECONDS",
-        help="plan, simplify, start anew and refine for so long; the best path counts",
+        help="plan, simplify, restart and refine for this time, and return the best path",
     )
     parser.add_argument(
         "--cost",
         choices=COSTS,
         default="danger",
-        help="what --simplify and --optimise make less: danger and length, or the duration beside people",
+        help="what --simplify and --optimise reduce: danger and length, or the duration beside people",
     )
     parser.add_argument(
         "--json",
@@ -86,10 +85,10 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     _, robot = scenario_robot(options, scenario)
     setup = setup_scenario(scenario, robot)
     check_named_planner(scenario, options.planner, setup)
-    parameters = {**scenario.planners.get(options.planner, {}), **given_parameters(options)}
+    parameters = run_options(options, scenario, options.planner)["parameters"]
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
     limits = rate_limits(scenario, robot, options)
-    return Plan(scenario, setup, parameters, options, perf_counter() - begin, limits)
+    return Plan(scenario, setup, options, perf_counter() - begin, limits)
 
 
 def _check_distinct(options: argparse.Namespace) -> None:
@@ -111,23 +110,22 @@ class Plan:
 
     scenario: Scenario
     setup: SafeSetup
-    parameters: dict[str, Any]
     options: argparse.Namespace
     setup_time: float = 0.0
     rate_limits: RateLimits | None = None
 
     def __call__(self) -> int:
-        """Plan, and show the result in all the ways that are asked for."""
+        """Plan, and show and write the result as the options say."""
         options = self.options
         result = self.setup.plan(
             options.planner,
-            **{**run_options(options, self.scenario, options.planner), "parameters": self.parameters},
+            **run_options(options, self.scenario, options.planner),
             optimise=options.optimise,
             cost=options.cost,
         )
         result = replace(result, setup_time=self.setup_time + result.setup_time)
         if result.interrupted:
-            error_console().print("safe-ompl: interrupted: the best path so far stands")
+            error_console().print("safe-ompl: interrupted: this is the best path so far")
         if options.json:
             write_json(options.json, self._saved(result))
         if options.json != STANDARD_OUTPUT:
@@ -162,7 +160,7 @@ def record(scenario: str, robot: Robot, result: PlanResult) -> dict[str, Any]:
 
 def add_timed_options(parser: Any) -> None:
     """Add --timed, --rate and --trajectory."""
-    group = parser.add_argument_group("time", "the motion in time; limits and people are the scenario's")
+    group = parser.add_argument_group("time", "the motion in time, with limits and people of the scenario")
     group.add_argument("--timed", action="store_true", help="time the path within the limits of the joints")
     group.add_argument(
         "--rate", type=limit, metavar="HZ", help=f"points per second of the trajectory; default: {RATE:g}"
@@ -170,19 +168,19 @@ def add_timed_options(parser: Any) -> None:
     group.add_argument(
         "--trajectory",
         metavar="FILE",
-        help="write it in the shape of JointTrajectory (.json), for controllers and `safe-ompl view`; "
+        help="write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; "
         "implies --timed",
     )
     group.add_argument(
         "--timed-plot",
         metavar="FILE",
-        help="draw its speed under the caps that bind, its joints against their limits, and its danger (.png); implies "
+        help="draw its speed and the limits that bound it, its joints and their limits, and its danger (.png); implies "
         "--timed",
     )
 
 
 def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
-    """Check what the options name, and return the limits of the scenario; None where nothing is timed."""
+    """Check the options, and return the limits of the scenario; None if no trajectory is asked for."""
     check_writable(options.trajectory, "--trajectory")
     check_drawable(options.timed_plot, "--timed-plot")
     if not (options.timed or options.trajectory or options.timed_plot):
@@ -193,7 +191,7 @@ def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -
 
 
 def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Trajectory:
-    """Return the path in time, as the scenario has it."""
+    """Return the path in time, within the limits and beside the people of the scenario."""
     return result.timed(
         limits,
         people=scenario.people,
@@ -206,14 +204,14 @@ def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Traject
 def show_timed(
     trajectory: Trajectory, result: PlanResult, scenario: Scenario, options: argparse.Namespace
 ) -> None:
-    """Say how long it takes, what bounds it and how dangerous it is, and write the file that is asked for."""
+    """Show duration, what bounds the speed, and danger; draw and write what the options ask for."""
     danger = None
     if any(obstacle.weight > 0 for obstacle in scenario.scene):
         danger = trajectory.danger(result.danger_field().moving)
     if options.json != STANDARD_OUTPUT and options.trajectory != STANDARD_OUTPUT:
-        output_console().print(told(trajectory))
+        output_console().print(describe_timing(trajectory))
         if danger is not None:
-            output_console().print(told_danger(danger))
+            output_console().print(describe_danger(danger))
     if options.timed_plot:
         plots.plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
     if options.trajectory:
@@ -221,7 +219,7 @@ def show_timed(
 
 
 def _saved(trajectory: Trajectory, result: PlanResult, rate: float) -> dict[str, Any]:
-    """Return the trajectory in the shape of JointTrajectory, with what `safe-ompl view` needs besides."""
+    """Return the trajectory in the form of a JointTrajectory, and what `safe-ompl view` needs."""
     assert result.robot is not None
     assert result.scene is not None
     motion = TimedMotion.of(
@@ -230,8 +228,8 @@ def _saved(trajectory: Trajectory, result: PlanResult, rate: float) -> dict[str,
     return marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
 
 
-def told(trajectory: Trajectory) -> str:
-    """Return one line: how long it takes, and what bounds its speed for what share of the time."""
+def describe_timing(trajectory: Trajectory) -> str:
+    """Return one line: the duration, and for what share of it each limit bounds the speed."""
     spans = (trajectory.law.times[1:] - trajectory.law.times[:-1]).tolist()
     shares: dict[str, float] = {}
     for name, span in zip(trajectory.binding(), spans, strict=True):
@@ -241,8 +239,8 @@ def told(trajectory: Trajectory) -> str:
     return f"timed: {trajectory.duration:.3f} s, bounded by {bounds}"
 
 
-def told_danger(danger: MotionDanger) -> str:
-    """Return one line: how dangerous the robot is in motion."""
+def describe_danger(danger: MotionDanger) -> str:
+    """Return one line: the danger of the robot in motion."""
     return (
         f"danger in motion: mean {danger.mean:.3f}, peak {danger.peak:.3f}, proven to stay below "
         f"{danger.proven_peak:.3f}"

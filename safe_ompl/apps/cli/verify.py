@@ -49,13 +49,14 @@ def add_command(commands: Any) -> None:
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
-    """Read the certificate and what it must be about, and return the job."""
+    """Read the certificate and the scenario, and return the job."""
     content = _read_certificate(options.file)
     if options.scenario is None:
         for name in _OF_SCENARIOS:
             if getattr(options, name):
                 raise InputError(
-                    "says what is to be verified: give the scenario, too", f"--{name.replace('_', '-')}"
+                    "is for verification against a scenario: give the scenario, too",
+                    f"--{name.replace('_', '-')}",
                 )
         urdf = None if options.urdf is None else Path(options.urdf)
         return Verify(options.file, content, urdf=urdf, package_dirs=tuple(map(Path, options.package_dir)))
@@ -94,7 +95,7 @@ class Verify:
     package_dirs: tuple[Path, ...] = ()
 
     def __call__(self) -> int:
-        """Check, and say what holds, what is not claimed, or what does not hold."""
+        """Check the certificate, and print what holds and what is not claimed, or what fails."""
         try:
             with document.within(self.file, ": "):
                 found = self._verified()

@@ -62,7 +62,7 @@ def add_command(commands: Any) -> None:
         type=names,
         default=_PLANNERS,
         metavar="A,B,…",
-        help=f"who plans a scenario (default: {','.join(_PLANNERS)}); none: it is shown as it starts",
+        help=f"planners for a scenario (default: {','.join(_PLANNERS)}); none: show its start only",
     )
     add_run_options(parser, usual_time="the scenario's")
     add_package_dirs(parser)
@@ -115,7 +115,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def check_page(file: str | None) -> None:
-    """Raise InputError if a page cannot be written to a file, if one is asked for."""
+    """Raise InputError if a page is to be written to a file and cannot be."""
     if file is None:
         return
     _check_viewer()
@@ -138,7 +138,7 @@ class Show:
     options: argparse.Namespace
 
     def __call__(self) -> int:
-        """Write what is asked for, or serve the view until Ctrl-C."""
+        """Write the files that the options name, or else serve the view until Ctrl-C."""
         content, options = self.content(), self.options
         if options.animation is not None:
             with error_console().status("drawing"):
