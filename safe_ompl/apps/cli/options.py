@@ -289,49 +289,37 @@ def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = ()) -> Scena
 # ------------------------------------------------------------------------------------------------- values
 
 
-def seconds(text: str) -> float:
-    """Read a time limit [s]."""
-    return _number(float, text, lambda value: 0 < value < math.inf, "a positive number of seconds")
+def _reader(
+    kind: Callable[[str], _Number], fits: Callable[[_Number], bool], what: str
+) -> Callable[[str], _Number]:
+    """Return a function that reads a number from text; `what` says in errors which numbers fit."""
+
+    def read(text: str) -> _Number:
+        try:
+            value = kind(text)
+            if fits(value):
+                return value
+        except ValueError:
+            pass
+        raise argparse.ArgumentTypeError(f"must be {what}, not {text!r}")
+
+    return read
 
 
-def count(text: str) -> int:
-    """Read how many."""
-    return _number(int, text, lambda value: value >= 1, "a whole number of at least 1")
-
-
-def random_seed(text: str) -> int:
-    """Read a seed."""
-    return _number(int, text, lambda value: 0 <= value < 2**32, "a whole number in [0, 2**32)")
-
-
-def limit(text: str) -> float:
-    """Read a limit."""
-    return _number(float, text, lambda value: 0 < value < math.inf, "a positive number")
-
-
-def finite(text: str) -> float:
-    """Read a finite number."""
-    return _number(float, text, math.isfinite, "a finite number")
-
-
-def noise(text: str) -> float:
-    """Read how large errors are, 0 for none."""
-    return _number(float, text, lambda value: 0 <= value < math.inf, "a finite number >= 0")
-
-
-def share(text: str) -> float:
-    """Read a share."""
-    return _number(float, text, lambda value: 0 <= value <= 1, "a share in [0, 1]")
-
-
-def port(text: str) -> int:
-    """Read the port of a server."""
-    return _number(int, text, lambda value: 1 <= value < 2**16, "a port in [1, 65535]")
+seconds = _reader(float, lambda value: 0 < value < math.inf, "a positive number of seconds")
+limit = _reader(float, lambda value: 0 < value < math.inf, "a positive number")
+finite = _reader(float, math.isfinite, "a finite number")
+noise = _reader(float, lambda value: 0 <= value < math.inf, "a finite number >= 0")
+share = _reader(float, lambda value: 0 <= value <= 1, "a share in [0, 1]")
+count = _reader(int, lambda value: value >= 1, "a whole number of at least 1")
+random_seed = _reader(int, lambda value: 0 <= value < 2**32, "a whole number in [0, 2**32)")
+port = _reader(int, lambda value: 1 <= value < 2**16, "a port in [1, 65535]")
+_angle = _reader(float, lambda value: 0 < value <= 180, "an angle in (0, 180] degrees")
 
 
 def degrees(text: str) -> float:
     """Read an angle in degrees; return it in radians."""
-    return math.radians(_number(float, text, lambda value: 0 < value <= 180, "an angle in (0, 180] degrees"))
+    return math.radians(_angle(text))
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -369,7 +357,7 @@ def parameter(text: str) -> tuple[str, Any]:
 def joint_value(text: str) -> tuple[str, float]:
     """Read ``joint=value`` [rad or m]."""
     name, value = _assignment(text, "joint=value")
-    return name, _number(float, value, math.isfinite, f"a finite number for joint {name!r}")
+    return name, _reader(float, math.isfinite, f"a finite number for joint {name!r}")(value)
 
 
 def speeds(text: str) -> dict[str, float]:
@@ -379,9 +367,8 @@ def speeds(text: str) -> dict[str, float]:
         name, value = _assignment(part, "NAME=SPEED[,NAME=SPEED…]")
         if name in found:
             raise argparse.ArgumentTypeError(f"{name!r} is given twice")
-        found[name] = _number(
-            float, value, lambda speed: 0 <= speed < math.inf, f"a speed >= 0 [m/s] for {name!r}"
-        )
+        what = f"a speed >= 0 [m/s] for {name!r}"
+        found[name] = _reader(float, lambda speed: 0 <= speed < math.inf, what)(value)
     return found
 
 
@@ -390,13 +377,3 @@ def _assignment(text: str, form: str) -> tuple[str, str]:
     if not (name and equals and value):
         raise argparse.ArgumentTypeError(f"must have the form {form}, not {text!r}")
     return name, value
-
-
-def _number(kind: Callable[[str], _Number], text: str, fits: Callable[[_Number], bool], what: str) -> _Number:
-    try:
-        value = kind(text)
-        if fits(value):
-            return value
-    except ValueError:
-        pass
-    raise argparse.ArgumentTypeError(f"must be {what}, not {text!r}")
