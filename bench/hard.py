@@ -27,7 +27,7 @@ from ompl import base as ob
 from ompl import util as ou
 
 from safe_ompl import SafeSetup
-from safe_ompl.apps.cli.values import names
+from safe_ompl.apps.cli.options import names
 from safe_ompl.collision.motion import CertifiedMotion
 
 PAIRS = {

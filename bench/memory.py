@@ -16,7 +16,7 @@ import numpy as np
 from ompl import util as ou
 
 from safe_ompl import CollisionFreeValidity, SafeSetup
-from safe_ompl.apps.benchmark.runs import resident_megabytes
+from safe_ompl.apps.benchmark.measures import resident_megabytes
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.planners.registry import planner_names
 from safe_ompl.scene.scenario import Scenario, find_scenario

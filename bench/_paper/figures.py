@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from _paper.evidence import Evidence
-from safe_ompl.apps.cli.pictures import draw_comparison
+from safe_ompl.apps.cli.compare import draw_comparison
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.scene.scenario import Scenario, find_scenario

@@ -14,8 +14,8 @@ from _paper.dependence import Point, plot_dependence, write_page
 from _paper.store import Store
 from _paper.studies import Pair
 from safe_ompl.apps.benchmark.campaign import Campaign
-from safe_ompl.apps.benchmark.workers import do_tasks
-from safe_ompl.apps.cli.console import error_console, progress_bar
+from safe_ompl.apps.benchmark.runs import do_tasks
+from safe_ompl.apps.cli.output import error_console, progress_bar
 from safe_ompl.common.arrays import FloatArray
 from safe_ompl.common.errors import SafeOmplError
 from safe_ompl.paths.measures import PROFILE_POINTS, Curve

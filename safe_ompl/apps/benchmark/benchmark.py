@@ -18,9 +18,8 @@ from ompl import tools as ot
 from ompl import util as ou
 
 from safe_ompl.apps.benchmark.log import Experiment, PlannerRuns, save_database
-from safe_ompl.apps.benchmark.measures import Value
-from safe_ompl.apps.benchmark.runs import Entry, Events, Measured, MeasuredRuns, Run, RunLimits
-from safe_ompl.apps.benchmark.workers import checked_processes, do_tasks, on_cluster
+from safe_ompl.apps.benchmark.measures import Entry, Events, Measured, MeasuredRuns, RunLimits, Value
+from safe_ompl.apps.benchmark.runs import Run, do_tasks, rounds
 from safe_ompl.common import InputError
 from safe_ompl.planning import SafeSetup
 
@@ -28,10 +27,10 @@ from safe_ompl.planning import SafeSetup
 class Benchmark:
     """Runs planners many times on one problem, and writes OMPL's log; called like `ot.Benchmark`.
 
-    OMPL's own loses what planners in Python know (graphs, settings, progress), aborts when a callback raises, and
-    leaves its log handler broken. This one does the runs itself. It measures what OMPL measures, under the same
-    names, and of a `SafeSetup` danger, clearance, proof and all counts besides. An exception makes its run a crash,
-    with the words in the column `error`; Ctrl-C ends the benchmark and keeps the runs done so far.
+    `ot.Benchmark` does not record graphs, settings and progress of planners in Python, aborts when a callback raises,
+    and leaves a broken log handler behind. This class does the runs itself. It measures what OMPL measures, under the
+    same names; for a `SafeSetup` also danger, clearance, proof and all counts. A run that raises an exception is a
+    crash, with the message in the column `error`. Ctrl-C ends the benchmark and keeps the runs done so far.
 
     Parameters
     ----------
@@ -89,7 +88,7 @@ class Benchmark:
         self._entries.append(Entry(name, source))
 
     def clearPlanners(self) -> None:
-        """Forget all planners."""
+        """Remove all planners."""
         self._entries.clear()
 
     def addExperimentParameter(self, name: str, type: str, value: str) -> None:
@@ -113,17 +112,17 @@ class Benchmark:
         return self._experiment.name
 
     def setPlannerSwitchEvent(self, event: Callable[[Any], None]) -> None:
-        """Set what is called with every planner before its first run, in this process."""
+        """Set a function that gets every planner before its first run, in this process."""
         self._switch = event
 
     def setPreRunEvent(self, event: Callable[[Any], None]) -> None:
-        """Set what is called with the planner before every run."""
+        """Set a function that gets the planner before every run."""
         self._events.before = event
 
     def setPostRunEvent(self, event: Callable[[Any, dict[str, Any]], None]) -> None:
-        """Set what is called with the planner and the measurements after every run; it may change and add some.
+        """Set a function that gets planner and measurements after every run, and may change and add measurements.
 
-        Names are words (`run["joint effort"] = 2.5`); OMPL's form (`run["joint effort REAL"] = "2.5"`) will do.
+        Names are words (`run["joint effort"] = 2.5`); OMPL's form (`run["joint effort REAL"] = "2.5"`) works, too.
         """
         self._events.after = event
 
@@ -142,30 +141,28 @@ class Benchmark:
             Seed of the first run of each planner; the next ones count up. Planners that are made anew for every run
             (by name or allocator) do the same in any process.
         processes : int, optional
-            How many runs go on at the same time; times are cleanest with 1. By default one for each processor, or 1
-            where events are to be called, which may want to change things here.
+            How many runs go on at the same time; times are most accurate with 1. By default one for each processor,
+            or 1 if events are set, since these may change objects of this process.
         client : distributed.Client or str, optional
             A cluster of dask.distributed, or its address, to do the runs on (`pip install safe-ompl[cluster]`).
 
         Raises
         ------
         InputError
-            No planner, a number of runs or processes below 1, or what a cluster cannot do.
+            No planner, a number of runs or processes below 1, or a problem or planner that cannot be pickled.
         """
         request = request or ot.Request()
-        if not self._entries:
-            raise InputError("a benchmark needs at least one planner")
         if request.runCount < 1:
             raise InputError(f"runCount must be at least 1, got {request.runCount!r}")
+        tasks = rounds([entry.name for entry in self._entries], request.runCount, seed)
         if processes is None:
             processes = 1 if self._events else _processors()
-        processes = checked_processes(processes)
         if client is not None:
             self._check_portable()
-        tasks = [Run(entry.name, seed + k) for k in range(request.runCount) for entry in self._entries]
         limits = RunLimits(request.maxTime, request.maxMem, request.timeBetweenUpdates, request.simplify)
         setup = self._setup if client is None else self._given
         job = MeasuredRuns(setup, {entry.name: entry for entry in self._entries}, limits, self._events)
+        runs = do_tasks(job, tasks, processes, client)
         if self._switch is not None:
             for entry in self._entries:
                 self._switch(entry.planner(self._setup))
@@ -174,10 +171,6 @@ class Benchmark:
         self._status.running = True
         try:
             with _console_output(request.saveConsoleOutput, self._experiment.name):
-                if client is not None:
-                    runs = on_cluster(job.built, job.crash, tasks, client)
-                else:
-                    runs = do_tasks(job, tasks, processes)
                 for run, measured in runs:
                     found[run] = measured
                     self._report(request.displayProgress, run, len(found) / len(tasks))
@@ -206,7 +199,7 @@ class Benchmark:
             if isinstance(entry.source, ob.Planner):
                 raise InputError(
                     f"on a cluster planner {entry.name!r} must be given by name or by addPlannerAllocator: "
-                    "OMPL's objects do not travel"
+                    "OMPL's objects cannot be pickled"
                 )
 
     def _report(self, display: bool, run: Run, share: float) -> None:
@@ -225,7 +218,7 @@ class Benchmark:
     # ----------------------------------------------------------------------------------------- the results
 
     def getStatus(self) -> SimpleNamespace:
-        """Return how far the benchmark is: running, activePlanner, activeRun, progressPercentage."""
+        """Return the state of the benchmark: running, activePlanner, activeRun, progressPercentage."""
         return self._status
 
     def getRecordedExperimentData(self) -> Experiment:
@@ -259,7 +252,7 @@ def _collect(planner: str, tasks: list[Run], found: Mapping[Run, Measured]) -> P
 
 @contextmanager
 def _console_output(save: bool, name: str) -> Iterator[None]:
-    """Send OMPL's messages to a file, or nowhere, and let them come as before afterwards, whatever happened."""
+    """Send OMPL's messages to a file, or nowhere, and restore the handler afterwards."""
     handler = ou.getOutputHandler()
     file = ou.OutputHandlerFile(_file_name(name, "console")) if save else None
     if file is None:

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.apps.benchmark.measures import SUMMARISED, summarised_measures
-from safe_ompl.apps.benchmark.runs import Run
-from safe_ompl.apps.benchmark.workers import checked_processes, do_tasks
-from safe_ompl.common import FloatArray, InputError, PlanningError
+from safe_ompl.apps.benchmark.runs import Run, do_tasks, rounds
+from safe_ompl.common import FloatArray, PlanningError
 from safe_ompl.common import documents as document
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import is_ours, make_planner, needs_place, planner_names
@@ -27,7 +26,7 @@ BAND = (15, 85)  # [%]; the percentiles that the paper shows
 class Campaign:
     """Several planners, each with the same seeds, on one scenario.
 
-    The planners take turns, so that what else the machine does meets all of them alike.
+    The planners take turns, so that other work of the machine affects all of them alike.
 
     Parameters
     ----------
@@ -44,7 +43,7 @@ class Campaign:
     simplify : bool or float
         Whether paths are simplified, and for how long [s]; see `SafeSetup.plan`.
     done : collection of Run
-        Runs to leave out: a campaign that was interrupted goes on where it stopped.
+        Runs to leave out, as those that an interrupted campaign has done.
 
     Raises
     ------
@@ -61,21 +60,13 @@ class Campaign:
     done: Collection[Run] = frozenset()
 
     def __post_init__(self) -> None:
-        if not self.planners:
-            raise InputError("a campaign needs at least one planner")
-        for name in self.planners:
-            if list(self.planners).count(name) > 1:
-                raise InputError(f"planner {name!r} is named twice")
-        if isinstance(self.runs, bool) or not isinstance(self.runs, int) or self.runs < 1:
-            raise InputError(f"runs must be a whole number of at least 1, got {self.runs!r}")
+        self._todo()
 
     def __len__(self) -> int:
-        return sum(len(self.round(k)) for k in range(self.runs))
+        return len(self._todo())
 
-    def round(self, k: int) -> list[Run]:
-        """Return the runs with the k-th seed that are to be done, one for each planner."""
-        runs = (Run(planner, self.seed + k) for planner in self.planners)
-        return [run for run in runs if run not in self.done]
+    def _todo(self) -> list[Run]:
+        return rounds(self.planners, self.runs, self.seed, self.done)
 
     def check(self, setup: SafeSetup) -> None:
         """Raise InputError if a planner, or a parameter that the scenario gives it, does not exist."""
@@ -90,17 +81,16 @@ class Campaign:
         setup : SafeSetup, optional
             What to plan with, already holding the scenario's start and goal; built by default.
         processes : int
-            How many runs go on at the same time. Times are cleanest with one.
+            How many runs go on at the same time; times are most accurate with one.
 
         Raises
         ------
         InputError
             If the scenario cannot be planned, or a planner or parameter does not exist.
         """
-        processes = checked_processes(processes)
         setup = setup or setup_scenario(self.scenario)
         self.check(setup)
-        runs = [run for k in range(self.runs) for run in self.round(k)]
+        runs = self._todo()
         return _in_order(runs, do_tasks(CampaignRuns(self, setup), runs, processes))
 
     def result(self, run: Run, setup: SafeSetup) -> PlanResult:
@@ -133,7 +123,7 @@ class CampaignRuns:
         return self.campaign.result(task, self.setup)
 
     def crash(self, task: Run, words: str) -> PlanResult:
-        """Return the result of a run that its process did not survive: not solved."""
+        """Return the result of a run whose process died: not solved."""
         _log.warning("%s, seed %d: %s", task.planner, task.seed, words)
         return failure(f"Error: {words}", task.planner, task.seed, self.setup.robot.joint_names)
 
@@ -148,7 +138,7 @@ def _in_order(runs: Sequence[Run], done: Iterator[tuple[Run, PlanResult]]) -> It
 
 
 def default_planners(scenario: Scenario) -> tuple[str, ...]:
-    """Return the planners that a comparison looks at: OMPL's RRT-Connect, and all of ours that fit the goal."""
+    """Return the default planners of a comparison: OMPL's RRT-Connect, and all of ours that fit the goal."""
     has_place = scenario.goal.is_place
     ours = (name for name in planner_names() if is_ours(name) and (has_place or not needs_place(name)))
     return ("RRTConnect", *ours)
@@ -162,7 +152,7 @@ def check_named_planner(scenario: Scenario, planner: str, setup: SafeSetup) -> N
 
 
 def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) -> PlanResult:
-    """Return the result of a run that came to nothing."""
+    """Return the result of a run without a path."""
     return PlanResult(status, None, None, planner, seed, joint_names, planning_time=0.0)
 
 
@@ -178,7 +168,7 @@ class Summary:
     planner : str
         Name of the planner.
     runs, solved : int
-        How many there were, and how many found a path.
+        Number of runs, and of those that found a path.
     metrics : mapping of str to ndarray, shape (S,)
         For each metric its values over the S solved runs: planning_time, simplification_time [s], length [rad],
         danger_mean, danger_max, danger_avoidable, clearance_min [m], clearance_mean [m], length_below_50mm [rad],

@@ -1,285 +1,240 @@
-"""Runs of a benchmark: planners, limits, events, and the measuring of one run."""
+"""The run engine: which planner runs with which seed, in this process, in others of this machine, or on a cluster."""
 
 from __future__ import annotations
 
-import re
-import resource
-import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from math import isfinite
-from pathlib import Path
-from time import perf_counter
-from typing import Any, NamedTuple
+import logging
+import multiprocessing
+import pickle
+import signal
+from collections.abc import Collection, Iterator, Sequence
+from functools import lru_cache
+from logging.handlers import QueueHandler
+from multiprocessing.connection import Connection, wait
+from typing import Any, NamedTuple, Protocol, TypeVar
 
-import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
 from ompl import util as ou
 
-from safe_ompl.apps.benchmark.measures import Value, safety_measures, work_measures
-from safe_ompl.common import InputError
-from safe_ompl.planning import SafeSetup
-from safe_ompl.planning.planners import SafePlanner, check_usable, make_planner
+from safe_ompl.common import InputError, pass_on
 
-_OMPL_PROPERTY = re.compile(r"(.*) (REAL|INTEGER|BOOLEAN|TEXT)")
-_OMPL_TYPES: Mapping[str, Callable[[str], Value]] = {
-    "REAL": float,
-    "INTEGER": int,
-    "BOOLEAN": lambda text: bool(int(text)),
-    "TEXT": str,
-}
+ATTEMPTS = 2  # of a task whose process does not survive it
+
+TaskT = TypeVar("TaskT")
+Outcome = TypeVar("Outcome")
+_Task = TypeVar("_Task", contravariant=True)
+_Outcome = TypeVar("_Outcome", covariant=True)
 
 
 class Run(NamedTuple):
-    """One run of a benchmark: the planner's name in it, and the seed."""
+    """One run of a comparison: the name of the planner, and the seed."""
 
     planner: str
     seed: int
 
 
-@dataclass
-class RunLimits:
-    """Limits of a run in time and memory, and whether its path is simplified; as in `ot.Request`.
+def rounds(
+    planners: Sequence[str], number: int, seed: int = 0, done: Collection[Run] = frozenset()
+) -> list[Run]:
+    """Return the runs of a comparison in their order: the planners take turns, once with each seed.
 
-    Attributes
+    Parameters
     ----------
-    time, memory : float
-        [s], [MB]
-    interval : float
-        Between two samples of the progress [s].
-    simplify : bool
-        Whether paths are simplified.
+    planners : sequence of str
+        Names of the planners, all different.
+    number : int
+        Runs of each planner.
+    seed : int
+        The first seed; the next ones count up.
+    done : collection of Run
+        Runs to leave out.
+
+    Raises
+    ------
+    InputError
+        No planner, one named twice, or a number of runs below 1.
     """
-
-    time: float
-    memory: float
-    interval: float
-    simplify: bool
-
-
-@dataclass
-class Events:
-    """Functions of the user, called before and after each run as in `ot.Benchmark`; `after` may change measurements."""
-
-    before: Callable[[Any], None] | None = None
-    after: Callable[[Any, dict[str, Any]], None] | None = None
-
-    def __bool__(self) -> bool:
-        return self.before is not None or self.after is not None
+    if not planners:
+        raise InputError("at least one planner is needed")
+    for name in planners:
+        if list(planners).count(name) > 1:
+            raise InputError(f"planner {name!r} is named twice")
+    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+        raise InputError(f"runs must be a whole number of at least 1, got {number!r}")
+    runs = (Run(planner, seed + k) for k in range(number) for planner in planners)
+    return [run for run in runs if run not in done]
 
 
-@dataclass
-class Measured:
-    """The measurements of one run.
+class Job(Protocol[_Task, _Outcome]):
+    """Work that consists of many independent tasks, each with an outcome."""
 
-    Attributes
+    def run(self, task: _Task) -> _Outcome:
+        """Do one task."""
+
+    def crash(self, task: _Task, words: str) -> _Outcome:
+        """Return the outcome of a task whose process died; `words` say how."""
+
+
+def do_tasks(
+    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], processes: int = 1, client: Any = None
+) -> Iterator[tuple[TaskT, Outcome]]:
+    """Do tasks, and yield each with its outcome as they come.
+
+    Parameters
     ----------
-    properties : dict of str to value
-        As in `PlannerRuns`.
-    settings : mapping of str to value
-        Parameters of the planner.
-    progress_names : tuple of str
-        What was recorded while planning.
-    progress : list of tuple
-        Samples (time [s], values …).
+    job : Job
+        What to do. A cluster gets a pickled copy for each of its workers.
+    tasks : sequence
+        What to do it with.
+    processes : int
+        How many tasks go on at the same time: one in this process, more in forked ones.
+    client : distributed.Client or str, optional
+        The cluster that does the tasks instead, or the address of its scheduler.
+
+    Raises
+    ------
+    InputError
+        A number of processes below 1.
     """
-
-    properties: dict[str, Value]
-    settings: Mapping[str, Value] = field(default_factory=dict)
-    progress_names: tuple[str, ...] = ()
-    progress: Sequence[tuple[float, ...]] = ()
-
-
-@dataclass
-class Entry:
-    """A planner of a benchmark: its name, and how it is made or the planner itself."""
-
-    name: str
-    source: Any
-
-    def planner(self, setup: Any) -> Any:
-        """Return a planner on the space of `setup`."""
-        si = setup.getSpaceInformation()
-        if isinstance(self.source, str):
-            return make_planner(self.source, si)
-        planner = self.source if isinstance(self.source, ob.Planner) else self.source(si)
-        check_usable(planner)
-        return planner
+    if isinstance(processes, bool) or not isinstance(processes, int) or processes < 1:
+        raise InputError(f"processes must be a whole number of at least 1, got {processes!r}")
+    if client is not None:
+        return _on_cluster(job, tasks, client)
+    if processes == 1:
+        return ((task, job.run(task)) for task in tasks)
+    return in_processes(job, tasks, min(processes, len(tasks)))
 
 
-@dataclass
-class MeasuredRuns:
-    """The job of a benchmark: its runs, each with what was measured of it.
+def in_processes(
+    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], number: int
+) -> Iterator[tuple[TaskT, Outcome]]:
+    """Do tasks in processes that are forked: jobs of any kind are there without being pickled.
 
-    Attributes
-    ----------
-    setup : og.SimpleSetup or callable
-        The problem; a function that builds it where the problem itself cannot travel, see `built`.
-    entries : mapping of str to Entry
-        The planners by their names.
-    limits : RunLimits
-        Of each run.
-    events : Events
-        What is called before and after each run.
+    A task whose process dies is done again in a new one; if that dies, too, the task is a crash; all others finish.
+    An exception that a task raises is raised here, and ends all tasks. Log records of the processes are logged here.
     """
+    context = multiprocessing.get_context("fork")
+    left = [(task, 1) for task in reversed(tasks)]
+    working: dict[Connection, tuple[Any, TaskT, int]] = {}
 
-    setup: Any
-    entries: Mapping[str, Entry]
-    limits: RunLimits
-    events: Events
+    def start() -> None:
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_work, args=(job, theirs, [*working, ours]), daemon=True)
+        process.start()
+        theirs.close()
+        give(ours, process)
 
-    def built(self) -> MeasuredRuns:
-        """Return the same job with the problem built."""
-        return replace(self, setup=self.setup())
+    def give(pipe: Connection, process: Any) -> None:
+        task, attempt = left.pop()
+        working[pipe] = process, task, attempt
+        pipe.send(task)
 
-    def run(self, task: Run) -> Measured:
-        """Do one run. An exception that planner or callbacks raise makes it a crash, with what was said."""
-        try:
-            return _measure(self.setup, self.entries[task.planner], task.seed, self.limits, self.events)
-        except Exception as error:
-            return self.crash(task, f"{type(error).__name__}: {error}")
-
-    def crash(self, task: Run, words: str) -> Measured:
-        """Return the outcome of a run that an error ended."""
-        return Measured({"status": "Crash", "solved": False, "seed": task.seed, "error": words})
-
-
-def _measure(setup: Any, entry: Entry, seed: int, limits: RunLimits, events: Events) -> Measured:
-    planner = _prepared_planner(setup, entry, seed)
-    if events.before:
-        events.before(planner)
-    counts = setup.counts.copy() if isinstance(setup, SafeSetup) else None
-    progress = _ProgressWatch(planner, limits)
-    before = resident_megabytes()
-    status = setup.solve(ob.PlannerTerminationCondition(progress.is_over))
-    properties: dict[str, Any] = {
-        "time": perf_counter() - progress.begin,
-        "memory": max(0.0, resident_megabytes() - before),
-        "status": status.asString(),
-        "solved": setup.haveExactSolutionPath(),
-        "approximate solution": setup.haveSolutionPath() and not setup.haveExactSolutionPath(),
-        "seed": seed,
-    }
-    if counts is not None:
-        properties |= work_measures(setup.counts - counts)
-    properties |= _graph_size(planner)
-    if setup.haveSolutionPath():
-        properties |= _solution(setup, "solution")
-        if limits.simplify:
-            begin = perf_counter()
-            setup.simplifySolution()
-            properties["simplification time"] = perf_counter() - begin
-            properties |= _solution(setup, "simplified solution")
-        if isinstance(setup, SafeSetup):
-            properties |= safety_measures(setup.report(setup.solution()))
-    if events.after:
-        events.after(planner, properties)
-        properties = dict(_typed(name, value) for name, value in properties.items())
-    return Measured(properties, planner_settings(planner), progress.names, progress.samples)
-
-
-def _prepared_planner(setup: Any, entry: Entry, seed: int) -> Any:
-    """Return the planner, with the problem ready for it."""
-    space = setup.getSpaceInformation()
-    if not space.isSetup():
-        space.setup()  # draws random numbers, so it goes before the seed
-    ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"; planners made later follow it
-    planner = entry.planner(setup)
-    if isinstance(setup, SafeSetup):
-        return setup.prepare(planner, seed)[0]
-    if isinstance(planner, SafePlanner):
-        planner.setSeed(seed)
-    setup.clear()
-    setup.setPlanner(planner)
-    setup.setup()
-    return planner
-
-
-class _ProgressWatch:
-    """The termination condition of a run, which also samples the planner's progress whenever it is asked."""
-
-    def __init__(self, planner: Any, limits: RunLimits) -> None:
-        self.names = tuple(
-            name
-            for name, getter in (("best cost", "bestCost"), ("iterations", "numIterations"))
-            if hasattr(planner, getter)
-        )
-        self.samples: list[tuple[float, ...]] = []
-        self._planner, self._limits = planner, limits
-        self.begin = perf_counter()
-        self._next = self.begin + limits.interval
-
-    def is_over(self) -> bool:
-        now = perf_counter()
-        if now >= self._next:
-            self._next = now + self._limits.interval
-            if self.names:
-                self._look(now - self.begin)
-            if resident_megabytes() > self._limits.memory:
-                return True
-        return now - self.begin >= self._limits.time
-
-    def _look(self, time: float) -> None:
-        cost = self._planner.bestCost().value() if "best cost" in self.names else None
-        if cost is not None and not isfinite(cost):
-            return
-        count = float(self._planner.numIterations()) if "iterations" in self.names else None
-        self.samples.append((time, *(value for value in (cost, count) if value is not None)))
-
-
-def _graph_size(planner: Any) -> dict[str, Value]:
-    """Return the numbers of vertices and edges. Of BITstar, whose graph leaks when it is read, only its samples."""
-    if isinstance(planner, SafePlanner):
-        graph = planner.plannerGraph()
-        return {"graph states": len(graph.configurations), "graph motions": len(graph.edges)}
-    if isinstance(planner, og.BITstar):
-        return {"graph states": int(planner.numBatches() * planner.getSamplesPerBatch())}
-    data = ob.PlannerData(planner.getSpaceInformation())
-    planner.getPlannerData(data)
-    return {"graph states": int(data.numVertices()), "graph motions": int(data.numEdges())}
-
-
-def _solution(setup: Any, name: str) -> dict[str, Value]:
-    path = setup.getSolutionPath()
-    return {
-        f"{name} length": float(path.length()),
-        f"{name} segments": int(path.getStateCount()) - 1,
-        f"{name} smoothness": float(path.smoothness()),
-        f"{name} clearance": float(path.clearance()),
-        f"correct {name}" if name == "solution" else "simplified correct solution": bool(path.check()),
-    }
-
-
-def planner_settings(planner: Any) -> dict[str, Value]:
-    """Return the parameters of a planner: what has a setter and a getter, by the name that `make_planner` takes."""
-    kind = type(planner)
-    found: dict[str, Value] = {}
-    for setter in (name for name in dir(kind) if re.match(r"set[A-Z]", name)):
-        getter = getattr(planner, "g" + setter[1:], None)
-        if getter is None or setter in ("setName", "setProblemDefinition", "setSeed"):
-            continue
-        value = getter()
-        if isinstance(value, (bool, int, float, str, np.number)):
-            found[re.sub(r"(?<=[a-z])(?=[A-Z])", "_", setter[3:]).lower()] = value  # type: ignore[assignment]
-    return found
-
-
-def _typed(name: str, value: Any) -> tuple[str, Value]:
-    """Accept OMPL's form of a property too, where the type follows the name and the value is text."""
-    match = _OMPL_PROPERTY.fullmatch(name)
-    if match is None:
-        return name, value
     try:
-        return match[1], _OMPL_TYPES[match[2]](value)
-    except ValueError:
-        raise InputError(f"property {match[1]!r}: {value!r} is not of type {match[2]}") from None
+        while left or working:
+            while left and len(working) < number:
+                start()
+            for pipe in wait(list(working)):
+                assert isinstance(pipe, Connection)
+                process, task, attempt = working[pipe]
+                try:
+                    message = pipe.recv()
+                except (EOFError, ConnectionResetError):
+                    del working[pipe]
+                    process.join()
+                    if attempt < ATTEMPTS:
+                        left.append((task, attempt + 1))
+                        continue
+                    outcome = job.crash(task, f"the process ended with exit code {process.exitcode}")
+                else:
+                    if isinstance(message, logging.LogRecord):
+                        pass_on(message)
+                        continue
+                    if isinstance(message, _Raised):
+                        raise message.error
+                    del working[pipe]
+                    outcome = message
+                yield task, outcome
+                if left and process.is_alive():
+                    give(pipe, process)
+                else:
+                    pipe.close()
+    finally:
+        for process, _, _ in working.values():
+            process.terminate()
+        for process, _, _ in working.values():
+            process.join()
 
 
-def resident_megabytes() -> float:
-    """Return the memory that this process occupies [MB]; where that is not known, the most that it did so far."""
-    pages = Path("/proc/self/statm")
-    if pages.exists():
-        return int(pages.read_text().split()[1]) * resource.getpagesize() / 2**20
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+class _Raised:
+    """An exception that a worker sends to the process that started it."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+
+class _LogPipe(QueueHandler):
+    """Sends log records through a pipe: handlers of the parent may hold locks that a fork copies and nobody frees."""
+
+    def __init__(self, pipe: Connection) -> None:
+        super().__init__(pipe)  # type: ignore[arg-type]
+        self._pipe = pipe
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        """Send a record."""
+        self._pipe.send(record)
+
+
+def _work(job: Job[Any, Any], pipe: Connection, others: Sequence[Connection]) -> None:
+    """Do the tasks that come through a pipe until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    logger = logging.getLogger("safe_ompl")
+    logger.handlers, logger.propagate = [_LogPipe(pipe)], False
+    for other in others:  # inherited ends would keep the others from noticing that the parent has gone
+        other.close()
+    while True:
+        try:
+            task = pipe.recv()
+        except EOFError:
+            return
+        try:
+            message = job.run(task)
+        except Exception as error:
+            message = _Raised(error)
+        pipe.send(message)
+
+
+def _on_cluster(
+    job: Job[TaskT, Outcome], tasks: Sequence[TaskT], client: Any
+) -> Iterator[tuple[TaskT, Outcome]]:
+    """Do tasks on a cluster of dask.distributed.
+
+    Its scheduler repeats the runs of a lost worker on another one, and lets workers join and leave; dask-jobqueue and
+    dask-kubernetes start workers on most clusters. The backend of joblib gives up all runs when one worker dies.
+    """
+    import cloudpickle
+    from distributed import Client, KilledWorker, as_completed
+
+    own = Client(client) if isinstance(client, str) else None
+    try:
+        blob: bytes = cloudpickle.dumps(job)
+        futures = {(own or client).submit(_run_from, blob, task, pure=False): task for task in tasks}
+        for future in as_completed(list(futures)):
+            error = future.exception()
+            if error is None:
+                yield futures[future], future.result()
+            elif isinstance(error, KilledWorker):
+                yield futures[future], job.crash(futures[future], f"the run ended its workers: {error}")
+            else:
+                raise error
+    finally:
+        if own is not None:
+            own.close()
+
+
+def _run_from(blob: bytes, task: Any) -> Any:
+    return _job_from(blob).run(task)
+
+
+@lru_cache(maxsize=1)  # a worker keeps the job with the problem that it builds, for all runs
+def _job_from(blob: bytes) -> Job[Any, Any]:
+    ou.noOutputHandler()
+    job: Job[Any, Any] = pickle.loads(blob)
+    return job

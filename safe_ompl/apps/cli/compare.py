@@ -10,30 +10,44 @@ from pathlib import Path
 from typing import Any
 
 from safe_ompl.apps.benchmark import Campaign, Summary, default_planners, summarize
-from safe_ompl.apps.cli.arguments import add_package_dirs, add_run_options, load_scenario
-from safe_ompl.apps.cli.console import error_console, output_console, progress_bar
-from safe_ompl.apps.cli.files import make_folder, opened
-from safe_ompl.apps.cli.pictures import draw_comparison, how_to_get_pictures
+from safe_ompl.apps.cli.options import (
+    add_package_dirs,
+    add_parser,
+    add_run_options,
+    add_scenario,
+    count,
+    load_scenario,
+    names,
+)
+from safe_ompl.apps.cli.output import (
+    error_console,
+    make_folder,
+    missing_extra,
+    output_console,
+    progress_bar,
+    write_json,
+)
 from safe_ompl.apps.cli.plan import record
 from safe_ompl.apps.cli.tables import comparison_table, durations_table
-from safe_ompl.apps.cli.values import count, names
-from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.trajectories import CELLS, duration_of
+from safe_ompl.view import drawn_path, plots, render_comparison
 
 _RUNS = 10
 
 
 def add_command(commands: Any) -> None:
     """Add `compare` to the commands."""
-    parser = commands.add_parser(
+    parser = add_parser(
+        commands,
         "compare",
-        help="compare planners: table, report.json and pictures",
-        description="Run several planners with several seeds each, and compare them: a table, report.json, "
+        prepare,
+        "compare planners: table, report.json and pictures",
+        "Run several planners with several seeds each, and compare them: a table, report.json, "
         "and pictures of danger, times, and the robot along each planner's typical path. Paths are simplified; "
         "the table, the report and the picture of the paths say what they were before.",
     )
-    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
+    add_scenario(parser)
     parser.add_argument(
         "--planners",
         type=names,
@@ -48,7 +62,7 @@ def add_command(commands: Any) -> None:
         "--no-simplify",
         dest="simplify",
         action="store_false",
-        help="compare the paths as they are planned; by default they are simplified, and the table has both",
+        help="compare the paths as they are planned, without simplification",
     )
     parser.add_argument(
         "--processes",
@@ -63,10 +77,9 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--timed",
         action="store_true",
-        help="compare, too, how long the paths take within the scenario's limits and beside its people",
+        help="also compare the durations of the paths, within the limits and beside the people of the scenario",
     )
     add_package_dirs(parser)
-    parser.set_defaults(prepare=prepare)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -77,7 +90,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     setup = setup_scenario(scenario)
     campaign.check(setup)
     if options.timed:
-        setup.timer  # noqa: B018  # whatever it lacks is said now
+        setup.timer  # noqa: B018  # raises now if limits are missing
     folder = options.out or Path(f"compare-{scenario.name}")
     make_folder(folder, "--out")
     return Compare(campaign, setup, options.processes, folder, options.timed)
@@ -154,12 +167,11 @@ class Compare:
         }
         for run, duration in zip(report["runs"], durations or (), strict=False):
             run["duration"] = duration if duration is not None and math.isfinite(duration) else None
-        with opened(str(self.folder / "report.json")) as stream:
-            print(json_line(report), file=stream)
+        write_json(str(self.folder / "report.json"), report)
 
     def _draw(self, summaries: Sequence[Summary]) -> None:
         console = error_console()
-        advice = how_to_get_pictures()
+        advice = missing_extra("plots")
         if advice:
             console.print(f"safe-ompl: no pictures: {advice}")
         else:
@@ -169,3 +181,20 @@ class Compare:
         console.print(
             f"see them move: safe-ompl view {self.campaign.scenario.file or self.campaign.scenario.name}"
         )
+
+
+def draw_comparison(setup: SafeSetup, summaries: Sequence[Summary], folder: Path) -> None:
+    """Draw what a campaign found: danger profiles and bands, times, and the robot along the typical paths."""
+    profiles = {summary.planner: summary.profiles for summary in summaries}
+    plots.plot_profiles(profiles, folder / "profiles.png")
+    plots.plot_bands(profiles, folder / "bands.png")
+    plots.plot_times({s.planner: s.metrics["planning_time"] for s in summaries}, folder / "times.png")
+    plots.plot_clearance_danger(
+        {s.planner: s.metrics["clearance_min"] for s in summaries},
+        {s.planner: s.metrics["danger_mean"] for s in summaries},
+        folder / "clearances.png",
+    )
+    # Without accents: planners beside each other choose their colours together.
+    typical = {s.planner: replace(drawn_path(s.typical), accent=None) for s in summaries if s.typical}
+    if typical:
+        render_comparison(setup.robot, setup.scene, typical, folder / "paths.png")

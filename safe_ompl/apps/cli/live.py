@@ -10,15 +10,25 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.apps.cli.arguments import add_package_dirs, add_run_options, load_scenario
-from safe_ompl.apps.cli.console import error_console, output_console, progress_bar
-from safe_ompl.apps.cli.files import make_folder
 from safe_ompl.apps.cli.live_actors import CLIP, Actors, choose_actors, clearance_of_movers, limits_of_still
-from safe_ompl.apps.cli.values import count, finite, limit, noise, seconds, share
+from safe_ompl.apps.cli.options import (
+    add_package_dirs,
+    add_parser,
+    add_run_options,
+    add_scenario,
+    count,
+    finite,
+    limit,
+    load_scenario,
+    noise,
+    run_options,
+    seconds,
+    share,
+)
+from safe_ompl.apps.cli.output import error_console, make_folder, output_console, progress_bar, write_json
 from safe_ompl.apps.cli.view import check_page
 from safe_ompl.common import FloatArray
 from safe_ompl.geometry import Pose
-from safe_ompl.io import strict_json as json_line
 from safe_ompl.io import ticks_header, write_ticks
 from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation import Faults, Simulation, Summary
@@ -32,67 +42,78 @@ _PLANNER = "SafeRRTConnect"
 
 def add_command(commands: Any) -> None:
     """Add `live` to the commands."""
-    parser = commands.add_parser(
+    parser = add_parser(
+        commands,
         "live",
-        help="drive a robot beside people and things that move, in simulated time",
-        description="Plan from start to goal and back, and drive there again and again beside a recorded person, or "
+        prepare,
+        "drive a robot beside people and things that move, in simulated time",
+        "Plan from start to goal and back, and drive there again and again beside a recorded person, or "
         "beside people and things that move at random. Every motion is proven at every tick, including its stop. A "
         "monitor looks for contacts.",
     )
-    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
+    add_scenario(parser)
     parser.add_argument(
         "--people",
         metavar="FILE|random[:N]",
-        help="recordings of key points (.npz), or so many people who walk about at random",
+        help="a file of recorded key points (.npz), or the number of people who walk at random",
     )
-    parser.add_argument("--clip", metavar="NAME", help=f"which one of the recordings; default: {CLIP}")
+    parser.add_argument("--clip", metavar="NAME", help=f"name of the recording in the file; default: {CLIP}")
     parser.add_argument(
         "--place",
         type=_place,
         metavar="X,Y,Z,YAW",
-        help="where the recording's origin, or the first person who walks about, is in the world [m, rad]; default: "
-        "where the scenario's first person stands",
+        help="where the origin of the recording, or the first person who walks, is in the world [m, rad]; default: "
+        "where the first person of the scenario stands",
     )
     parser.add_argument(
-        "--movers", type=count, default=0, metavar="N", help="so many balls of 0.1 m that fly about the robot"
+        "--movers",
+        type=count,
+        default=0,
+        metavar="N",
+        help="number of balls of 0.1 m that fly around the robot",
     )
     parser.add_argument(
         "--mover-speed",
         type=limit,
         default=0.5,
         metavar="V",
-        help="none of them is faster [m/s]; default: %(default)g",
+        help="largest speed of these balls [m/s]; default: %(default)g",
     )
     parser.add_argument(
-        "--seconds", type=seconds, default=60.0, metavar="S", help="how long; default: %(default)g"
+        "--seconds", type=seconds, default=60.0, metavar="S", help="simulated time; default: %(default)g"
     )
-    parser.add_argument("--out", metavar="DIR", required=True, help="where ticks.jsonl and summary.json go")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder for ticks.jsonl and summary.json")
     parser.add_argument(
-        "--html", metavar="FILE", help="write also a page that plays it, offline, in any browser (.html)"
+        "--html",
+        metavar="FILE",
+        help="also write a page that plays the simulation in any browser, offline (.html)",
     )
     parser.add_argument(
-        "--tick", type=seconds, default=0.05, metavar="S", help="between commands; default: %(default)g"
+        "--tick", type=seconds, default=0.05, metavar="S", help="time between commands; default: %(default)g"
     )
     add_run_options(parser, usual_time="the scenario's")
     add_package_dirs(parser)
     group = parser.add_argument_group("faults")
     group.add_argument(
-        "--noise", type=noise, default=0.0, metavar="M", help="errors of key points [m], promised"
+        "--noise",
+        type=noise,
+        default=0.0,
+        metavar="M",
+        help="largest error of key points, which the tracker knows [m]",
     )
     group.add_argument(
-        "--drops", type=share, default=0.0, metavar="SHARE", help="of the frames that are lost"
+        "--drops", type=share, default=0.0, metavar="SHARE", help="share of the frames that are lost"
     )
     group.add_argument(
-        "--late", type=share, default=0.0, metavar="SHARE", help="of the ticks without an answer"
+        "--late", type=share, default=0.0, metavar="SHARE", help="share of the ticks without an answer"
     )
     group.add_argument(
         "--faster",
         type=limit,
         default=1.0,
         metavar="FACTOR",
-        help="how many times as fast as recorded, or as promised, they move",
+        help="factor of the speeds that are recorded, or that the robot relies on",
     )
-    parser.set_defaults(prepare=prepare)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -130,7 +151,7 @@ class Live:
     options: argparse.Namespace
 
     def __call__(self) -> int:
-        """Plan, simulate, and write what happened."""
+        """Plan, simulate, and write ticks and summary."""
         options, folder = self.options, Path(self.options.out)
         ways = self._trajectories()
         if ways is None:
@@ -140,7 +161,7 @@ class Live:
         ticks = _with_progress(simulation, options.seconds, options.tick)
         write_ticks(folder / "ticks.jsonl", self._header(simulation), ticks)
         summary = simulation.summary
-        (folder / "summary.json").write_text(json_line(summary.as_dict()) + "\n", encoding="utf-8")
+        write_json(str(folder / "summary.json"), summary.as_dict())
         output_console().print(describe(summary))
         error_console().print(f"ticks and summary in {folder}")
         if options.html is None:
@@ -157,13 +178,7 @@ class Live:
 
     def _trajectories(self) -> list[Trajectory] | None:
         scenario = self.scenario
-        result = self.setup.plan(
-            _PLANNER,
-            time=self.options.time or scenario.time,
-            seed=self.options.seed,
-            parameters=scenario.planners.get(_PLANNER, {}),
-            simplify=self.options.simplify,
-        )
+        result = self.setup.plan(_PLANNER, **run_options(self.options, scenario, _PLANNER))
         if result.path is None:
             error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
             return None

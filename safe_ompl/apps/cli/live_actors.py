@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 RANDOM = "random"
 CLIP = "clip_0"
 _BALL = 0.05  # [m] radius
-_AROUND, _BASE = 1.5, 0.25  # [m] radii of the balls about the robot's base that they stay in, and out of
+_AROUND, _BASE = 1.5, 0.25  # [m] largest and least distance of the balls from the robot's base
 _APART = 0.3  # [m] between them and the robot at first
 _TRIES = 1000
 
@@ -167,7 +167,7 @@ def _instead_of(pose: Pose, recording: Recording, body: TrackedBody) -> Pose:
 def _walkers(
     scenario: Scenario, robot: Robot, people: People, count: int, options: argparse.Namespace
 ) -> dict[str, Walker]:
-    """Return people who walk about: in place of the scenario's people, the others at random places around the robot."""
+    """Return people who walk: the first ones replace those of the scenario, the others start at random places."""
     persons = _persons(scenario)
     poses = [options.place] if options.place is not None else [person.pose for person in persons]
     if not poses:
@@ -199,7 +199,7 @@ def _walkers(
 
 
 def _add_balls(found: Actors, robot: Robot, start: FloatArray, options: argparse.Namespace) -> None:
-    """Add balls that fly about the robot, none of them near it at first."""
+    """Add balls that fly around the robot and start away from it."""
     rng, base = np.random.default_rng([options.seed, 1]), _base(robot, start)
     monitor = ContactMonitor(robot)
     for _ in range(options.movers):
@@ -211,7 +211,7 @@ def _add_balls(found: Actors, robot: Robot, start: FloatArray, options: argparse
             if _BASE < far < _AROUND and monitor.nearest(start, [solid]).distance > _APART:
                 break
         else:
-            raise InputError(f"there is no room for {options.movers} things about the robot", "--movers")
+            raise InputError(f"there is no room for {options.movers} balls around the robot", "--movers")
         way = rng.normal(size=3)
         speed = options.mover_speed * rng.uniform(0.2, 1.0)
         velocity = options.faster * speed * way / np.linalg.norm(way)
@@ -253,7 +253,7 @@ def limits_of_still(scenario: Scenario, found: Actors) -> Scenario:
     )
     if scenario.limits.max_danger and found.people:
         _log.warning(
-            "limits.max_danger is kept to what stands still; people who move are kept away from by distance"
+            "limits.max_danger counts obstacles that stand still only; the robot keeps a distance from people who move"
         )
     if scenario.people is not None and scenario.people.contact:
         _log.warning(
@@ -261,7 +261,7 @@ def limits_of_still(scenario: Scenario, found: Actors) -> Scenario:
         )
     if scenario.motion.max_danger is not None:
         _log.warning(
-            "motion.max_danger, of the robot's own speed, is not kept in `live`: distances from what moves are"
+            "motion.max_danger is not kept in `live`; the robot keeps distances from all that moves instead"
         )
     return replace(scenario, scene=still, people=None, limits=limits)
 

@@ -9,12 +9,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from safe_ompl.apps.benchmark import failure
-from safe_ompl.apps.cli.arguments import add_planner_options, add_robot_options, given_parameters, given_robot
-from safe_ompl.apps.cli.console import error_console, progress_bar
-from safe_ompl.apps.cli.files import STANDARD_OUTPUT, check_writable, opened
+from safe_ompl.apps.cli.options import (
+    add_parser,
+    add_planner_options,
+    add_robot_options,
+    given_parameters,
+    given_robot,
+    names,
+    positions,
+)
+from safe_ompl.apps.cli.output import STANDARD_OUTPUT, check_writable, error_console, opened, progress_bar
 from safe_ompl.apps.cli.plan import record
 from safe_ompl.apps.cli.tables import families_table
-from safe_ompl.apps.cli.values import names, positions
 from safe_ompl.common import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_problem
@@ -28,10 +34,12 @@ USUAL_TIME = 5.0  # [s]
 
 def add_command(commands: Any) -> None:
     """Add `mbm` to the commands."""
-    parser = commands.add_parser(
+    parser = add_parser(
+        commands,
         "mbm",
-        help="run a MotionBenchMaker file, one JSON line per problem",
-        description="Run the problems of a MotionBenchMaker file (JSON form), one JSON line per problem. "
+        prepare,
+        "run a MotionBenchMaker file, one JSON line per problem",
+        "Run the problems of a MotionBenchMaker file (JSON form), one JSON line per problem. "
         f"Every obstacle is dangerous, with weight 1; {WHERE_FROM}.",
     )
     parser.add_argument("file", metavar="FILE", help="the problems")
@@ -46,7 +54,6 @@ def add_command(commands: Any) -> None:
     add_planner_options(parser, usual_time=f"{USUAL_TIME:g}")
     parser.add_argument("--json", default=STANDARD_OUTPUT, metavar="FILE", help="default: standard output")
     add_robot_options(parser, instead_of="the file's")
-    parser.set_defaults(prepare=prepare)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -71,7 +78,7 @@ class Mbm:
     options: argparse.Namespace
 
     def __call__(self) -> int:
-        """Solve the problems and write a line for each; then show a table by family."""
+        """Solve the problems, write a line for each, and show a table by family."""
         to_terminal = self.options.json == STANDARD_OUTPUT and sys.stdout.isatty()
         console = error_console()
         results: dict[str, list[PlanResult]] = {}

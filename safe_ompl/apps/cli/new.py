@@ -1,4 +1,4 @@
-"""`safe-ompl new`: a first scenario for a robot of one's own."""
+"""`safe-ompl new` and `safe-ompl srdf`: a first scenario, and the SRDF that is missing, for a robot of one's own."""
 
 from __future__ import annotations
 
@@ -15,16 +15,29 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from safe_ompl.apps.cli.arguments import add_urdf_options, given_robot
-from safe_ompl.apps.cli.console import error_console
-from safe_ompl.apps.cli.files import check_writable
+from safe_ompl.apps.cli.options import (
+    add_collision_option,
+    add_package_dirs,
+    add_parser,
+    add_urdf_options,
+    count,
+    given_robot,
+)
+from safe_ompl.apps.cli.output import STANDARD_OUTPUT, check_writable, error_console, opened
 from safe_ompl.collision import CollisionChecker
 from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.planning import SafeSetup
 from safe_ompl.robot import Mimic, Robot, RobotSpec, arm_joints, default_tip, finger_joints, has_range
-from safe_ompl.robot.loading import SrdfFile, UrdfFile, joints_without_range, resting_value
+from safe_ompl.robot.loading import (
+    SrdfFile,
+    UrdfFile,
+    disabled_links,
+    joints_without_range,
+    resting_value,
+    srdf_text,
+)
 from safe_ompl.scene import Scene
 
 _SAMPLES, _SEED = 2000, 0
@@ -37,12 +50,14 @@ _SHARE = 0.1  # of the samples at least that are on either side of straight ahea
 _WAIST = 0.55  # share of their height that is below the middle of the robot's reach
 
 
-def add_command(commands: Any) -> None:
-    """Add `new` to the commands."""
-    parser = commands.add_parser(
+def add_commands(commands: Any) -> None:
+    """Add `new` and `srdf` to the commands."""
+    parser = add_parser(
+        commands,
         "new",
-        help="write a first scenario for your own robot",
-        description="Write a scenario to begin with: your robot, a person just beyond its reach, a start and a goal on "
+        _prepare_new,
+        "write a first scenario for your own robot",
+        "Write a scenario to begin with: your robot, a person just beyond its reach, a start and a goal on "
         "either side of the person, both free of collision. One arm moves: that of the first end effector or group of "
         "the SRDF, or else the one with the most joints; all other joints are held. Then edit the scenario.",
     )
@@ -51,10 +66,33 @@ def add_command(commands: Any) -> None:
         "-o", "--output", metavar="FILE", required=True, help="where the scenario goes (.yaml)"
     )
     add_urdf_options(parser)
-    parser.set_defaults(prepare=prepare)
+    parser = add_parser(
+        commands,
+        "srdf",
+        _prepare_srdf,
+        "write an SRDF for a URDF",
+        "Write an SRDF that disables the collisions of adjacent links and of links that touch in more "
+        "than 95 % of sampled configurations. Links that merely were never seen in contact stay enabled.",
+    )
+    parser.add_argument("urdf", metavar="URDF", help="the robot's URDF")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", default=STANDARD_OUTPUT, help="default: standard output"
+    )
+    parser.add_argument(
+        "--samples", type=count, default=1000, metavar="N", help="configurations (default: %(default)s)"
+    )
+    add_package_dirs(parser)
+    add_collision_option(parser)
 
 
-def prepare(options: argparse.Namespace) -> Callable[[], int]:
+def _prepare_srdf(options: argparse.Namespace) -> Callable[[], int]:
+    """Read the URDF, and return the job."""
+    urdf = UrdfFile(options.urdf, options.package_dir)
+    check_writable(options.output, "--output")
+    return WriteSrdf(urdf, options.output, options.samples, options.collision or "required")
+
+
+def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
     """Read the robot, choose its arm, and return the job."""
     if Path(options.output).suffix.lower() not in (".yaml", ".yml"):
         raise InputError(f"{options.output!r} must end in .yaml", "--output")
@@ -277,3 +315,27 @@ def _touching(checker: CollisionChecker, samples: FloatArray) -> list[str]:
 def _by_joint(robot: Robot, q: FloatArray) -> str:
     values = dict(zip(robot.joint_names, np.round(q, 2).tolist(), strict=True))
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=True, width=np.inf).strip()
+
+
+@dataclass(frozen=True)
+class WriteSrdf:
+    """The job of `safe-ompl srdf`."""
+
+    urdf: UrdfFile
+    output: str
+    samples: int
+    collision: str
+
+    def __call__(self) -> int:
+        """Sample, write, and say what was found."""
+        pairs = disabled_links(self.urdf, self.samples, self.collision)
+        text = srdf_text(self.urdf.build_model().name, pairs, self.samples)
+        with opened(self.output) as stream:
+            stream.write(text)
+        reasons = [pair.reason for pair in pairs]
+        error_console().print(
+            f"safe-ompl: {self.samples} samples: {reasons.count('Always')} pairs of links always touch, "
+            f"{reasons.count('Adjacent')} are adjacent",
+            markup=False,
+        )
+        return 0

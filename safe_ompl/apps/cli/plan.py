@@ -1,4 +1,4 @@
-"""`safe-ompl plan`: one path for one scenario."""
+"""`safe-ompl plan`: one path for one scenario, on request as a trajectory in time."""
 
 from __future__ import annotations
 
@@ -10,51 +10,55 @@ from time import perf_counter
 from typing import Any
 
 from safe_ompl.apps.benchmark import check_named_planner
-from safe_ompl.apps.cli.arguments import (
+from safe_ompl.apps.cli.options import (
     add_limit_options,
+    add_parser,
     add_planner_options,
     add_robot_options,
-    given_parameters,
-    given_robot,
+    add_scenario,
+    limit,
     load_scenario,
+    run_options,
+    scenario_robot,
+    seconds,
     with_limits,
 )
-from safe_ompl.apps.cli.console import error_console, output_console
-from safe_ompl.apps.cli.files import STANDARD_OUTPUT, check_writable, opened
-from safe_ompl.apps.cli.pictures import check_picture
+from safe_ompl.apps.cli.output import (
+    STANDARD_OUTPUT,
+    check_drawable,
+    check_writable,
+    error_console,
+    output_console,
+    write_json,
+)
 from safe_ompl.apps.cli.tables import plan_table
-from safe_ompl.apps.cli.timed import add_timed_options, rate_limits, show_timed, timed
-from safe_ompl.apps.cli.values import seconds
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError
-from safe_ompl.io import marked, result_to_mapping
-from safe_ompl.io import strict_json as json_line
+from safe_ompl.io import TimedMotion, marked, result_to_mapping
 from safe_ompl.planning import COSTS, PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import make_planner
-from safe_ompl.robot import Robot, RobotSpec
+from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
-from safe_ompl.trajectories import RateLimits
-from safe_ompl.view import draw_plan
+from safe_ompl.trajectories import RATE, MotionDanger, RateLimits, Trajectory
+from safe_ompl.view import draw_plan, plots
 
 
 def add_command(commands: Any) -> None:
     """Add `plan` to the commands."""
-    parser = commands.add_parser(
-        "plan", help="plan one path and report on it", description="Plan one path and report on it."
-    )
-    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
+    parser = add_parser(commands, "plan", prepare, "plan one path and report on it")
+    add_scenario(parser)
     add_planner_options(parser, usual_time="the scenario's")
     parser.add_argument(
         "--optimise",
         type=seconds,
         metavar="SECONDS",
-        help="plan, simplify, start anew and refine for so long; the best path counts",
+        help="plan, simplify, restart and refine for this time, and return the best path",
     )
     parser.add_argument(
         "--cost",
         choices=COSTS,
         default="danger",
-        help="what --simplify and --optimise make less: danger and length, or the duration beside people",
+        help="what --simplify and --optimise reduce: danger and length, or the duration beside people",
     )
     parser.add_argument(
         "--json",
@@ -68,7 +72,6 @@ def add_command(commands: Any) -> None:
     add_timed_options(parser)
     add_limit_options(parser)
     add_robot_options(parser, instead_of="the scenario's")
-    parser.set_defaults(prepare=prepare)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
@@ -76,17 +79,16 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     begin = perf_counter()
     check_writable(options.json, "--json")
     check_writable(options.certificate, "--certificate")
-    check_picture(options.plot, "--plot")
+    check_drawable(options.plot, "--plot")
     _check_distinct(options)
     scenario = with_limits(load_scenario(options.scenario), options)
-    spec = given_robot(options, lambda: scenario.robot)
-    robot = scenario.build_robot() if spec is scenario.robot else spec.build()
+    _, robot = scenario_robot(options, scenario)
     setup = setup_scenario(scenario, robot)
     check_named_planner(scenario, options.planner, setup)
-    parameters = {**scenario.planners.get(options.planner, {}), **given_parameters(options)}
+    parameters = run_options(options, scenario, options.planner)["parameters"]
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
     limits = rate_limits(scenario, robot, options)
-    return Plan(scenario, spec, setup, parameters, options, perf_counter() - begin, limits)
+    return Plan(scenario, setup, options, perf_counter() - begin, limits)
 
 
 def _check_distinct(options: argparse.Namespace) -> None:
@@ -107,31 +109,25 @@ class Plan:
     """The job of `safe-ompl plan`."""
 
     scenario: Scenario
-    robot: RobotSpec
     setup: SafeSetup
-    parameters: dict[str, Any]
     options: argparse.Namespace
     setup_time: float = 0.0
     rate_limits: RateLimits | None = None
 
     def __call__(self) -> int:
-        """Plan, and show the result in all the ways that are asked for."""
+        """Plan, and show and write the result as the options say."""
         options = self.options
         result = self.setup.plan(
             options.planner,
-            time=options.time or self.scenario.time,
-            seed=options.seed,
-            parameters=self.parameters,
-            simplify=options.simplify,
+            **run_options(options, self.scenario, options.planner),
             optimise=options.optimise,
             cost=options.cost,
         )
         result = replace(result, setup_time=self.setup_time + result.setup_time)
         if result.interrupted:
-            error_console().print("safe-ompl: interrupted: the best path so far stands")
+            error_console().print("safe-ompl: interrupted: this is the best path so far")
         if options.json:
-            with opened(options.json) as stream:
-                print(json_line(self._saved(result)), file=stream)
+            write_json(options.json, self._saved(result))
         if options.json != STANDARD_OUTPUT:
             output_console().print(plan_table(self.scenario.name, self.setup.robot.name, result))
         trajectory = None
@@ -141,8 +137,7 @@ class Plan:
             error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
         elif options.certificate:
             proof = certificate_of(result, self.setup, self.scenario, options.certificate, trajectory)
-            with opened(options.certificate) as stream:
-                print(json_line(proof), file=stream)
+            write_json(options.certificate, proof)
         if options.plot and result.path is not None:
             draw_plan(self.setup, result, options.plot)
         if trajectory is not None:
@@ -158,3 +153,95 @@ class Plan:
 def record(scenario: str, robot: Robot, result: PlanResult) -> dict[str, Any]:
     """Return a result in the form of the command line's JSON."""
     return {"scenario": scenario, "robot": robot.name, **result.as_dict()}
+
+
+# ------------------------------------------------------------------------------------------ time
+
+
+def add_timed_options(parser: Any) -> None:
+    """Add --timed, --rate and --trajectory."""
+    group = parser.add_argument_group("time", "the motion in time, with limits and people of the scenario")
+    group.add_argument("--timed", action="store_true", help="time the path within the limits of the joints")
+    group.add_argument(
+        "--rate", type=limit, metavar="HZ", help=f"points per second of the trajectory; default: {RATE:g}"
+    )
+    group.add_argument(
+        "--trajectory",
+        metavar="FILE",
+        help="write the motion in the form of a JointTrajectory (.json), for controllers and `safe-ompl view`; "
+        "implies --timed",
+    )
+    group.add_argument(
+        "--timed-plot",
+        metavar="FILE",
+        help="draw its speed and the limits that bound it, its joints and their limits, and its danger (.png); implies "
+        "--timed",
+    )
+
+
+def rate_limits(scenario: Scenario, robot: Robot, options: argparse.Namespace) -> RateLimits | None:
+    """Check the options, and return the limits of the scenario; None if no trajectory is asked for."""
+    check_writable(options.trajectory, "--trajectory")
+    check_drawable(options.timed_plot, "--timed-plot")
+    if not (options.timed or options.trajectory or options.timed_plot):
+        if options.rate is not None:
+            raise InputError("is for a path in time: give --trajectory FILE, or --timed", "--rate")
+        return None
+    return RateLimits.of(robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk)
+
+
+def timed(result: PlanResult, scenario: Scenario, limits: RateLimits) -> Trajectory:
+    """Return the path in time, within the limits and beside the people of the scenario."""
+    return result.timed(
+        limits,
+        people=scenario.people,
+        tool_speed=scenario.motion.tool_speed,
+        link_speed=scenario.motion.link_speed,
+        max_danger=scenario.motion.max_danger,
+    )
+
+
+def show_timed(
+    trajectory: Trajectory, result: PlanResult, scenario: Scenario, options: argparse.Namespace
+) -> None:
+    """Show duration, what bounds the speed, and danger; draw and write what the options ask for."""
+    danger = None
+    if any(obstacle.weight > 0 for obstacle in scenario.scene):
+        danger = trajectory.danger(result.danger_field().moving)
+    if options.json != STANDARD_OUTPUT and options.trajectory != STANDARD_OUTPUT:
+        output_console().print(describe_timing(trajectory))
+        if danger is not None:
+            output_console().print(describe_danger(danger))
+    if options.timed_plot:
+        plots.plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
+    if options.trajectory:
+        write_json(options.trajectory, _saved(trajectory, result, options.rate or RATE))
+
+
+def _saved(trajectory: Trajectory, result: PlanResult, rate: float) -> dict[str, Any]:
+    """Return the trajectory in the form of a JointTrajectory, and what `safe-ompl view` needs."""
+    assert result.robot is not None
+    assert result.scene is not None
+    motion = TimedMotion.of(
+        trajectory, result.robot, result.scene, rate=rate, danger=result.danger, name=result.planner
+    )
+    return marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
+
+
+def describe_timing(trajectory: Trajectory) -> str:
+    """Return one line: the duration, and for what share of it each limit bounds the speed."""
+    spans = (trajectory.law.times[1:] - trajectory.law.times[:-1]).tolist()
+    shares: dict[str, float] = {}
+    for name, span in zip(trajectory.binding(), spans, strict=True):
+        shares[name or "joint acceleration"] = shares.get(name or "joint acceleration", 0.0) + span
+    shown = sorted(shares.items(), key=lambda item: -item[1])
+    bounds = ", ".join(f"{name} {100 * span / trajectory.duration:.0f} %" for name, span in shown)
+    return f"timed: {trajectory.duration:.3f} s, bounded by {bounds}"
+
+
+def describe_danger(danger: MotionDanger) -> str:
+    """Return one line: the danger of the robot in motion."""
+    return (
+        f"danger in motion: mean {danger.mean:.3f}, peak {danger.peak:.3f}, proven to stay below "
+        f"{danger.proven_peak:.3f}"
+    )

@@ -10,8 +10,8 @@ from typing import NoReturn
 
 import argcomplete
 
-from safe_ompl.apps.cli import compare, completion, doctor, listing, live, mbm, new, plan, srdf, verify, view
-from safe_ompl.apps.cli.console import error_console, ompl_messages, shown_log
+from safe_ompl.apps.cli import compare, info, live, mbm, new, plan, verify, view
+from safe_ompl.apps.cli.output import error_console, ompl_messages, shown_log
 from safe_ompl.common import InputError, SafeOmplError
 from safe_ompl.version import __version__
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return int(job())
     except (SafeOmplError, OSError) as error:
         if isinstance(error, BrokenPipeError):
-            return _no_one_listens()
+            return _broken_pipe()
         console.print(f"safe-ompl: {_one_line(error)}")
         return BAD_INPUT
     except KeyboardInterrupt:
@@ -58,18 +58,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose complaints are errors like all others."""
+    """A parser that raises InputError for bad arguments."""
 
     def error(self, message: str) -> NoReturn:
         raise InputError(message)
 
 
 def command_line() -> argparse.ArgumentParser:
-    """Return the parser; each command leaves its `prepare` in the options.
-
-    `prepare` reads and checks whatever can be refused, and returns the job: a function that does the work and
-    returns the exit status.
-    """
+    """Return the parser; `prepare` of its options is the one of the command, see `add_parser`."""
     parser = _Parser(
         prog="safe-ompl",
         description="Safety-oriented motion planning for robot arms.",
@@ -84,11 +80,8 @@ def command_line() -> argparse.ArgumentParser:
         live.add_command,
         compare.add_command,
         mbm.add_command,
-        new.add_command,
-        srdf.add_command,
-        listing.add_commands,
-        doctor.add_command,
-        completion.add_command,
+        new.add_commands,
+        info.add_commands,
     ):
         add_command(commands)
     for command in commands.choices.values():
@@ -101,7 +94,7 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _no_one_listens() -> int:
-    """Leave quietly, as is usual in a pipe; else Python would complain when it closes standard output."""
+def _broken_pipe() -> int:
+    """End without a message, as programs in a pipe do; Python would else report an error when it closes stdout."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return BROKEN_PIPE

@@ -93,7 +93,7 @@ def comparison_table(
 ) -> Table:
     """Return a table with one row per planner: medians over the solved runs, the best ones marked.
 
-    Where paths were simplified, a second row says what they were before, from the summaries `planned`.
+    If paths were simplified, a second row gives the values before, from the summaries `planned`.
     """
     title = f"{campaign.scenario.name} · {robot} · {campaign.runs} runs each"
     table = plain_table("planner", title=title, gap=1)
@@ -142,7 +142,7 @@ def durations_table(planners: Sequence[str], durations: Sequence[float | None]) 
 
 
 def plan_table(scenario: str, robot: str, result: PlanResult) -> Table:
-    """Return a table that says in words what the JSON of a plan says."""
+    """Return a table of the facts that the JSON of a plan holds."""
     table = plain_table("", "", title=f"{scenario} · {robot} · {result.planner} · seed {result.seed}")
     table.show_header = False
     for key, fact in _facts(result):
@@ -224,5 +224,5 @@ def families_table(results: Mapping[str, Sequence[PlanResult]]) -> Table:
 
 
 def written_number(value: float, digits: int) -> str:
-    """Write a written_number, or a dash where there is none."""
+    """Return a number as text, or a dash if it is not finite."""
     return f"{value:.{digits}f}" if math.isfinite(value) else "–"

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from safe_ompl.apps.cli.arguments import add_robot_options, given_robot, load_scenario
-from safe_ompl.apps.cli.console import error_console, output_console
+from safe_ompl.apps.cli.options import add_parser, add_robot_options, load_scenario, scenario_robot
+from safe_ompl.apps.cli.output import error_console, output_console
 from safe_ompl.certificates import Verified, certificate, terms_of, verify
 from safe_ompl.common import CertificateError, InputError
 from safe_ompl.common import documents as document
@@ -26,10 +26,12 @@ _OF_SCENARIOS = ("robot", "srdf", "tip", "lock", "group", "locked_state", "colli
 
 def add_command(commands: Any) -> None:
     """Add `verify` to the commands."""
-    parser = commands.add_parser(
+    parser = add_parser(
+        commands,
         "verify",
-        help="check the certificate of a path",
-        description="Check a certificate that `plan --certificate` wrote: that intervals cover every edge of the "
+        prepare,
+        "check the certificate of a path",
+        "Check a certificate that `plan --certificate` wrote: that intervals cover every edge of the "
         "path, and, pair by pair, that in each of them nothing can touch. With a scenario everything else comes from "
         "there: robot, scene, people, options of the danger and limits of the motion; what the file says must agree. "
         "Without one robot and scene are the file's own, which the answer says. The exit status is 0 if it holds.",
@@ -44,23 +46,22 @@ def add_command(commands: Any) -> None:
     add_robot_options(
         parser, instead_of="the scenario's (without a scenario: where the carried one's files are)"
     )
-    parser.set_defaults(prepare=prepare)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
-    """Read the certificate and what it must be about, and return the job."""
+    """Read the certificate and the scenario, and return the job."""
     content = _read_certificate(options.file)
     if options.scenario is None:
         for name in _OF_SCENARIOS:
             if getattr(options, name):
                 raise InputError(
-                    "says what is to be verified: give the scenario, too", f"--{name.replace('_', '-')}"
+                    "is for verification against a scenario: give the scenario, too",
+                    f"--{name.replace('_', '-')}",
                 )
         urdf = None if options.urdf is None else Path(options.urdf)
         return Verify(options.file, content, urdf=urdf, package_dirs=tuple(map(Path, options.package_dir)))
     scenario = load_scenario(options.scenario)
-    spec = given_robot(options, lambda: scenario.robot)
-    robot = scenario.build_robot() if spec is scenario.robot else spec.build()
+    spec, robot = scenario_robot(options, scenario)
     other = None if spec is scenario.robot else options.urdf or options.robot or "the options"
     return Verify(options.file, content, robot, scenario, other)
 
@@ -94,7 +95,7 @@ class Verify:
     package_dirs: tuple[Path, ...] = ()
 
     def __call__(self) -> int:
-        """Check, and say what holds, what is not claimed, or what does not hold."""
+        """Check the certificate, and print what holds and what is not claimed, or what fails."""
         try:
             with document.within(self.file, ": "):
                 found = self._verified()

@@ -5,16 +5,21 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from safe_ompl.apps.benchmark import check_named_planner
-from safe_ompl.apps.cli.arguments import add_package_dirs, add_run_options, load_scenario
-from safe_ompl.apps.cli.console import error_console
-from safe_ompl.apps.cli.files import check_writable
-from safe_ompl.apps.cli.pictures import how_to_get_pictures
-from safe_ompl.apps.cli.values import finite, names, port
+from safe_ompl.apps.cli.options import (
+    add_package_dirs,
+    add_parser,
+    add_run_options,
+    finite,
+    load_scenario,
+    names,
+    port,
+    run_options,
+)
+from safe_ompl.apps.cli.output import check_drawable, check_writable, error_console, missing_extra
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
 from safe_ompl.io import FORMAT as CERTIFICATE
@@ -37,10 +42,12 @@ _NONE = ("none",)
 
 def add_command(commands: Any) -> None:
     """Add `view` to the commands."""
-    parser = commands.add_parser(
+    parser = add_parser(
+        commands,
         "view",
-        help="show a scenario, results, trajectories or a certificate in the browser",
-        description="Show robot, scene, people, paths, danger and proofs in the browser. A scenario is planned first; "
+        prepare,
+        "show a scenario, results, trajectories or a certificate in the browser",
+        "Show robot, scene, people, paths, danger and proofs in the browser. A scenario is planned first; "
         "a certificate is shown, not verified.",
     )
     parser.add_argument(
@@ -55,7 +62,7 @@ def add_command(commands: Any) -> None:
         type=names,
         default=_PLANNERS,
         metavar="A,B,…",
-        help=f"who plans a scenario (default: {','.join(_PLANNERS)}); none: it is shown as it starts",
+        help=f"planners for a scenario (default: {','.join(_PLANNERS)}); none: show its start only",
     )
     add_run_options(parser, usual_time="the scenario's")
     add_package_dirs(parser)
@@ -79,12 +86,11 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--no-browser", action="store_true", help="do not open the browser, only say the address"
     )
-    parser.set_defaults(prepare=prepare)
 
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
-    _check_animation(options.animation)
+    check_drawable(options.animation, "--animation", ANIMATION_ENDINGS)
     if options.animation is None:
         _check_viewer()
     check_page(options.html)
@@ -109,7 +115,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 
 def check_page(file: str | None) -> None:
-    """Raise InputError if a page cannot be written to a file, if one is asked for."""
+    """Raise InputError if a page is to be written to a file and cannot be."""
     if file is None:
         return
     _check_viewer()
@@ -119,19 +125,9 @@ def check_page(file: str | None) -> None:
 
 
 def _check_viewer() -> None:
-    if find_spec("viser") is None:
-        raise InputError("viser missing; get the viewer with: pip install 'safe-ompl[viewer]'")
-
-
-def _check_animation(file: str | None) -> None:
-    if file is None:
-        return
-    if Path(file).suffix.lower() not in ANIMATION_ENDINGS:
-        raise InputError(f"{file!r} must end in {' or '.join(ANIMATION_ENDINGS)}", "--animation")
-    advice = how_to_get_pictures()
+    advice = missing_extra("viewer")
     if advice:
-        raise InputError(advice, "--animation")
-    check_writable(file, "--animation")
+        raise InputError(advice)
 
 
 @dataclass(frozen=True)
@@ -142,7 +138,7 @@ class Show:
     options: argparse.Namespace
 
     def __call__(self) -> int:
-        """Write what is asked for, or serve the view until Ctrl-C."""
+        """Write the files that the options name, or else serve the view until Ctrl-C."""
         content, options = self.content(), self.options
         if options.animation is not None:
             with error_console().status("drawing"):
@@ -173,13 +169,7 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
     results = []
     for planner in options.planners:
         check_named_planner(scenario, planner, setup)
-        result = setup.plan(
-            planner,
-            time=options.time or scenario.time,
-            seed=options.seed,
-            parameters=scenario.planners.get(planner, {}),
-            simplify=options.simplify,
-        )
+        result = setup.plan(planner, **run_options(options, scenario, planner))
         if not result:
             error_console().print(f"safe-ompl: {planner} found no path: {result.status}")
         results.append(result)

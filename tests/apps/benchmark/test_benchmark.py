@@ -19,8 +19,8 @@ from ompl import tools as ot
 from ompl import util as ou
 
 from safe_ompl.apps.benchmark.benchmark import Benchmark
-from safe_ompl.apps.benchmark.runs import planner_settings
-from safe_ompl.apps.benchmark.workers import in_processes
+from safe_ompl.apps.benchmark.measures import planner_settings
+from safe_ompl.apps.benchmark.runs import in_processes
 from safe_ompl.common.errors import InputError, warn_once
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect

@@ -63,8 +63,8 @@ def test_a_scenario_says_it_and_options_say_it_instead(call, tmp_path):
         ),
         (["--moving", "person=1,person=2"], "'person' is given twice"),
         (["--moving", "persn=1", "--moving-time", "1"], "--moving: unknown obstacle 'persn'; known: person"),
-        (["--moving", "person=1"], "--moving: give also for how long they move: --moving-time SECONDS"),
-        (["--moving-time", "1"], "--moving-time: says for how long obstacles move"),
+        (["--moving", "person=1"], "--moving: needs how long they move: give --moving-time SECONDS, too"),
+        (["--moving-time", "1"], "--moving-time: needs the obstacles that move: give --moving, too"),
         (["--moving", "person=9", "--moving-time", "9"], "'person' may move 81000 mm, and come to"),
     ],
 )

@@ -162,7 +162,7 @@ def test_a_carried_robot_may_be_built_from_its_files(call, written, tmp_path):
     [
         (["--urdf", "nothing.urdf"], "URDF file 'nothing.urdf' does not exist"),
         (["--package-dir", "nothing"], "package folder 'nothing' does not exist"),
-        (["--tip", "link2"], "--tip: says what is to be verified: give the scenario, too"),
+        (["--tip", "link2"], "--tip: is for verification against a scenario: give the scenario, too"),
         (["nowhere.yaml"], "unknown scenario file or name 'nowhere.yaml'"),
     ],
 )

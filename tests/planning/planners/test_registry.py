@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.apps.cli.values import parameter
+from safe_ompl.apps.cli.options import parameter
 from safe_ompl.common.errors import InputError, UnknownNameError
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.ompl.goals import WorkspaceGoal

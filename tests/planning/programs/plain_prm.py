@@ -6,7 +6,7 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.apps.cli.arguments import load_scenario
+from safe_ompl.apps.cli.options import load_scenario
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.ompl.objective import DangerObjective
 from safe_ompl.planning.ompl.states import StateBridge, joint_space

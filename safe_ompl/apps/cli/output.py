@@ -1,4 +1,4 @@
-"""Consoles, progress bar and log lines of the command line."""
+"""Where the output of commands goes: consoles, log lines and files, which are checked before the work begins."""
 
 from __future__ import annotations
 
@@ -6,13 +6,24 @@ import io
 import logging
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, TextIO
 
 from ompl import util as ou
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from safe_ompl.common import InputError
+from safe_ompl.io import strict_json
+
+STANDARD_OUTPUT = "-"
+EXTRAS = {
+    "plots": ("matplotlib", "pictures"),
+    "viewer": ("viser", "the viewer"),
+}  # module, and what it is for
 _WIDTH = 120  # of tables that go to a file or pipe
 
 
@@ -111,3 +122,68 @@ def ompl_messages(verbose: bool) -> Iterator[None]:
         yield
     finally:
         ou.setLogLevel(level)
+
+
+# -------------------------------------------------------------------------------------------------- files
+
+
+def check_writable(file: str | None, option: str) -> None:
+    """Raise InputError, naming `option`, if a file cannot be written; it is left as it was."""
+    if file is None or file == STANDARD_OUTPUT:
+        return
+    path = Path(file)
+    if path.exists() and not path.is_file() and not path.is_dir():
+        return  # a pipe or a device: opening it would be more than a look
+    is_new = not path.exists()
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise InputError(f"cannot write {file!r} ({error.strerror})", option) from None
+    if is_new:
+        path.unlink()
+
+
+def missing_extra(extra: str) -> str | None:
+    """Return what to install for an extra of the package, or None if it is installed."""
+    module, purpose = EXTRAS[extra]
+    if find_spec(module) is not None:
+        return None
+    return f"{module} missing; get {purpose} with: pip install 'safe-ompl[{extra}]'"
+
+
+def check_drawable(file: str | None, option: str, endings: Sequence[str] = (".png",)) -> None:
+    """Raise InputError, naming `option`, if a picture cannot be drawn or written."""
+    if file is None:
+        return
+    if Path(file).suffix.lower() not in endings:
+        raise InputError(f"{file!r} must end in {' or '.join(endings)}", option)
+    advice = missing_extra("plots")
+    if advice:
+        raise InputError(advice, option)
+    check_writable(file, option)
+
+
+def make_folder(folder: Path, option: str) -> None:
+    """Create a folder, or raise InputError, naming `option`, if that or writing into it is not possible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot create the folder {str(folder)!r} ({error.strerror})", option) from None
+    check_writable(str(folder / "report.json"), option)
+
+
+@contextmanager
+def opened(file: str) -> Iterator[TextIO]:
+    """Open a file to write text to; ``-`` is standard output."""
+    if file == STANDARD_OUTPUT:
+        yield sys.stdout
+        sys.stdout.flush()
+    else:
+        with Path(file).open("w", encoding="utf-8") as stream:
+            yield stream
+
+
+def write_json(file: str, content: Any) -> None:
+    """Write one line of strict JSON to a file, or to standard output for ``-``."""
+    with opened(file) as stream:
+        print(strict_json(content), file=stream)

@@ -1,0 +1,199 @@
+"""What the package offers and needs: `safe-ompl scenarios`, `robots`, `doctor` and `completion`."""
+
+from __future__ import annotations
+
+import platform
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, metadata, requires, version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import argcomplete
+from rich.markup import escape
+from rich.table import Table
+
+from safe_ompl.apps.cli.options import add_parser, load_scenario
+from safe_ompl.apps.cli.output import output_console
+from safe_ompl.apps.cli.tables import plain_table
+from safe_ompl.common import InputError
+from safe_ompl.planning import setup_scenario
+from safe_ompl.robot import frame_index
+from safe_ompl.robot.loading import EXAMPLES, ExampleRobot, UrdfFile, robots_folder
+from safe_ompl.scene import Scenario, list_scenarios
+from safe_ompl.version import __version__
+
+_SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0
+_EXTRAS = ("plots", "viewer", "cluster")
+_SHELLS = ("bash", "zsh", "fish")
+
+
+def add_commands(commands: Any) -> None:
+    """Add `scenarios`, `robots`, `doctor` and `completion` to the commands."""
+    add_parser(commands, "scenarios", lambda _: _printed(scenarios_table), "list the scenarios")
+    add_parser(commands, "robots", lambda _: _printed(robots_table), "list the example robots")
+    add_parser(
+        commands,
+        "doctor",
+        lambda _: examine,
+        "show versions and what is missing, and try a small plan",
+        "Show which versions are installed, and which are missing or do not fit, and plan once. The exit status "
+        "is 1 if something needed is missing or the plan fails.",
+    )
+    parser = add_parser(
+        commands,
+        "completion",
+        lambda options: lambda: _complete(options.shell),
+        "make a shell complete commands and options",
+        'Print what makes a shell complete commands and options: add `eval "$(safe-ompl completion bash)"` '
+        "to ~/.bashrc, the same with zsh to ~/.zshrc, or `safe-ompl completion fish | source` to config.fish.",
+    )
+    parser.add_argument("shell", choices=_SHELLS, help="which shell")
+
+
+def _printed(table: Callable[[], Table]) -> Callable[[], int]:
+    def job() -> int:
+        output_console().print(table())
+        return 0
+
+    return job
+
+
+def _complete(shell: str) -> int:
+    print(argcomplete.shellcode(["safe-ompl"], shell=shell))
+    return 0
+
+
+def scenarios_table() -> Table:
+    """Return the scenarios by name: robot, obstacles, and what happens in them."""
+    table = plain_table("scenario", "robot", "obstacles", "description")
+    for name, file in list_scenarios().items():
+        table.add_row(name, *_scenario_cells(file))
+    return table
+
+
+def _scenario_cells(file: Path) -> tuple[str, str, str]:
+    try:
+        scenario = Scenario.load(file)
+    except InputError as error:
+        return "", "", f"cannot be used: {error}"
+    robot = scenario.robot.example or (scenario.robot.urdf.stem if scenario.robot.urdf else "")
+    return robot, str(len(scenario.scene.obstacles)), " ".join(scenario.description.split())
+
+
+def robots_table() -> Table:
+    """Return the example robots by name: how many joints move, the tip, what is locked, what has no collision shape."""
+    table = plain_table("robot", "joints", "tip", "locked", "not checked")
+    for name, example in sorted(EXAMPLES.items()):
+        locked = ", ".join(f"{joint} = {value:g}" for joint, value in example.locked.items())
+        urdf = UrdfFile(robots_folder() / example.urdf)
+        moving = str(_moving_joints(urdf, example))
+        table.add_row(name, moving, example.tip, locked, ", ".join(_bare_links(urdf)))
+    table.caption = "not checked: links that have visual shapes but no collision shapes"
+    return table
+
+
+def _bare_links(urdf: UrdfFile) -> list[str]:
+    """Return the moving links that have visual shapes only, in the URDF's order."""
+    bare = urdf.links_with_visuals_only()
+    return [frame.name for frame in urdf.build_model().frames if frame.name in bare and frame.parentJoint]
+
+
+def _moving_joints(urdf: UrdfFile, example: ExampleRobot) -> int:
+    """Return how many joints move the tip; the meshes, which take long, are not read."""
+    model = urdf.build_model()
+    chain = model.supports[model.frames[frame_index(model, example.tip)].parentJoint]
+    return sum(model.names[joint] not in example.locked for joint in list(chain)[1:])
+
+
+# ------------------------------------------------------------------------------------------------- doctor
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A package that is required, by an extra or always.
+
+    Attributes
+    ----------
+    name : str
+        As on PyPI.
+    bounds : str
+        Versions that fit, such as ">=2.0,<3".
+    extra : str
+        The extra that requires it; empty if it is always required.
+    """
+
+    name: str
+    bounds: str
+    extra: str
+
+    @property
+    def found(self) -> str | None:
+        """The version that is installed, or None."""
+        try:
+            return version(self.name)
+        except PackageNotFoundError:
+            return None
+
+    @property
+    def fits(self) -> bool:
+        """Whether a version is installed that fits."""
+        found = self.found
+        return found is not None and all(
+            _within(found, bound) for bound in filter(None, self.bounds.split(","))
+        )
+
+
+def examine() -> int:
+    """Show what is installed beside what is supported, and plan once; return 0 if all that is needed works."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_row("safe-ompl", __version__, "")
+    python = metadata("safe-ompl")["Requires-Python"] or ""
+    table.add_row("Python", platform.python_version(), f"{python}, {platform.system()} {platform.machine()}")
+    healthy = True
+    for requirement in requirements():
+        said = requirement.found or "missing"
+        wanted = f"needs {requirement.bounds}" if requirement.bounds else ""
+        advice = f"pip install 'safe-ompl[{requirement.extra}]'" if requirement.extra else ""
+        words = requirement.bounds if requirement.fits else "; ".join(filter(None, [wanted, advice]))
+        table.add_row(requirement.name, said, escape(words))
+        healthy &= requirement.fits or bool(requirement.extra)
+    output_console().print(table)
+    return 0 if _plans() and healthy else 1
+
+
+def requirements() -> Iterator[Requirement]:
+    """Yield the requirements of the installed package and of its extras."""
+    for line in requires("safe-ompl") or ():
+        found = re.match(r"""([\w.-]+)(?:\[.*?\])?\s*([^;]*?)\s*(?:;.*extra == ['"](\w+)['"].*)?$""", line)
+        if found and (found[3] or "") in ("", *_EXTRAS):
+            yield Requirement(found[1], found[2].replace(" ", ""), found[3] or "")
+
+
+def _plans() -> bool:
+    scenario = load_scenario(_SCENARIO)
+    begin = perf_counter()
+    setup = setup_scenario(scenario)
+    built = perf_counter()
+    result = setup.plan(_PLANNER, time=_TIME, seed=0)
+    words = f"{len(result.path)} way points, proven" if result.path is not None else result.status
+    output_console().print(
+        f"{_PLANNER} in {_SCENARIO}: {words}; {1e3 * (built - begin):.0f} ms to set up, "
+        f"{1e3 * result.planning_time:.1f} ms to plan"
+    )
+    return bool(result)
+
+
+def _within(found: str, bound: str) -> bool:
+    """Return whether a version keeps to a bound such as ">=2.0" or "<3"."""
+    sign, wanted = re.match(r"([<>=!~]+)(.*)", bound).groups()  # type: ignore[union-attr]
+    this, that = _numbers(found), _numbers(wanted)
+    length = max(len(this), len(that))
+    this, that = (numbers + (0,) * (length - len(numbers)) for numbers in (this, that))
+    return {">=": this >= that, "<": this < that, "==": this == that, "!=": this != that}.get(sign, True)
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", text))

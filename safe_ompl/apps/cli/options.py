@@ -1,0 +1,379 @@
+"""Options of the commands: what several of them share, and how values are read from text."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import documents as document
+from safe_ompl.planning.planners import planner_names
+from safe_ompl.robot import Robot, RobotSpec
+from safe_ompl.robot.loading import CollisionSource, find_example
+from safe_ompl.scene import MovingObstacles, Scenario, ToolConstraint, find_scenario
+
+_Number = TypeVar("_Number", int, float)
+
+_BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+
+
+def add_parser(
+    commands: Any,
+    name: str,
+    prepare: Callable[[argparse.Namespace], Callable[[], int]],
+    summary: str,
+    description: str | None = None,
+) -> argparse.ArgumentParser:
+    """Add a command, and return its parser.
+
+    Parameters
+    ----------
+    commands : object
+        What `argparse.ArgumentParser.add_subparsers` returns.
+    name : str
+        Name of the command.
+    prepare : callable
+        Reads and checks what the options name, raises all errors of input, and returns the job: a function without
+        arguments that does the work and returns the exit status.
+    summary, description : str
+        What the command does: in the list of commands, and in its own help; by default the same.
+    """
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=summary, description=description or f"{summary[0].upper()}{summary[1:]}."
+    )
+    parser.set_defaults(prepare=prepare)
+    return parser
+
+
+def add_scenario(parser: argparse.ArgumentParser) -> None:
+    """Add the scenario, as the first argument."""
+    parser.add_argument("scenario", metavar="SCENARIO", help="name or YAML file, see `safe-ompl scenarios`")
+
+
+def add_planner_options(parser: argparse.ArgumentParser, usual_time: str) -> None:
+    """Add planner, parameters, time limit, seed and simplification."""
+    parser.add_argument("--planner", default="SafeRRTConnect", metavar="NAME", help="default: %(default)s")
+    parser.add_argument(
+        "--param",
+        action="append",
+        default=[],
+        type=parameter,
+        metavar="KEY=VALUE",
+        help="parameter of the planner, such as alpha=2 (repeatable)",
+    )
+    add_run_options(parser, usual_time)
+
+
+def add_run_options(parser: argparse.ArgumentParser, usual_time: str, *, simplify: bool = False) -> None:
+    """Add time limit, seed and simplification."""
+    parser.add_argument(
+        "--time", type=seconds, metavar="SECONDS", help=f"time limit of a run (default: {usual_time})"
+    )
+    parser.add_argument("--seed", type=random_seed, default=0, metavar="N", help="random seed (default: 0)")
+    parser.add_argument(
+        "--simplify",
+        type=seconds,
+        nargs="?",
+        const=True,
+        default=simplify,
+        metavar="SECONDS",
+        help="make paths shorter and safer; without SECONDS until no step improves them"
+        + (" (this is the default)" if simplify else ""),
+    )
+
+
+def run_options(options: argparse.Namespace, scenario: Scenario, planner: str) -> dict[str, Any]:
+    """Return the arguments of `SafeSetup.plan` for a planner; options take precedence over the scenario."""
+    return {
+        "time": options.time or scenario.time,
+        "seed": options.seed,
+        "parameters": {**scenario.planners.get(planner, {}), **given_parameters(options)},
+        "simplify": options.simplify,
+    }
+
+
+def add_robot_options(parser: argparse.ArgumentParser, instead_of: str) -> None:
+    """Add options for another robot; `instead_of` names the one that is used without them."""
+    group = parser.add_argument_group(f"another robot than {instead_of}")
+    kinds = group.add_mutually_exclusive_group()
+    kinds.add_argument("--robot", metavar="NAME", help="an example robot, see `safe-ompl robots`")
+    kinds.add_argument("--urdf", metavar="FILE", help="a robot's URDF")
+    add_urdf_options(group)
+
+
+def add_urdf_options(parser: argparse._ActionsContainer) -> None:
+    """Add options for what a URDF does not say: SRDF, packages, tip, joints that move, shapes that collide."""
+    parser.add_argument("--srdf", metavar="FILE", help="its SRDF, which says which links may touch")
+    add_package_dirs(parser)
+    parser.add_argument("--tip", metavar="FRAME", help="frame at the end of the arm")
+    parser.add_argument(
+        "--lock",
+        action="append",
+        default=[],
+        type=joint_value,
+        metavar="JOINT=VALUE",
+        help="hold a joint still [rad or m] (repeatable)",
+    )
+    parser.add_argument(
+        "--group", metavar="NAME", help="group of the SRDF whose joints move; the others are held"
+    )
+    parser.add_argument(
+        "--locked-state", metavar="NAME", help="state of the SRDF in which joints are held (default: zero)"
+    )
+    add_collision_option(parser)
+
+
+def add_collision_option(parser: argparse._ActionsContainer) -> None:
+    """Add how links without collision shapes are treated."""
+    parser.add_argument(
+        "--collision",
+        choices=get_args(CollisionSource),
+        help="links without collision shapes: refused if no link has any (required, the default), "
+        "their visual shapes collide (visual), accepted (optional)",
+    )
+
+
+def add_package_dirs(parser: argparse._ActionsContainer) -> None:
+    """Add folders of packages that URDFs name; every command that loads a robot or a saved file has the option."""
+    parser.add_argument(
+        "--package-dir",
+        action="append",
+        default=[],
+        type=_folder,
+        metavar="DIR",
+        help="folder that holds packages which a URDF names (repeatable)",
+    )
+
+
+def _folder(text: str) -> Path:
+    if not Path(text).is_dir():
+        raise argparse.ArgumentTypeError(f"package folder {text!r} does not exist")
+    return Path(text).resolve()
+
+
+def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters of the planner that the options give; a command may lack the option."""
+    return _once("--param", vars(options).get("param", ()))
+
+
+def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> RobotSpec:
+    """Return the robot that the options ask for: another one, or the usual one with another tip or other locks.
+
+    Raises
+    ------
+    InputError
+        If SRDF or package folders come without a URDF, or a file does not exist.
+    """
+    if options.urdf is None and options.srdf:
+        raise InputError("needs --urdf", "--srdf")
+    locked = _once("--lock", options.lock)
+    keys = ("tip", "group", "locked_state", "collision")
+    chosen: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
+    folders = tuple(options.package_dir)
+    with document.within("--", separator=""):
+        if options.urdf is not None:
+            srdf = None if options.srdf is None else Path(options.srdf)
+            return RobotSpec(None, Path(options.urdf), srdf, folders, locked=locked, **chosen)
+        spec = usual() if options.robot is None else RobotSpec(options.robot)
+        if folders:
+            spec = spec.with_package_dirs(folders)
+    if locked:
+        spec = dataclasses.replace(spec, locked={**_usually_locked(spec), **locked})
+    return dataclasses.replace(spec, **chosen) if chosen else spec
+
+
+def scenario_robot(options: argparse.Namespace, scenario: Scenario) -> tuple[RobotSpec, Robot]:
+    """Return the robot that the options ask for instead of the scenario's, or else the scenario's."""
+    spec = given_robot(options, lambda: scenario.robot)
+    return spec, scenario.build_robot() if spec is scenario.robot else spec.build()
+
+
+def _usually_locked(spec: RobotSpec) -> Mapping[str, float]:
+    if spec.locked is None and spec.example is not None:
+        return find_example(spec.example).locked
+    return spec.locked or {}
+
+
+def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise InputError(f"{name!r} is given twice: {found[name]!r} and {value!r}", option)
+        found[name] = value
+    return found
+
+
+def add_limit_options(parser: argparse.ArgumentParser) -> None:
+    """Add the limits that every path must keep."""
+    group = parser.add_argument_group("limits, proven along whole motions")
+    group.add_argument("--max-danger", type=limit, metavar="X", help="largest danger of any configuration")
+    group.add_argument(
+        "--min-clearance",
+        type=limit,
+        metavar="D",
+        help="keep D metres from people and from all obstacles with a danger weight",
+    )
+    group.add_argument(
+        "--keep-upright",
+        type=degrees,
+        metavar="DEG",
+        help="the axis of the tool that points up at the start stays within DEG degrees of upright",
+    )
+    group.add_argument(
+        "--moving",
+        type=speeds,
+        metavar="NAME=SPEED[,…]",
+        help="obstacles that may move, and their largest speeds [m/s]: the path is free however they move",
+    )
+    group.add_argument(
+        "--moving-time",
+        type=limit,
+        metavar="SECONDS",
+        help="how long they may move, from the time of the scene on (default: the scenario's limits.moving.time)",
+    )
+
+
+def with_limits(scenario: Scenario, options: argparse.Namespace) -> Scenario:
+    """Return the scenario; limits that the options give replace its own."""
+    keys = ("max_danger", "min_clearance")
+    given: dict[str, Any] = {key: getattr(options, key) for key in keys if getattr(options, key)}
+    if options.keep_upright:
+        given["tool"] = ToolConstraint(options.keep_upright)
+    if options.moving or options.moving_time:
+        given["moving"] = _moving(scenario, options)
+    return dataclasses.replace(scenario, limits=dataclasses.replace(scenario.limits, **given))
+
+
+def _moving(scenario: Scenario, options: argparse.Namespace) -> MovingObstacles:
+    """Return the obstacles that may move; the scenario gives what the options do not."""
+    own = scenario.limits.moving
+    moving = options.moving or (own and own.speeds)
+    time = options.moving_time or (own and own.time)
+    if not moving:
+        raise InputError("needs the obstacles that move: give --moving, too", "--moving-time")
+    if not time:
+        raise InputError("needs how long they move: give --moving-time SECONDS, too", "--moving")
+    for name in moving:
+        if name not in scenario.scene.names:
+            raise UnknownNameError("obstacle", name, scenario.scene.names, "--moving")
+    return MovingObstacles(moving, time)
+
+
+# ----------------------------------------------------------------------------------------------- scenarios
+
+
+def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = ()) -> Scenario:
+    """Load a scenario; the planners that it gives parameters to must exist, too.
+
+    Parameters
+    ----------
+    name_or_file : str
+        The scenario.
+    package_dirs : sequence of Path
+        Folders of packages, as `add_package_dirs` gives them, for its robot.
+    """
+    scenario = Scenario.load(find_scenario(name_or_file))
+    for planner in scenario.planners:
+        if planner not in planner_names():
+            raise UnknownNameError("planner", planner, planner_names(), f"{scenario.file}: planners")
+    if not package_dirs:
+        return scenario
+    with document.within("--", separator=""):
+        return dataclasses.replace(scenario, robot=scenario.robot.with_package_dirs(package_dirs))
+
+
+# ------------------------------------------------------------------------------------------------- values
+
+
+def _reader(
+    kind: Callable[[str], _Number], fits: Callable[[_Number], bool], what: str
+) -> Callable[[str], _Number]:
+    """Return a function that reads a number from text; `what` says in errors which numbers fit."""
+
+    def read(text: str) -> _Number:
+        try:
+            value = kind(text)
+            if fits(value):
+                return value
+        except ValueError:
+            pass
+        raise argparse.ArgumentTypeError(f"must be {what}, not {text!r}")
+
+    return read
+
+
+seconds = _reader(float, lambda value: 0 < value < math.inf, "a positive number of seconds")
+limit = _reader(float, lambda value: 0 < value < math.inf, "a positive number")
+finite = _reader(float, math.isfinite, "a finite number")
+noise = _reader(float, lambda value: 0 <= value < math.inf, "a finite number >= 0")
+share = _reader(float, lambda value: 0 <= value <= 1, "a share in [0, 1]")
+count = _reader(int, lambda value: value >= 1, "a whole number of at least 1")
+random_seed = _reader(int, lambda value: 0 <= value < 2**32, "a whole number in [0, 2**32)")
+port = _reader(int, lambda value: 1 <= value < 2**16, "a port in [1, 65535]")
+_angle = _reader(float, lambda value: 0 < value <= 180, "an angle in (0, 180] degrees")
+
+
+def degrees(text: str) -> float:
+    """Read an angle in degrees; return it in radians."""
+    return math.radians(_angle(text))
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Read names with commas between them."""
+    found = tuple(name.strip() for name in text.split(","))
+    if not all(found):
+        raise argparse.ArgumentTypeError(f"must be names with commas between them, not {text!r}")
+    return found
+
+
+def positions(text: str) -> slice:
+    """Read a range of positions like Python's: ``0:50``, ``:50``, ``50:``; or one position."""
+    first, colon, last = text.partition(":")
+    try:
+        start = int(first) if first else 0
+        stop = (int(last) if last else None) if colon else start + 1
+    except ValueError:
+        start, stop = -1, None
+    if not text or start < 0 or (stop is not None and stop <= start):
+        raise argparse.ArgumentTypeError(f"must be a range such as 0:50, or a position, not {text!r}")
+    return slice(start, stop)
+
+
+def parameter(text: str) -> tuple[str, Any]:
+    """Read ``name=value`` with a number, true, yes, on, false, no, off, or else text."""
+    name, value = _assignment(text, "name=value")
+    for kind in (int, float):
+        try:
+            return name, kind(value)
+        except ValueError:
+            pass
+    return name, _BOOLEANS.get(value.lower(), value)
+
+
+def joint_value(text: str) -> tuple[str, float]:
+    """Read ``joint=value`` [rad or m]."""
+    name, value = _assignment(text, "joint=value")
+    return name, _reader(float, math.isfinite, f"a finite number for joint {name!r}")(value)
+
+
+def speeds(text: str) -> dict[str, float]:
+    """Read ``name=speed`` [m/s], several with commas between them."""
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, value = _assignment(part, "NAME=SPEED[,NAME=SPEED…]")
+        if name in found:
+            raise argparse.ArgumentTypeError(f"{name!r} is given twice")
+        what = f"a speed >= 0 [m/s] for {name!r}"
+        found[name] = _reader(float, lambda speed: 0 <= speed < math.inf, what)(value)
+    return found
+
+
+def _assignment(text: str, form: str) -> tuple[str, str]:
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise argparse.ArgumentTypeError(f"must have the form {form}, not {text!r}")
+    return name, value
