@@ -16,6 +16,7 @@ from ompl import util as ou
 from safe_ompl.apps.benchmark.campaign import failure
 from safe_ompl.apps.cli import pictures
 from safe_ompl.apps.cli.program import main
+from safe_ompl.certificates.claims import at_most
 from safe_ompl.planning.planners.registry import planner_names
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.view.pictures import results
@@ -254,13 +255,15 @@ def test_interrupt_is_status_130_and_one_line(run: Run, monkeypatch: pytest.Monk
 def test_a_certificate_is_verified(run: Run, folder: Path) -> None:
     assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
     content = strict((folder / "proof.json").read_text())
-    assert content["source"] == {"scenario": "test.yaml", "robot": None}
+    assert content["source"] == {"scenario": "test.yaml"}
     status, out, err = run("verify", "proof.json")
     assert (status, err) == (0, "")
-    assert out.startswith("proof.json: every motion is free: ")
+    assert out.startswith(
+        "proof.json: every motion is free, for the robot and the scene that the file itself carries: "
+    )
     danger = content["danger"]
     kind = f"{danger['aggregate']}, {danger['weighting']}, k1 {danger['k1']:g}, points {danger['spacing']:g} m apart"
-    assert f"danger at most {danger['bound']:.3f} ({kind})" in out
+    assert f"danger at most {at_most(danger['bound'])} ({kind})" in out
     elsewhere = folder / "elsewhere"
     elsewhere.mkdir()
     assert run("plan", "test.yaml", "--urdf", "arm.urdf", "--certificate", "elsewhere/proof.json")[0] == 0
@@ -285,7 +288,7 @@ def test_a_certificate_of_what_has_changed(run: Run, folder: Path) -> None:
     assert (status, out) == (1, "")
     assert err == "safe-ompl: proof.json: the scene has changed since it was written\n"
     (folder / "arm.urdf").write_text(URDF.replace("0.4 0.06 0.06", "0.4 0.06 0.07"))
-    status, _, err = run("verify", "proof.json")
+    status, _, err = run("verify", "proof.json", "test.yaml")
     assert status == 1
     assert "the robot has changed: 'arm'" in err
 
@@ -308,21 +311,21 @@ def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
     status, _, err = run("verify", "proof.json")
     assert status == 1
     assert err.startswith("safe-ompl: proof.json: edge 0: no interval covers 0.000000 to ")
-    (folder / "proof.json").write_text(
-        json.dumps({**content, "source": {"scenario": "test.yaml", "robot": 3}})
-    )
+    (folder / "proof.json").write_text(json.dumps({**content, "source": 3}))
     status, _, err = run("verify", "proof.json")
     assert status == 2
-    assert err == "safe-ompl: proof.json: source.robot: must be a mapping of keys to values, got int 3\n"
+    assert (
+        err == "safe-ompl: proof.json: certificate.source: must be a mapping of keys to values, got int 3\n"
+    )
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("not JSON", ["bad.json: cannot be read as a certificate"]),
+        ("not JSON", ["bad.json: it is not JSON"]),
         ("[]", ["bad.json: this is not a safe-ompl certificate"]),
         ('{"format": "safe-ompl certificate", "version": 9}', ["version 9", "not known"]),
-        ("[" * 100_000, ["bad.json: cannot be read as a certificate"]),
+        ("[" * 100_000, ["bad.json: it is not JSON"]),
     ],
 )
 def test_what_is_no_certificate(run: Run, folder: Path, text: str, words: list[str]) -> None:

@@ -2,11 +2,11 @@
 
 import resource
 
+import numpy as np
 import pytest
 
 from safe_ompl.planning.planners.registry import is_ours, needs_place, planner_names
 from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scene import Scene
 
 OURS = [name for name in planner_names() if is_ours(name)]
 BASELINES = ["TRRT", "BiTRRT", "GradienTRRT"]
@@ -27,10 +27,10 @@ def test_a_goal_behind_a_wall(arm_between_walls, planner):
 
 
 @pytest.mark.parametrize("planner", OURS)
-def test_a_place_out_of_reach(planar2, planner):
-    setup = SafeSetup(planar2, Scene(()), danger=None)
+def test_a_place_behind_a_wall(planar2, arm_between_walls, planner):
+    setup = SafeSetup(planar2, arm_between_walls.scene, danger=None)
     setup.setStartConfiguration([0.0, 0.0])
-    setup.setWorkspaceGoal([50.0, 0.0, 0.0])
+    setup.setWorkspaceGoal(planar2.tip_pose(np.array([3.0, 0.0])).translation)
     before = megabytes()
     result = setup.plan(planner, time=LIMIT)
     assert not result
