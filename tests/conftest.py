@@ -27,6 +27,54 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what ru
 
 DATA = Path(__file__).parent / "data"
 
+END_TO_END = (  # whole programs, and comparisons that take long: folders, files, and beginnings of tests
+    "apps/benchmark/",
+    "apps/cli/",
+    "bench/",
+    "certificates/test_certificate.py::test_another_process",
+    "certificates/test_mutations.py",
+    "certificates/test_trajectory_claim.py",
+    "collision/test_moves.py",
+    "common/test_compiled.py",
+    "docs/",
+    "people/simulation/",
+    "planning/ompl/test_constraints.py::test_quickly_and_in_words",
+    "planning/ompl/test_goals.py::test_nothing_is_left_over_at_exit",
+    "planning/ompl/test_goals.py::test_the_tip_never_leaves_its_reach",
+    "planning/ompl/test_objective.py::test_optimising_planners_stop",
+    "planning/planners/printed/",
+    "planning/planners/test_clearance.py",
+    "planning/planners/test_life_cycle.py::test_in_a_process",
+    "planning/planners/test_rrt_connect.py::test_a_process",
+    "planning/planners/test_unsolvable.py",
+    "planning/test_duration_cost.py",
+    "planning/test_interrupts.py",
+    "planning/test_limits.py",
+    "planning/test_optimise.py",
+    "planning/test_planners_given.py",
+    "planning/test_tool.py",
+    "planning/test_user_checks.py",
+    "robot/loading/test_srdf_writer.py",
+    "robot/test_cache.py",
+    "test_examples.py",
+    "test_notebooks.py",
+    "test_package.py",
+    "test_scripts.py",
+    "trajectories/test_faster.py",
+    "trajectories/test_people_caps.py",
+    "view/browser/",
+    "view/pictures/",
+)
+
+
+def pytest_collection_modifyitems(items):
+    """Mark the tests that only the whole suite runs."""
+    for item in items:
+        place = item.path.relative_to(Path(__file__).parent).as_posix()
+        if f"{place}::{item.name}".startswith(END_TO_END):
+            item.add_marker(pytest.mark.end_to_end)
+
+
 settings.register_profile("reproducible", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("reproducible")
 

@@ -9,11 +9,13 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 import pytest
 
+import safe_ompl
 from safe_ompl.apps.benchmark.campaign import Campaign
 from safe_ompl.apps.cli.program import main
 from safe_ompl.paths.simplify.simplifier import Simplifier
@@ -28,39 +30,46 @@ from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.scene.scenario import Scenario, find_scenario
 
 PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]
+PACKAGE = str(Path(safe_ompl.__file__).parent)
 PROGRAM = Path(__file__).parent / "programs" / "interrupted.py"
 
 
-def looks_until_interrupted(setup: SafeSetup, planner: str, delay: float, ticks: Any) -> int:
-    """Plan until an alarm, handled as Ctrl-C is, and return how often a planner looked at the clock after that."""
+class CtrlC:
+    """Presses Ctrl-C at the k-th call of a function of the package, and notes how often the clock was read before."""
 
-    def interrupt(*_: object) -> None:
-        noticed.append(ticks.looks)
-        raise KeyboardInterrupt
+    def __init__(self, k: int, ticks: Any) -> None:
+        self.left, self.ticks, self.looks = k, ticks, -1
 
-    noticed: list[int] = []
-    signal.signal(signal.SIGALRM, interrupt)
+    def __call__(self, frame: FrameType, event: str, argument: object) -> None:
+        if event == "call" and frame.f_code.co_filename.startswith(PACKAGE):
+            self.left -= 1
+            if self.left == 0:
+                sys.setprofile(None)
+                self.looks = self.ticks.looks
+                signal.raise_signal(signal.SIGINT)
+
+
+def looks_after_ctrl_c(setup: SafeSetup, planner: str, k: int, ticks: Any) -> int:
+    """Plan until Ctrl-C is pressed at the k-th call, and return how often a planner looked at the clock after that."""
     setup.prepare(planner, 0)
+    ctrl_c = CtrlC(k, ticks)
+    sys.setprofile(ctrl_c)
     try:
-        # Again and again: a signal that gets lost must not hang the test.
-        signal.setitimer(signal.ITIMER_REAL, delay, 1.0)
         while True:
             setup.clear()
             assert setup.solve(1e6)
+            assert ctrl_c.left > 0, "Ctrl-C was lost"
     except KeyboardInterrupt:
-        return ticks.looks - noticed[0]
+        return ticks.looks - ctrl_c.looks
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        sys.setprofile(None)
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_ctrl_c_ends_planning_at_once(planner: str, ticks: Any) -> None:
     setup, rng = setup_scenario(Scenario.load(find_scenario("planar3"))), np.random.default_rng(7)
-    setup.plan(
-        planner, time=1.0
-    )  # loads kernels: Numba turns an interrupt while it does so into a SystemError
-    for delay in rng.uniform(0.01, 0.15, 4):
-        assert looks_until_interrupted(setup, planner, delay, ticks) <= 1
+    for k in rng.integers(1, 2000, 4):
+        assert looks_after_ctrl_c(setup, planner, k, ticks) <= 1
         assert not setup.haveSolutionPath() or setup.report(setup.solution()).certified
         result = setup.plan(planner, time=0.1)
         assert not result or result.report.certified

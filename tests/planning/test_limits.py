@@ -284,7 +284,7 @@ def test_limits_on_the_command_line(
     assert content["clearance"] == {"distance": 0.1, "obstacles": ["person"], "exempt": []}
     capfd.readouterr()
     assert main(["verify", "proof.json"]) == 0
-    assert "at least 100.0 mm from person" in capfd.readouterr().out
+    assert "at least 100 mm from person" in capfd.readouterr().out
     assert main(["plan", scenario, "--max-danger", "3"]) == 2
     assert "is above the limit 3" in capfd.readouterr().err
     assert main(["plan", scenario, "--min-clearance", "-1"]) == 2

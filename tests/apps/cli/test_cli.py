@@ -313,6 +313,12 @@ def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
     status, _, err = run("verify", "proof.json")
     assert status == 1
     assert err.startswith("safe-ompl: proof.json: edge 0: no interval covers 0.000000 to ")
+    (folder / "proof.json").write_text(json.dumps({**content, "source": 3}))
+    status, _, err = run("verify", "proof.json")
+    assert status == 2
+    assert (
+        err == "safe-ompl: proof.json: certificate.source: must be a mapping of keys to values, got int 3\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -176,11 +176,11 @@ def test_tolerance_and_step_must_be_positive(setting, value):
 
 @pytest.mark.parametrize("planner", ["RRTstar", "InformedRRTstar", "SORRTstar", "BITstar"])
 @pytest.mark.parametrize("kind", [DangerObjective, PeakDangerObjective])
-def test_optimising_planners_stop_when_asked(kind, planner):
+def test_optimising_planners_stop_when_asked(kind, planner, ticks):
     setup = setup_scenario(Scenario.load(find_scenario("planar3")))
     setup.setOptimizationObjective(kind(setup.getSpaceInformation(), setup.field))
-    result = setup.plan(planner, time=1.0, seed=2)
-    assert result.planning_time < 6.0
+    result = setup.plan(planner, time=0.05, seed=2)
+    assert 50 <= ticks.looks < 80
     assert result.status in ("Exact solution", "Approximate solution", "Timeout")
     assert not result or result.report.certified
 

@@ -116,7 +116,6 @@ def test_as_many_edges_are_checked_as_in_the_paper(arm, monkeypatch):
 def test_too_few_samples_end_in_failure(arm):
     result = planned(arm, "PaperPRM", 0, samples=1, neighbors=1)
     assert result.path is None
-    assert result.planning_time < 10.0
     assert planned(arm, "ClassicPRM", 0, samples=1, neighbors=1)
 
 
