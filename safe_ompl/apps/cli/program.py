@@ -52,7 +52,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _broken_pipe()
         console.print(f"safe-ompl: {_one_line(error)}")
         return BAD_INPUT
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        # Numba turns a Ctrl-C that comes while it looks a kernel up into a SystemError.
+        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
         console.print("safe-ompl: interrupted")
         return INTERRUPTED
 

@@ -248,6 +248,12 @@ def test_interrupt_is_status_130_and_one_line(run: Run, monkeypatch: pytest.Monk
     monkeypatch.setattr(SafeSetup, "plan", interrupted)
     assert run("plan", "test.yaml") == (130, "", "safe-ompl: interrupted\n")
 
+    def interrupted_in_a_kernel(*arguments: Any, **options: Any) -> None:
+        raise SystemError("dispatch") from KeyboardInterrupt()
+
+    monkeypatch.setattr(SafeSetup, "plan", interrupted_in_a_kernel)
+    assert run("plan", "test.yaml") == (130, "", "safe-ompl: interrupted\n")
+
 
 # ------------------------------------------------------------------------------------------------ certificates
 
