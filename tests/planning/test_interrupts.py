@@ -259,7 +259,7 @@ def test_the_command_line_says_that_it_was_interrupted(
     assert main(["plan", "planar3", *option]) == 0
     out, err = capfd.readouterr()
     assert "every motion proven free" in out
-    assert err == "safe-ompl: interrupted: the best path so far stands\n"
+    assert err == "safe-ompl: interrupted: this is the best path so far\n"
 
 
 def test_in_a_thread_ctrl_c_is_not_looked_for() -> None:

@@ -346,7 +346,7 @@ def test_a_scenarios_limits_reach_the_replanner(tmp_path):
 def test_limits_of_danger_hold_for_what_stands_still_and_are_said_not_to_for_who_moves(tmp_path, capsys):
     words = [limited(tmp_path, {"max_danger": 50.0}), "--out", str(tmp_path / "out"), "--seconds", "0.1"]
     assert main(["live", *words, "--people", "random"]) == 0
-    assert "max_danger is kept to what stands still" in " ".join(capsys.readouterr().err.split())
+    assert "max_danger counts obstacles that stand still only" in " ".join(capsys.readouterr().err.split())
     options = command_line().parse_args(["live", *words, "--movers", "1"])
     job = options.prepare(options)
     assert [limit.limit for limit in job.replanner.motion.limits] == [50.0]
