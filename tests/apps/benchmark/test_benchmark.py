@@ -164,13 +164,22 @@ def test_ctrl_c_keeps_what_was_done(setup: SafeSetup, tmp_path: Path, processes:
     benchmark = Benchmark(setup, "interrupted")
     benchmark.addPlanner("SafeRRTConnect")
     benchmark.addPlanner("RRTstar")
-    alarm = threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT))
-    alarm.start()
+    over = threading.Event()
+
+    def press() -> None:
+        while benchmark.getStatus().activeRun < 4 and not over.wait(0.02):
+            pass
+        if not over.is_set():
+            os.kill(os.getpid(), signal.SIGINT)
+
+    pressing = threading.Thread(target=press)
+    pressing.start()
     try:
         with pytest.raises(KeyboardInterrupt):
             benchmark.benchmark(request(runCount=1000, maxTime=0.5), processes=processes)
     finally:
-        alarm.cancel()
+        over.set()
+        pressing.join()
     assert ou.getOutputHandler() is handler
     assert not benchmark.getStatus().running
     runs = runs_of(benchmark, tmp_path)
