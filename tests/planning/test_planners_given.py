@@ -1,5 +1,6 @@
 """Planners of OMPL's that hang or crash with callbacks in Python are refused, whichever way they come in."""
 
+import _thread
 import subprocess
 import sys
 import threading
@@ -64,19 +65,19 @@ def test_prm_works_in_a_plain_setup_with_our_checkers():
     assert done.stdout.endswith("True\n"), done.stderr
 
 
-def test_prm_with_our_objective_says_why_it_does_not_return():
-    """OMPL's thread cannot be stopped, nor the planner that waits for it: what can be done is to say so.
+@pytest.mark.parametrize("known", [True, False])
+def test_an_objective_that_a_thread_of_ompls_own_asks_says_what_happens(setup, caplog, known):
+    """PRM's thread, which Python does not know, waits for ever: all that can be done is to say so."""
+    objective, over = setup.getOptimizationObjective(), threading.Event()
+    state = setup.getStateSpace().allocState()
 
-    Whether that thread ever gets to speak is up to the scheduler, so there is more than one try.
-    """
+    def ask() -> None:
+        objective.motionCostHeuristic(state, state)
+        over.set()
 
-    def said() -> str:
-        with subprocess.Popen([*PLAIN_PRM, "danger"], stderr=subprocess.PIPE, text=True) as program:
-            watchdog = threading.Timer(30.0, program.kill)
-            watchdog.start()
-            line = next((line for line in program.stderr if "take SafePRM" in line), "")
-            watchdog.cancel()
-            program.kill()
-        return line
-
-    assert any(said() for _ in range(4))
+    if known:
+        threading.Thread(target=ask).start()
+    else:
+        _thread.start_new_thread(ask, ())
+    assert over.wait(60.0)
+    assert ("take SafePRM" in caplog.text) is not known

@@ -1,6 +1,4 @@
-"""Plan with OMPL's PRM in a plain SimpleSetup that has our checkers and, if asked for, our objective."""
-
-import sys
+"""Plan with OMPL's PRM in a plain SimpleSetup that has our checkers."""
 
 import numpy as np
 from ompl import base as ob
@@ -8,7 +6,6 @@ from ompl import geometric as og
 
 from safe_ompl.apps.cli.options import load_scenario
 from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.objective import DangerObjective
 from safe_ompl.planning.ompl.states import StateBridge, joint_space
 from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
 
@@ -18,8 +15,6 @@ si, bridge = setup.getSpaceInformation(), StateBridge(setup.getStateSpace())
 validity, validator = CollisionFreeValidity(si, ours.checker), CertifiedMotionValidator(si, ours.checker)
 setup.setStateValidityChecker(validity)
 si.setMotionValidator(validator)
-if sys.argv[1:] == ["danger"]:
-    setup.setOptimizationObjective(DangerObjective(si, ours.field))
 ends = [setup.getStateSpace().allocState() for _ in range(2)]
 for state, q in zip(ends, (ours.problem.start, ours.problem.goals[0]), strict=True):
     bridge.write(np.asarray(q), state)
