@@ -7,9 +7,10 @@ The browser needs the extra `safe-ompl[viewer]`, all pictures `safe-ompl[plots]`
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.view import plots
@@ -19,15 +20,6 @@ if TYPE_CHECKING:
     from safe_ompl.view.pictures.path import DrawnPath, render_path
     from safe_ompl.view.pictures.results import draw_plan, drawn_path, render_comparison, save_png
     from safe_ompl.view.recordings import RECORDING_ENDING, read_recording
-
-_MODULES = {  # each is imported when one of its names is first asked for
-    "browser.view": ("BrowserView", "save_page", "view"),
-    "content": ("ViewerContent",),
-    "pictures.animation": ("ANIMATION_ENDINGS", "save_animation"),
-    "pictures.path": ("DrawnPath", "render_path"),
-    "pictures.results": ("draw_plan", "drawn_path", "render_comparison", "save_png"),
-    "recordings": ("RECORDING_ENDING", "read_recording"),
-}
 
 __all__ = [
     "ANIMATION_ENDINGS",
@@ -47,22 +39,7 @@ __all__ = [
     "view",
 ]
 
-
-def __getattr__(name: str) -> object:
-    """Import one of the names in `_MODULES`, or the plots, and keep it."""
-    if name == "plots":
-        return import_module(f"{__name__}.plots")
-    for module, names in _MODULES.items():
-        if name in names:
-            found: object = getattr(import_module(f"{__name__}.{module}"), name)
-            globals()[name] = found
-            return found
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """Return all public names, those not yet imported too."""
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazily(__name__, __file__)
 
 
 class _CallableModule(ModuleType):
