@@ -97,7 +97,7 @@ def main() -> None:
     parser.add_argument("--paths", type=int, default=50, help="paths for each robot")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    curve.ArcProof = _Free  # type: ignore[assignment, misc]
+    curve.BlendProof = _Free  # type: ignore[assignment, misc]
     for name in ROBOTS:
         robot = Robot.from_example(name)
         rng = np.random.default_rng(options.seed)

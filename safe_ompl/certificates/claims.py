@@ -258,18 +258,18 @@ def _parts(scene: Scene, name: str) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """A line or an arc in joint space."""
+    """A cubic in joint space: what it and its derivatives are where it begins, and its length."""
 
     start: FloatArray = key(array(None))
-    forward: FloatArray = key(array(None))
-    inward: FloatArray = key(array(None))
+    slope: FloatArray = key(array(None))
+    bend: FloatArray = key(array(None))
+    swing: FloatArray = key(array(None))
     length: float = key(_positive)
-    curvature: float = key(_zero_or_more)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TimedMotion:
-    """The path in time: its curve, its time law, and the limits that it keeps to."""
+    """The path in time: its curve, its time law or the plan that is averaged over a window, and its limits."""
 
     pieces: tuple[Piece, ...] = key(some(record(Piece), least=1, of="piece"))
     corners: tuple[int, ...] = key(some(whole))
@@ -279,7 +279,7 @@ class TimedMotion:
     velocity: FloatArray = key(array(None))
     acceleration: FloatArray = key(array(None))
     stops: Stops | None = key(or_none(record(Stops)))
-    phases: FloatArray | None = key(array(None, 2), optional=True)
+    window: float | None = key(_positive, optional=True)
     jerk: FloatArray | None = key(array(None), optional=True)
     tool_speed: float | None = key(_positive, optional=True)
     link_speed: float | None = key(_positive, optional=True)
@@ -293,9 +293,8 @@ class TimedMotion:
                 if limits is not None and not (limits.shape == (robot.n,) and (limits > 0).all()):
                     raise InputError(f"must be {robot.n} positive numbers, got {limits.tolist()}", name)
             for k, piece in enumerate(self.pieces):
-                if not all(
-                    vector.shape == (robot.n,) for vector in (piece.start, piece.forward, piece.inward)
-                ):
+                vectors = piece.start, piece.slope, piece.bend, piece.swing
+                if not all(vector.shape == (robot.n,) for vector in vectors):
                     raise InputError(f"must have vectors of {robot.n} numbers", f"pieces[{k}]")
             if self.danger is not None:
                 self.danger.check(scene)

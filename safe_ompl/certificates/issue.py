@@ -32,7 +32,7 @@ from safe_ompl.io import (
 )
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
-from safe_ompl.trajectories import JerkLaw, RateLimits, Trajectory, contact_speed, robot_mass
+from safe_ompl.trajectories import RateLimits, SmoothLaw, Trajectory, contact_speed, robot_mass
 
 _FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
 _FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any more
@@ -273,15 +273,14 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
     return {
         "pieces": [
             {
-                **{key: getattr(piece, key).tolist() for key in ("start", "forward", "inward")},
+                **{key: getattr(piece, key).tolist() for key in ("start", "slope", "bend", "swing")},
                 "length": piece.length,
-                "curvature": piece.curvature,
             }
             for piece in curve.pieces
         ],
         "corners": list(curve.stops),
         "edges": law.edges.tolist(),
-        "squares": law.squares.tolist(),
+        "squares": (law.plan_squares if isinstance(law, SmoothLaw) else law.squares).tolist(),
         "duration": law.duration,
         "velocity": trajectory.limits.velocity.tolist(),
         "acceleration": trajectory.limits.acceleration.tolist(),
@@ -318,9 +317,8 @@ def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
 def _more(trajectory: Trajectory) -> dict[str, Any]:
     law, jerk = trajectory.law, trajectory.limits.jerk
     found: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
-    if isinstance(law, JerkLaw) and jerk is not None:
-        durations = np.diff(law.starts)
-        found |= {"phases": np.column_stack([durations, law.phases[:, 3]]).tolist(), "jerk": jerk.tolist()}
+    if isinstance(law, SmoothLaw) and jerk is not None:
+        found |= {"window": law.window, "jerk": jerk.tolist()}
     return {key: value for key, value in found.items() if value is not None}
 
 

@@ -249,7 +249,7 @@ def motion_danger(curve: BlendedCurve, law: TimeLaw, field: KinetostaticField) -
     Parameters
     ----------
     curve, law
-        The motion; ṡ² is linear in each cell of the law.
+        The motion.
     field : KinetostaticField
         The danger.
 
@@ -275,8 +275,7 @@ def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: Moving
     upper = np.zeros(len(cells))
     rows: IntArray = np.arange(len(cells))
     for _ in range(_PEAK_ROUNDS):
-        ends = np.sqrt(law.squares_at(cells.edges))
-        slowest, fastest = (pick(ends[:-1], ends[1:])[rows] for pick in (np.minimum, np.maximum))
+        slowest, fastest = (rates[rows] for rates in law.rates_between(cells.edges))
         bounds = danger.bounds(curve, Spans.of(cells, rows), fastest, enough)
         upper[rows] = np.maximum(danger.at(bounds, fastest), danger.at(bounds, slowest))
         above = upper > enough

@@ -31,7 +31,7 @@ class _Free:
 
 @pytest.fixture
 def blends(monkeypatch):
-    monkeypatch.setattr("safe_ompl.trajectories.curve.ArcProof", _Free)
+    monkeypatch.setattr("safe_ompl.trajectories.curve.BlendProof", _Free)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

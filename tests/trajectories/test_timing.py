@@ -9,7 +9,7 @@ import pytest
 from safe_ompl.common.errors import InputError
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
-from safe_ompl.trajectories.curve import ArcProof, blended
+from safe_ompl.trajectories.curve import BlendProof, blended
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 
@@ -40,7 +40,7 @@ class Nothing:
 @pytest.fixture
 def free(monkeypatch, shelf_motion):
     """Return a motion whose arcs all count as proven."""
-    monkeypatch.setattr("safe_ompl.trajectories.curve.ArcProof", lambda motion: Nothing())
+    monkeypatch.setattr("safe_ompl.trajectories.curve.BlendProof", lambda motion: Nothing())
     return shelf_motion
 
 
@@ -111,8 +111,8 @@ def test_arcs_that_are_not_free_are_not_proven(panda, shelf_path, shelf_motion):
     clearance = min(
         shelf_motion.checker.clearance(q).distance for q in arc.places(np.linspace(0, arc.length, 50)).q
     )
-    assert ArcProof(shelf_motion.with_margin(0.9 * clearance)).holds(arc)
-    assert not ArcProof(shelf_motion.with_margin(1.01 * clearance)).holds(arc)
+    assert BlendProof(shelf_motion.with_margin(0.9 * clearance)).holds(arc)
+    assert not BlendProof(shelf_motion.with_margin(1.01 * clearance)).holds(arc)
     stopped = blended(np.array(shelf_path), panda, 0.2, shelf_motion.with_margin(3.0))
     assert len(stopped.stops) == 2
 
@@ -123,8 +123,8 @@ def test_arcs_are_proven_with_what_certificates_need_to_spare(panda, shelf_path,
     arc = next(piece for piece in curve.pieces if piece.curvature)
     at = np.linspace(0, arc.length, 2001)
     least = min(shelf_motion.checker.clearance(q).distance for q in arc.places(at).q)
-    assert ArcProof(shelf_motion.with_margin(least - 4e-5)).holds(arc)
-    assert not ArcProof(shelf_motion.with_margin(least - 1.5e-5)).holds(arc)
+    assert BlendProof(shelf_motion.with_margin(least - 4e-5)).holds(arc)
+    assert not BlendProof(shelf_motion.with_margin(least - 1.5e-5)).holds(arc)
 
 
 def test_arcs_keep_the_limit_of_danger(panda, shelf, shelf_path, shelf_motion):
@@ -132,8 +132,8 @@ def test_arcs_keep_the_limit_of_danger(panda, shelf, shelf_path, shelf_motion):
     curve = blended(np.array(shelf_path), panda, 0.2, shelf_motion)
     arc = next(piece for piece in curve.pieces if piece.curvature)
     peak = field.values(arc.places(np.linspace(0, arc.length, 200)).q).max()
-    assert ArcProof(shelf_motion.with_limits([DangerLimit(field, 1.01 * peak)])).holds(arc)
-    assert not ArcProof(shelf_motion.with_limits([DangerLimit(field, 0.99 * peak)])).holds(arc)
+    assert BlendProof(shelf_motion.with_limits([DangerLimit(field, 1.01 * peak)])).holds(arc)
+    assert not BlendProof(shelf_motion.with_limits([DangerLimit(field, 0.99 * peak)])).holds(arc)
 
 
 def test_without_proof_it_stops_in_corners_and_a_way_point_on_the_way_is_none(panda, panda_limits):

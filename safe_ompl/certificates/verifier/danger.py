@@ -279,7 +279,7 @@ class PlainMovingDanger:
                 velocities[k] += turn if robot.joint_prismatic[i] else np.cross(turn, arm)
             if movers:
                 length = float(np.linalg.norm(places[k] - joints[carrier - 1].translation))
-                bends[k] = bend_bound(robot, movers, length, steps, piece.curvature, slid)
+                bends[k] = bend_bound(robot, movers, length, steps, coupling.reach(piece.bends), slid)
         speeds = _norm(velocities) + half * bends
         both = [np.maximum(of[self._start], of[self._end]) for of in (speeds, bends)]
         strokes = float(steps[robot.joint_prismatic].sum())

@@ -61,8 +61,7 @@ class PlainSpeeds:
     def exceeded(self, motion: PlainMotion, limit: float, *, tool: bool) -> float | None:
         """Return where on the curve [rad] the tip, or any body, is not proven to keep to a speed [m/s]; else None."""
         bodies = [self._tip] if tool else self._all
-        squares = np.maximum(motion.squares[:-1], motion.squares[1:])
-        for j, rate in enumerate(np.sqrt(squares).tolist()):
+        for j, rate in enumerate(motion.fastest.tolist()):
             start = motion.starts[motion.of[j]]
             piece = motion.pieces[motion.of[j]]
             waiting = [(float(motion.edges[j]) - start, float(motion.edges[j + 1]) - start)]
@@ -123,11 +122,12 @@ class PlainSpeeds:
     def _bend(self, body: _Body, steps: FloatArray, piece: PlainPiece, slid: FloatArray) -> float:
         """Return a bound of ‖x″‖ of the points of a body, by arc length."""
         length = float(np.linalg.norm(body.points, axis=1).max()) + body.pad
-        return bend_bound(self._robot, body.movers, length, steps, piece.curvature, slid)
+        bends = self._robot.coupling.reach(piece.bends)
+        return bend_bound(self._robot, body.movers, length, steps, bends, slid)
 
 
 def bend_bound(
-    robot: Robot, movers: list[int], length: float, steps: FloatArray, curvature: float, slid: FloatArray
+    robot: Robot, movers: list[int], length: float, steps: FloatArray, bends: FloatArray, slid: FloatArray
 ) -> float:
     """Return a bound of ‖x″‖ of points, by arc length.
 
@@ -139,10 +139,8 @@ def bend_bound(
         The joints that move the points, deepest first.
     length : float
         How far the points are from the origin of the first of them at most [m].
-    steps : ndarray, shape (m,)
-        Bounds of |q′| of the joints of the model.
-    curvature : float
-        Of the curve: |q″| ≤ curvature·|q′| with these bounds.
+    steps, bends : ndarray, shape (m,)
+        Bounds of |q′| and |q″| of the joints of the model.
     slid : ndarray, shape (m,)
         How far sliding joints are out at most [m].
     """
@@ -152,7 +150,7 @@ def bend_bound(
     for i in movers:
         radius, own = (1.0, 0.0) if sliding[i] else (length, float(steps[i]))
         beneath -= own
-        found += radius * steps[i] * (2 * beneath + own + curvature)
+        found += radius * float(steps[i] * (2 * beneath + own) + bends[i])
         length += float(np.linalg.norm(robot.shared.model.jointPlacements[i + 1].translation))
         length += float(slid[i]) if sliding[i] else 0.0
     return found
