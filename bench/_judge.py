@@ -11,7 +11,7 @@ from base64 import b64decode
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import cos, inf, sin, sqrt
+from math import inf, sqrt
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,7 +27,7 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
 SAMPLES = 12  # of an edge
-INSTANTS, BEGINS = 150, 10  # of a motion, and of stops
+INSTANTS, BEGINS, STOPS = 150, 10, 25  # of a motion, of stops, and of one stop
 ROUNDING = 1e-5
 N = r"(-?[\d.]+(?:e[+-]?\d+)?|inf)"
 SENTENCES = {
@@ -107,63 +107,67 @@ def carried(content: Mapping[str, Any]) -> tuple[Robot, Scene]:
 
 
 class Motion:
-    """The motion in time that a certificate holds: spans of constant jerk on pieces."""
+    """The motion in time that a certificate holds: a law, or the average of one over a window, on cubic pieces."""
 
     def __init__(self, claim: Mapping[str, Any]) -> None:
         self.pieces = claim["pieces"]
         self.starts = np.concatenate([[0.0], np.cumsum([piece["length"] for piece in self.pieces])])
         self.edges = np.array(claim["edges"], dtype=float)
-        spans, s, v, a = [], 0.0, 0.0, 0.0  # duration, s, v, a, j
-        if claim.get("phases"):
-            for duration, jerk in claim["phases"]:
-                spans.append((duration, s, v, a, jerk))
-                s += v * duration + a * duration**2 / 2 + jerk * duration**3 / 6
-                v, a = v + a * duration + jerk * duration**2 / 2, a + jerk * duration
-        else:
-            for (s, end), (x, y) in zip(pairwise(claim["edges"]), pairwise(claim["squares"]), strict=True):
-                spans.append(
-                    (2 * (end - s) / (sqrt(x) + sqrt(y)), s, sqrt(x), (y - x) / (2 * (end - s)), 0.0)
-                )
-        self.spans = np.array(spans)
-        self.times = np.concatenate([[0.0], np.cumsum(self.spans[:, 0])])
-        self.duration = float(self.times[-1])
+        self.window = float(claim.get("window") or 0.0)
+        corners = [self.starts[k] for k in claim["corners"]] if self.window else []
+        spans, t = [], 0.0  # when it begins, duration, s, v, a
+        for (s, end), (x, y) in zip(pairwise(claim["edges"]), pairwise(claim["squares"]), strict=True):
+            spans.append((t, 2 * (end - s) / (sqrt(x) + sqrt(y)), s, sqrt(x), (y - x) / (2 * (end - s))))
+            t += spans[-1][1]
+            if any(abs(end - corner) < 1e-9 for corner in corners):
+                spans.append((t, self.window, end, 0.0, 0.0))
+                t += self.window
+        self.spans = spans
+        self.duration = t + self.window
 
-    def law(self, t: float) -> tuple[float, float, float, float]:
+    def law(self, t: float, spans: list[Any] | None = None) -> tuple[float, float, float, float]:
         """Return s and its derivatives at a time."""
-        k = min(int(np.searchsorted(self.times, t, side="right")) - 1, len(self.spans) - 1)
-        t, (_, s, v, a, j) = t - self.times[k], self.spans[k]
-        return s + v * t + a * t * t / 2 + j * t**3 / 6, v + a * t + j * t * t / 2, a + j * t, j
+        spans = self.spans if spans is None else spans
+        if not self.window:
+            return *self._plan(t, spans)[1:], 0.0
+        now, before = self._plan(t, spans), self._plan(t - self.window, spans)
+        s, v, a, j = ((x - y) / self.window for x, y in zip(now, before, strict=True))
+        return s, v, a, j
 
-    def place(self, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return q, q′ and q″ at an arc length."""
+    def _plan(self, t: float, spans: list[Any]) -> tuple[float, float, float, float]:
+        """Return the integral of s of the plan, s and its derivatives; it stands before and after."""
+        begins = [span[0] for span in spans]
+        k = max(int(np.searchsorted(begins, t, side="right")) - 1, 0)
+        area = sum(T * (s + T * (v / 2 + T * a / 6)) for _, T, s, v, a in spans[:k])
+        begin, whole, s, v, a = spans[k]
+        x = min(max(t - begin, 0.0), whole)
+        area += x * (s + x * (v / 2 + x * a / 6)) + (t - begin - x) * (s + x * (v + x * a / 2))
+        moves = 0 <= t - begin < whole
+        return area, s + x * (v + x * a / 2), (v + x * a) * moves, a * moves
+
+    def place(self, s: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return q, q′, q″ and q‴ at an arc length."""
         k = min(max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0), len(self.pieces) - 1)
-        piece, sigma = self.pieces[k], s - self.starts[k]
-        start, forward, inward = (np.array(piece[key], dtype=float) for key in ("start", "forward", "inward"))
-        c = piece["curvature"]
-        if c == 0:
-            return start + sigma * forward, forward, 0 * forward
-        turn, side = sin(sigma * c), 1 - cos(sigma * c)
-        slope = cos(sigma * c) * forward + sin(sigma * c) * inward
-        bend = c * (cos(sigma * c) * inward - sin(sigma * c) * forward)
-        return start + (turn * forward + side * inward) / c, slope, bend
+        piece, x = self.pieces[k], s - self.starts[k]
+        q, p, b, c = (np.array(piece[key], dtype=float) for key in ("start", "slope", "bend", "swing"))
+        return q + x * (p + x * (b / 2 + x * c / 6)), p + x * (b + x * c / 2), b + x * c, c
 
     def stop(self, begin: float, brakes: list[float]) -> list[tuple[float, float, float, float]]:
-        """Return time, s, ṡ and s̈ where a stop that begins at a time enters cells, and between."""
-        s, v, _, _ = self.law(begin)
-        t, weakest, found = 0.0, inf, []
+        """Return time, s, ṡ and s̈ of a stop that begins at a time, at its start and often until it stands."""
+        _, s, v, _ = self._plan(begin, self.spans)
+        t, weakest = 0.0, inf
+        spans = [(at - begin, min(T, begin - at), *rest) for at, T, *rest in self.spans if at <= begin]
         k = min(max(int(np.searchsorted(self.edges, s, side="right")) - 1, 0), len(brakes) - 1)
         while v > 1e-9 and k < len(brakes):
             weakest = min(weakest, brakes[k])
             room = max(float(self.edges[k + 1]) - s, 0.0)
             after = max(v * v - 2 * weakest * room, 0.0)
-            span = (v - sqrt(after)) / weakest
-            found += [
-                (t + x, s + v * x - weakest * x * x / 2, v - weakest * x, -weakest) for x in (0.0, 0.5 * span)
-            ]
-            s, v, t, k = float(self.edges[k + 1]), sqrt(after), t + span, k + 1
+            spans.append((t, (v - sqrt(after)) / weakest, s, v, -weakest))
+            s, v, t, k = float(self.edges[k + 1]), sqrt(after), t + spans[-1][1], k + 1
         if v > 1e-6:
-            found.append((inf, s, v, -weakest))  # it has not stopped where the motion ends
-        return found
+            return [(inf, s, v, -weakest)]  # it has not stopped where the motion ends
+        whole = t + self.window * (1 - 1e-9)
+        return [(x, *self.law(x, spans)[:3]) for x in np.linspace(0.0, whole, STOPS, endpoint=False)]
 
 
 # --------------------------------------------------------------------------------------------------- the judge
@@ -295,7 +299,8 @@ class Judge:
         states = []
         for t in np.linspace(0, motion.duration, INSTANTS):
             s, v, a, j = motion.law(t)
-            states.append((*self._state(motion, s, v, a), motion.place(s)[1] * j))
+            _, slope, bend, swing = motion.place(s)
+            states.append((*self._state(motion, s, v, a), swing * v**3 + 3 * bend * v * a + slope * j))
         q, qd, qdd, qddd = (np.array(column) for column in zip(*states, strict=True))
         if (np.abs(qd) > velocity * (1 + ROUNDING) + 1e-9).any():
             return False
@@ -317,7 +322,7 @@ class Judge:
 
     @staticmethod
     def _state(motion: Motion, s: float, v: float, a: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        q, slope, bend = motion.place(s)
+        q, slope, bend, _ = motion.place(s)
         return q, slope * v, slope * a + bend * v * v
 
     def _speeds(self, q: FloatArray, qd: FloatArray) -> tuple[float, float]:

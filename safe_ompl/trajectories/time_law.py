@@ -267,7 +267,7 @@ class SmoothLaw(TimeLaw):
         area += (
             np.minimum(since, 0.0) * self.edges[cell] + np.maximum(since - end, 0.0) * self.edges[cell + 1]
         )
-        moves = (since >= 0) & (since < end)
+        moves = (t >= self.leaves[cell]) & (t < self.arrivals[cell + 1])
         return area, place, np.where(moves, begin + inside * push, 0.0), np.where(moves, push, 0.0)
 
     @cached_property
