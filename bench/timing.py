@@ -29,7 +29,7 @@ class _Free:
     def __init__(self, motion: Any) -> None:
         pass
 
-    def holds(self, arc: Any) -> bool:
+    def holds(self, piece: Any) -> bool:
         """Return True."""
         return True
 

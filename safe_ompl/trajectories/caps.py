@@ -168,7 +168,7 @@ def people_caps(
             brakes = np.minimum(braking(smooth.cells, limits, most), smooth.brakes)
             if people.contact:
                 reach = window / 2 * smooth.caps
-                times = spread(cells.edges, reach, cells.stops, times, times)[0]
+                times = spread(cells.edges, reach, cells.stops, times)
                 harmless = np.column_stack([smooth.cone(slow) for slow in harmless.T])
             times = times - window
         ends = _next_stops(cells)

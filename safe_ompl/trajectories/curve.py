@@ -114,11 +114,6 @@ class Piece(NamedTuple):
         q = self.start + t * (self.slope + t * (self.bend / 2 + t * self.swing / 6))
         return CurvePoints(q, slope, bend, np.broadcast_to(self.swing, q.shape))
 
-    def rest(self, at: float) -> Piece:
-        """Return the piece from an arc length on."""
-        place = self.places(np.array([at]))
-        return Piece(place.q[0], place.slope[0], place.bend[0], self.swing, self.length - at)
-
     def slope_box(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the box (S, n) of q′ between arc lengths first and last (S,); exact but for rounding."""
         turns = np.divide(-self.bend, self.swing, out=np.zeros_like(self.bend), where=self.swing != 0)
@@ -173,7 +168,9 @@ class BlendedCurve:
         """Return the curve from an arc length 0 ≤ s < length on."""
         k = int(self.piece_at(np.array([s]))[0])
         first, *others = self.pieces[k:]
-        rest = first.rest(s - float(self.starts[k]))
+        cut = s - float(self.starts[k])
+        q, slope, bend, _ = (values[0] for values in first.places(np.array([cut])))
+        rest = Piece(q, slope, bend, first.swing, first.length - cut)
         return BlendedCurve([rest, *others], [stop - k for stop in self.stops if stop > k])
 
     def piece_at(self, s: FloatArray) -> IntArray:
@@ -394,7 +391,7 @@ class BlendProof:
             q = piece.places(np.array([middle])).q[0]
             approach = self._required.pairs.radii @ steps
             free = not self._required.pairs.within_margins(q, approach + self._required.provable(0.0))
-            if free and all(_keeps(limit, q, steps) for limit in self._limits):
+            if free and all(danger_within(limit.field, q, steps) <= limit.limit for limit in self._limits):
                 continue
             if 2 * approach.max(initial=0.0) < self._floor or (not free and self._checker.touches(q)):
                 return False
@@ -402,11 +399,6 @@ class BlendProof:
                 return False
             intervals += [(first, middle), (middle, last)]
         return True
-
-
-def _keeps(limit: DangerLimit, q: FloatArray, steps: FloatArray) -> bool:
-    """Return whether the danger keeps to the limit, proven, while the joints are within `steps: (n,)` of `q: (n,)`."""
-    return danger_within(limit.field, q, steps) <= limit.limit
 
 
 def danger_within(field: DangerField, q: FloatArray, steps: FloatArray) -> float:

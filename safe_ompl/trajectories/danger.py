@@ -136,42 +136,20 @@ class MovingDanger:
                 speeds = np.where(bounds.pushes > 0, (share - bounds.levels) / bounds.pushes, np.inf)
             found = np.minimum(most, speeds.min(axis=1, initial=np.inf))
         else:
-            found = self._bisected(bounds, limit, most)
+            found, bad = np.where(self.at(bounds, most) <= limit, most, 0.0), most
+            for _ in range(_HALVINGS):
+                middle = (found + bad) / 2
+                holds = self.at(bounds, middle) <= limit
+                found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
         return np.where(self.at(bounds, still) <= limit, found, -1.0)
-
-    def _bisected(self, bounds: SpanDanger, limit: float, most: FloatArray) -> FloatArray:
-        good, bad = np.where(self.at(bounds, most) <= limit, most, 0.0), most
-        for _ in range(_HALVINGS):
-            middle = (good + bad) / 2
-            holds = self.at(bounds, middle) <= limit
-            good, bad = np.where(holds, middle, good), np.where(holds, bad, middle)
-        return good
 
 
 # ------------------------------------------------------------------------------------------------- a cap of the speed
 
 
-class DangerCap(NamedTuple):
-    """What a limit of the danger allows.
-
-    Attributes
-    ----------
-    cells : Cells
-        As fine as it takes.
-    parents : ndarray of int, shape (N,)
-        The given cells in which they are.
-    speeds : ndarray, shape (N,)
-        Largest ṡ; −1 where the danger at rest is above the limit.
-    """
-
-    cells: Cells
-    parents: IntArray
-    speeds: FloatArray
-
-
 def danger_cap(
     curve: BlendedCurve, cells: Cells, danger: MovingDanger, limit: float, most: FloatArray
-) -> DangerCap:
+) -> tuple[Cells, IntArray, FloatArray]:
     """Return the speeds with which the danger of the moving robot keeps to a limit.
 
     Along a curve the danger is φ + ṡ (φ′ + γI) k₂/k₁. Cells are divided where they bound the speed and are so long that
@@ -187,6 +165,11 @@ def danger_cap(
         The largest danger.
     most : ndarray, shape (N,)
         ṡ is no larger for other reasons.
+
+    Returns
+    -------
+    Cells as fine as it takes; (N,) the given ones in which they are; (N,) largest ṡ, −1 where the danger at rest is
+    above the limit.
     """
 
     def capped(spans: Spans, most: FloatArray) -> FloatArray:
@@ -209,7 +192,7 @@ def danger_cap(
         divided = np.flatnonzero(new)
         speeds[divided] = capped(Spans.of(cells, divided), most[parents[divided]])
         exact[divided] = most[parents[divided]]
-    return DangerCap(cells, parents, speeds)
+    return cells, parents, speeds
 
 
 # ------------------------------------------------------------------------------------------- the danger of a motion

@@ -130,14 +130,8 @@ def stopping_speeds(
 
 
 @compiled
-def spread(
-    edges: FloatArray,
-    radii: FloatArray,
-    stops: IntArray,
-    low: FloatArray,
-    high: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the largest (N, m) of values of all cells by whose radius a cell is reached.
+def spread(edges: FloatArray, radii: FloatArray, stops: IntArray, values: FloatArray) -> FloatArray:
+    """Return the least (N, m) of the values of all cells by whose radius a cell is reached.
 
     Parameters
     ----------
@@ -147,11 +141,11 @@ def spread(
         How far cells reach, not beyond corners in which the robot stops.
     stops : (K,)
         Such corners.
-    low, high : (N, m)
-        Values.
+    values : (N, m)
+        Any.
     """
-    N, n = low.shape
-    least, most = low.copy(), high.copy()
+    N, n = values.shape
+    least = values.copy()
     corner = np.zeros(N + 1)
     corner[stops] = 1.0
     for k in range(N):
@@ -161,10 +155,9 @@ def spread(
                 if (edges[j] - edges[k + 1] if step > 0 else edges[k] - edges[j + 1]) > radii[k]:
                     break
                 for i in range(n):
-                    least[j, i] = min(least[j, i], low[k, i])
-                    most[j, i] = max(most[j, i], high[k, i])
+                    least[j, i] = min(least[j, i], values[k, i])
                 j += step
-    return least, most
+    return least
 
 
 @compiled

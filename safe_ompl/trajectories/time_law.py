@@ -31,7 +31,7 @@ from safe_ompl.trajectories.curve import BENDS, Cells
 from safe_ompl.trajectories.kernels import cone, fastest, spread
 from safe_ompl.trajectories.limits import RateLimits
 
-_HALVINGS = 50
+_HALVINGS = 36
 _SHORTER, _WINDOWS = 0.75, 40  # windows that are tried: each the shorter by this; at most so many
 _LONGEST = 8.0  # the first of them, in times from no acceleration to all of it
 _BENDS_BESIDE_PEOPLE = 0.1  # what `BENDS` is beside people
@@ -124,33 +124,39 @@ def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     return cap
 
 
-def fastest_law(cells: Cells, limits: RateLimits, cap: FloatArray, speed: float = 0.0) -> FloatArray:
+def fastest_law(
+    cells: Cells,
+    acceleration: FloatArray,
+    cap: FloatArray,
+    speed: float = 0.0,
+    push: FloatArray | None = None,
+) -> FloatArray:
     """Return ṡ² (N+1,) of the fastest law within accelerations of the joints and a cap of ṡ.
 
     Parameters
     ----------
     cells : Cells
         The curve.
-    limits : RateLimits
-        Of the joints.
+    acceleration : ndarray, shape (n,)
+        Limits of the joints.
     cap : ndarray, shape (N,)
         Largest ṡ in each cell; no larger than velocities of the joints allow.
     speed : float
         ṡ where it begins. If nothing in time slows it down from there, it begins with the largest ṡ that is possible.
+    push : ndarray, shape (N,), optional
+        Largest |s̈| in each cell.
     """
-    boxes = cells.slope_low, cells.slope_high, cells.bend_low, cells.bend_high
-    return _fastest(cells, boxes, limits.acceleration, cap, speed)
-
-
-def _fastest(
-    cells: Cells, boxes: tuple[FloatArray, ...], limits: FloatArray, cap: FloatArray, speed: float
-) -> FloatArray:
+    boxes = [cells.slope_low, cells.slope_high, cells.bend_low, cells.bend_high]
+    if push is not None:  # one joint more, whose q′ is 1/push
+        more = 1 / push[:, None]
+        boxes = [np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)]
+        acceleration = np.append(acceleration, 1.0) * _TIGHTER
+    low, high, bend_low, bend_high = map(np.ascontiguousarray, boxes)
     within = cap * cap
     most = np.minimum(np.append(within, 0.0), np.concatenate([[0.0], within]))
     most[0] = min(within[0], speed * speed)
     most[cells.stops] = 0.0
-    low, high, bend_low, bend_high = map(np.ascontiguousarray, boxes)
-    found: FloatArray = fastest(cells.sizes, low, high, bend_low, bend_high, limits, most)
+    found: FloatArray = fastest(cells.sizes, low, high, bend_low, bend_high, acceleration, most)
     return found
 
 
@@ -333,41 +339,28 @@ class SmoothLimits:
             left = limits.jerk * np.where(cells.swings > 0, 1 - share, 1.0)
             span = (left / (cells.slopes / window + 3 * bends * (braking * caps)[:, None])).min(axis=1)
         span = np.minimum(span, np.linalg.norm(limits.acceleration) / braking)[:, None]  # of σ̈
-        low = np.column_stack([cells.slope_low, np.minimum(cells.bend_low, 0.0), span])
-        high = np.column_stack([cells.slope_high, np.maximum(cells.bend_high, 0.0), span])
-        low, high = spread(cells.edges, _WIDER * window / 2 * caps, cells.stops, low, high)
-        n = bends.shape[1]
+        low, high = np.minimum(cells.bend_low, 0.0), np.maximum(cells.bend_high, 0.0)
+        values = np.column_stack([cells.slope_low, -cells.slope_high, low, -high, span])
+        near = spread(cells.edges, _WIDER * window / 2 * caps, cells.stops, values)
+        boxes = np.split(near[:, :-1], 4, axis=1)
         wide = replace(
-            cells,
-            slope_low=low[:, :n],
-            slope_high=high[:, :n],
-            bend_low=low[:, n:-1],
-            bend_high=high[:, n:-1],
+            cells, slope_low=boxes[0], slope_high=-boxes[1], bend_low=boxes[2], bend_high=-boxes[3]
         )
-        return cls(window, wide, caps, (1 - braking) * low[:, -1], braking * low[:, -1])
+        return cls(window, wide, caps, (1 - braking) * near[:, -1], braking * near[:, -1])
 
     def cone(self, caps: FloatArray) -> FloatArray:
         """Return what σ̇ keeps to (N,) in each cell, so that ṡ keeps to `caps: (N,)`."""
         found: FloatArray = cone(self.cells.edges, caps, self.window, self.cells.stops)
         return found
 
+    def plan(self, limits: RateLimits, caps: FloatArray) -> FloatArray:
+        """Return σ̇² (N + 1,) of the fastest plan, with ṡ ≤ `caps: (N,)` besides."""
+        caps = self.cone(np.minimum(caps, self.caps))
+        return fastest_law(self.cells, limits.acceleration, caps, push=self.pushes)
+
     def law(self, limits: RateLimits, caps: FloatArray) -> SmoothLaw:
-        """Return the average of the fastest plan, with ṡ ≤ `caps: (N,)` besides."""
-        cells, still = self.cells, np.zeros((len(self.cells), 1))
-        push = 1 / self.pushes[:, None]  # one joint more, that keeps |σ̈| ≤ S
-        boxes = zip(
-            (cells.slope_low, cells.slope_high, cells.bend_low, cells.bend_high),
-            (push, push, still, still),
-            strict=True,
-        )
-        squares = _fastest(
-            cells,
-            tuple(np.column_stack(both) for both in boxes),
-            np.append(_TIGHTER * limits.acceleration, _TIGHTER),
-            self.cone(np.minimum(caps, self.caps)),
-            0.0,
-        )
-        return SmoothLaw.averaged(cells.edges, squares, cells.stops, self.window)
+        """Return the average of that plan."""
+        return SmoothLaw.averaged(self.cells.edges, self.plan(limits, caps), self.cells.stops, self.window)
 
 
 def best_window(
@@ -400,7 +393,8 @@ def best_window(
             braked = np.minimum(smooth.brakes, pushes)[:, None] * np.maximum(times - window, 0.0)
             speeds = np.minimum(caps, np.maximum(braked, harmless).min(axis=1))
         if speeds.min() > 0:
-            duration = smooth.law(limits, speeds).duration
+            spans = _spans(cells.edges, smooth.plan(limits, speeds))
+            duration = float(spans.sum()) + window * (len(cells.stops) + 1)
         if duration < least:
             best, least, worse = window, duration, 0
         elif least < np.inf:

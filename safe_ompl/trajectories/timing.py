@@ -22,8 +22,8 @@ from safe_ompl.trajectories.caps import (
     people_caps,
     speed_caps,
 )
-from safe_ompl.trajectories.curve import BlendedCurve, Cells, blended
-from safe_ompl.trajectories.danger import DangerCap, MovingDanger, danger_cap
+from safe_ompl.trajectories.curve import BlendedCurve, blended
+from safe_ompl.trajectories.danger import MovingDanger, danger_cap
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances
 from safe_ompl.trajectories.time_law import SmoothLimits, TimeLaw, best_window, fastest_law, velocity_cap
@@ -222,22 +222,25 @@ class PathTimer:
             caps += speed_caps(self._bodies.bounds(curve, cells), *speeds)
         if self._danger is not None and max_danger is not None:
             most = np.min([cap.speeds for cap in caps], axis=0)
-            found = _danger_cap(curve, cells, self._danger, max_danger, most)
-            cells, caps = found.cells, [replace(cap, speeds=cap.speeds[found.parents]) for cap in caps]
-            brakes = None if brakes is None else brakes[found.parents]
-            caps.append(
-                SpeedCap("danger", np.where(found.speeds < most[found.parents], found.speeds, np.inf))
-            )
+            cells, of, allowed = danger_cap(curve, cells, self._danger, max_danger, most)
+            for j in np.flatnonzero(allowed <= 0):
+                q = curve.at(cells.centres[j : j + 1]).q[0]
+                reason = (
+                    f"the danger of the robot at rest is {self._danger.field.field.value(q):.4g} there, "
+                    f"{max_danger:.4g} is allowed; allow more, or keep the path farther away"
+                )
+                raise StandstillError(Standstill(float(cells.centres[j]), q, reason))
+            caps = [replace(cap, speeds=cap.speeds[of]) for cap in caps]
+            brakes = None if brakes is None else brakes[of]
+            caps.append(SpeedCap("danger", np.where(allowed < most[of], allowed, np.inf)))
         kept = self.people, *speeds, self.caps.danger, max_danger
         most = np.min([cap.speeds for cap in caps], axis=0)
         if window:
             own = velocity_cap(cells, limits)
             own = own if self.people is None else np.minimum(own, arc_cap(cells, limits))
-            smooth = SmoothLimits.of(cells, limits, own, window, stops=self.people is not None).law(
-                limits, most
-            )
-            return Trajectory(curve, smooth, limits, tuple(caps), brakes, *kept)
-        squares = fastest_law(cells, limits, most, speed)
+            smooth = SmoothLimits.of(cells, limits, own, window, stops=self.people is not None)
+            return Trajectory(curve, smooth.law(limits, most), limits, tuple(caps), brakes, *kept)
+        squares = fastest_law(cells, limits.acceleration, most, speed)
         if squares[0] < speed * speed * (1 - _SAME):
             q = curve.at(np.zeros(1)).q[0]
             reason = (
@@ -246,26 +249,6 @@ class PathTimer:
             raise StandstillError(Standstill(0.0, q, reason))
         law = TimeLaw.through(cells.edges, squares)
         return Trajectory(curve, law, limits, tuple(caps), brakes, *kept)
-
-
-def _danger_cap(
-    curve: BlendedCurve,
-    cells: Cells,
-    danger: MovingDanger,
-    limit: float,
-    most: FloatArray,
-) -> DangerCap:
-    found = danger_cap(curve, cells, danger, limit, most)
-    for j in np.flatnonzero(found.speeds <= 0):
-        s = float(found.cells.centres[j])
-        q = curve.at(np.array([s])).q[0]
-        still = danger.field.field.value(q)
-        reason = (
-            f"the danger of the robot at rest is {still:.4g} there, {limit:.4g} is allowed; allow more, or keep the "
-            "path farther away"
-        )
-        raise StandstillError(Standstill(s, q, reason))
-    return found
 
 
 def checked_path(path: ArrayLike, robot: Robot) -> FloatArray:
