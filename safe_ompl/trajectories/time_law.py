@@ -34,6 +34,7 @@ from safe_ompl.trajectories.limits import RateLimits
 _HALVINGS = 36
 _SHORTER, _WINDOWS = 0.75, 40  # windows that are tried: each the shorter by this; at most so many
 _LONGEST = 8.0  # the first of them, in times from no acceleration to all of it
+_SHORTEST = 1e-4  # [s] of averages that rounding does not touch
 _BENDS_BESIDE_PEOPLE = 0.1  # what `BENDS` is beside people
 _BRAKING = 2 / 3  # share of the range of σ̈ that is for stops beside people
 _TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9  # of limits, and of reach: what rounding takes
@@ -384,7 +385,7 @@ def best_window(
     with np.errstate(divide="ignore"):
         pushes = (limits.acceleration / cells.slopes).min(axis=1)
     pushes = np.minimum(pushes, np.linalg.norm(limits.acceleration))
-    window = _LONGEST * float((cells.slopes * pushes[:, None] / limits.jerk).max())
+    window = max(_LONGEST * float((cells.slopes * pushes[:, None] / limits.jerk).max()), _SHORTEST)
     best, least, worse = window, np.inf, 0
     for _ in range(_WINDOWS):
         smooth = SmoothLimits.of(cells, limits, caps, window, stops=stops)
@@ -399,7 +400,7 @@ def best_window(
             best, least, worse = window, duration, 0
         elif least < np.inf:
             worse += 1
-        if worse == 3:
-            break
         window *= _SHORTER
+        if worse == 3 or window < _SHORTEST:
+            break
     return best
