@@ -16,7 +16,8 @@ c_k w/2 of cell k. In all cells that are so near
 
 * |p σ̈ + c σ̇²| ≤ limit for all p and c in the boxes of q′ and of q″ over cell k, with 0 added to that of q″: then |q̈|
   keeps to the limit, for ṡ² is no more than the average of σ̇²;
-* |σ̈| ≤ S_k, with 2|q′|S_k/w + 3|q″|c_k S_k + |q‴|c_k³ ≤ limit: so |q⃛| = |q‴ṡ³ + 3q″ṡs̈ + q′s⃛| keeps to the limit.
+* −B_k ≤ σ̈ ≤ A_k, with |q′|(A_k + B_k)/w + 3|q″|c_k max(A_k, B_k) + |q‴|c_k³ ≤ limit: so |q⃛| = |q‴ṡ³ + 3q″ṡs̈ + q′s⃛|
+  keeps to the limit. Without people A = B; beside them B is larger, for stops.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ def fastest_law(
         Largest |s̈| in each cell.
     """
     boxes = [cells.slope_low, cells.slope_high, cells.bend_low, cells.bend_high]
-    if push is not None:  # one joint more, whose q′ is 1/push
+    if push is not None:  # one joint more, whose q′ is 1/push and whose limit is 1
         more = 1 / push[:, None]
         boxes = [np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)]
         acceleration = np.append(acceleration, 1.0) * _TIGHTER
@@ -224,14 +225,14 @@ class SmoothLaw(TimeLaw):
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
         now, before = self._plan(t), self._plan(t - self.window)
-        area, place, rate = ((a - b) / self.window for a, b in zip(now[:3], before[:3], strict=True))
+        place, rate, push = ((a - b) / self.window for a, b in zip(now[:3], before[:3], strict=True))
         last: IntArray = np.searchsorted(self.leaves, t, side="right") - 1
         first: IntArray = np.searchsorted(self.arrivals, t - self.window, side="right") - 1
-        cell = np.searchsorted(self.edges, area, side="right") - 1
+        cell = np.searchsorted(self.edges, place, side="right") - 1
         cell = np.clip(np.clip(cell, first, np.maximum(last, first)), 0, len(self.edges) - 2)
-        s = np.clip(area, self.edges[cell], self.edges[cell + 1])
+        s = np.clip(place, self.edges[cell], self.edges[cell + 1])
         outside = (t < 0) | (t > self.duration)
-        return cell, s, np.where(outside, 0.0, np.maximum(place, 0.0)), np.where(outside, 0.0, rate)
+        return cell, s, np.where(outside, 0.0, np.maximum(rate, 0.0)), np.where(outside, 0.0, push)
 
     def jerks(self, t: FloatArray) -> FloatArray:
         """Return s⃛ (T,) at times `t: (T,)` [s]."""
@@ -317,7 +318,7 @@ class SmoothLimits:
     caps : ndarray, shape (N,)
         c: what ṡ keeps to in the cells.
     pushes, brakes : ndarray, shape (N,)
-        What |σ̈| keeps to, and what a stop may decelerate by.
+        A, which |σ̈| keeps to, and B, by which a stop may decelerate.
     """
 
     window: float
