@@ -149,21 +149,13 @@ class PathReport:
     The validation is not put off: `certified` and `refused` are known from the beginning. What is computed later
     belongs to the path, the robot, the scene and the field as they were: these do not change.
 
-    Parameters
+    Attributes
     ----------
     length : float
         Euclidean length in joint space [rad].
-    danger : DangerReport or None
-        None where no danger field is given.
-    clearance : ClearanceReport
-        Distances to obstacles.
-    certified : bool
-        Whether every edge is proven free, and no check of the user's own refuses it.
-    refused : tuple of (int, MotionVerdict), optional
-        The first edge that is not proven free, and why; None for a certified path.
-    validation : Validation, optional
-        In full: what is proven, and what was sampled; default: what `certified` and `refused` say.
-    links_without_collision : sequence of str
+    validation : Validation
+        What is proven, and what was sampled.
+    links_without_collision : tuple of str
         Moving links of the robot that have no collision geometry: nothing is known of them.
     """
 

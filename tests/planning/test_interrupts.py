@@ -18,7 +18,7 @@ import pytest
 import safe_ompl
 from safe_ompl.apps.benchmark.campaign import Campaign
 from safe_ompl.apps.cli.program import main
-from safe_ompl.paths.simplify.simplifier import Simplifier
+from safe_ompl.paths.simplifier import Simplifier
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.ompl.goals import WorkspaceGoal
 from safe_ompl.planning.ompl.objective import DangerObjective

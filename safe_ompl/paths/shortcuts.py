@@ -9,10 +9,9 @@ import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
 from safe_ompl.danger import DangerField
-from safe_ompl.paths.simplify.cost import PathCost
-from safe_ompl.paths.simplify.descent import FeasibleSet
-from safe_ompl.paths.simplify.edges import EdgeProofs
-from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
+from safe_ompl.paths.cost import ObstacleCost, PathCost
+from safe_ompl.paths.descent import FeasibleSet
+from safe_ompl.paths.edges import EdgeProofs
 
 RETREAT_STEP = 0.02  # [rad]
 _LONGEST = 1.0  # [rad]
@@ -31,31 +30,13 @@ def retreat(
     feasible: FeasibleSet,
     stop: Callable[[], bool],
 ) -> FloatArray:
-    """Return the retreat (K, n) from an end of a path to where obstacles and danger are less; K = 1: there is none.
+    """Return a way (K, n) from an end (n,) of a path to where obstacles and danger are less; K = 1: there is none.
 
-    The steepest descent of what is near, Σ over pairs of link and obstacle, and of what is dangerous, the field of
-    the danger points over that of the most dangerous one at the end: w Σ_m (CDF(p_m)/CDF(end) − 0.8)₊². Sums of hinges
-    have no kinks, unlike the danger, which is a maximum; and each step is the best of its length for their Gauss-Newton
-    model (Nocedal & Wright, ch. 4). So it goes along the floor of the valley between two fingers' obstacles, where
-    gradient steps would go from wall to wall.
-
-    Parameters
-    ----------
-    end : ndarray, shape (n,)
-        Where the path begins or ends.
-    obstacles : ObstacleCost
-        Says what is near, and that the end needs a way out at all. It is anchored anew.
-    field : DangerField
-        The danger.
-    feasible : FeasibleSet
-        The joint limits.
-    stop : callable
-        When it says so, there is none.
-
-    Returns
-    -------
-    ndarray, shape (K, n)
-        `end` first, steps of 0.02 rad. Not yet proven free.
+    The steepest descent of what is near, Σ over pairs of link and obstacle, and of what is dangerous, the field of the
+    danger points over that of the most dangerous one at the end: w Σ_m (CDF(p_m)/CDF(end) − 0.8)₊². Sums of hinges have
+    no kinks, unlike the danger, which is a maximum; and each step of 0.02 rad is the best of its length for their
+    Gauss-Newton model (Nocedal & Wright, ch. 4). So it goes along the floor of the valley between two fingers'
+    obstacles, where gradient steps would go from wall to wall. It is not proven free, and `obstacles` is anchored anew.
     """
     reference = field.value(end)
     q, way, enough = end, [end], None
@@ -124,19 +105,6 @@ def shortcut(
 
     Estimates the cost of the edges between up to `most` way points and of the path's own, and proves only those of the
     chain that is cheapest so far, until all of a chain is proven (as lazy roadmaps do: Bohlin & Kavraki, ICRA 2000).
-
-    Parameters
-    ----------
-    path : ndarray, shape (N, n)
-        From the first way point to the last one.
-    cost : PathCost
-        What edges cost.
-    proofs : EdgeProofs
-        Proves them; where the path's own edges are accepted already, there is a chain.
-    stop : callable
-        When it says so, there is none.
-    most : int
-        Way points that edges may skip to, evenly chosen where the path has more.
     """
     candidates = np.rint(np.linspace(0, len(path) - 1, min(len(path), most))).astype(int)
     wanted = np.eye(len(path), k=1, dtype=bool)

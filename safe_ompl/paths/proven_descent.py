@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
+from safe_ompl.paths.cost import ActiveSetCost, peaks_beside_ends
+from safe_ompl.paths.descent import LARGEST, Descent, FeasibleSet
+from safe_ompl.paths.edges import EdgeProofs, path_length, with_way_points
 from safe_ompl.paths.measures import Curve
-from safe_ompl.paths.simplify.cost import peaks_beside_ends
-from safe_ompl.paths.simplify.descent import LARGEST, Descent, FeasibleSet
-from safe_ompl.paths.simplify.edges import EdgeProofs, path_length, with_way_points
-from safe_ompl.paths.simplify.obstacle_cost import ActiveSetCost
 
 Better = Callable[[FloatArray, float], None]
 
@@ -23,19 +22,6 @@ class BestPath:
 
     J is known for the danger points that matter near a path when it is offered. When others turn out to matter, it is
     `confirmed` anew, and a path that has become dearer than the given one is taken back.
-
-    Parameters
-    ----------
-    path : ndarray, shape (N, n)
-        The given path.
-    on_better : callable, optional
-        Told every path that is taken, and its J.
-
-    Attributes
-    ----------
-    path : ndarray, shape (N', n)
-    ceiling : float
-        J of the given path.
     """
 
     def __init__(self, path: FloatArray, on_better: Better | None) -> None:
@@ -79,10 +65,7 @@ _RESOLUTIONS = 2  # how often peaks are looked for
 
 @dataclass(frozen=True)
 class Terms:
-    """Requirements of a path: proofs of its edges, where its ends may be, its greatest length, and the least gain.
-
-    `precision` is the share of the cost that a round must save, or it is the last one.
-    """
+    """Requirements of a path; `precision` is the share of the cost that a round must save, or it is the last one."""
 
     proofs: EdgeProofs
     feasible: FeasibleSet
@@ -98,30 +81,10 @@ class Price(NamedTuple):
 
 
 class ProvenDescent:
-    """Descent of the part of a path between two retreats.
+    """Descent of the part of a path, `path: (N, n)`, between two `retreats` that stay, the ends included.
 
-    Parameters
-    ----------
-    path : ndarray, shape (N, n)
-        The part that moves; its edges are accepted.
-    retreats : (ndarray, ndarray)
-        The parts before and after it, that stay, its ends included.
-    cost : ActiveSetCost
-        What falls; it has looked at the path.
-    terms : Terms
-        What every path on the way must hold.
-    best : BestPath
-        Is offered every path. One that is dearer than the given one may become cheaper than that later.
-    stop : callable
-        Asked between steps; when it returns True, that is the end.
-
-    Attributes
-    ----------
-    path : ndarray, shape (N, n)
-        What has become of the part that moves.
-    price : Price
-    leads : bool
-        Whether the best path is one of this descent; not so at first.
+    Every path on the way is offered as the best one. One that is dearer than the given one may become cheaper later:
+    `leads` says whether the best path is one of this descent; not so at first.
     """
 
     def __init__(
@@ -193,15 +156,7 @@ class ProvenDescent:
         return False
 
     def _take(self, path: FloatArray) -> tuple[float, BoolArray]:
-        """Go on from as much of a path (N, n) as is proven, if that is cheaper.
-
-        Returns
-        -------
-        gain : float
-            By how much it is cheaper; 0 where nothing is taken.
-        back : ndarray of bool, shape (N,)
-            Way points that had to be held back.
-        """
+        """Go on from what is proven of a path (N, n), if cheaper; return the gain, and which points stay (N,)."""
         back = np.zeros(len(path), dtype=bool)
         price = self._price_if_better(path)  # a price costs less than a proof
         if price is not None:

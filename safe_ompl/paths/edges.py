@@ -34,15 +34,7 @@ def divided(path: FloatArray, spacing: float) -> FloatArray:
 
 
 def refined(path: FloatArray, near: Callable[[FloatArray], BoolArray]) -> FloatArray:
-    """Return the same path (N, n) with short segments where it is near obstacles.
-
-    Parameters
-    ----------
-    path : ndarray, shape (N, n)
-        Unrolled.
-    near : callable
-        Says of configurations (B, n) whether they are near obstacles, (B,).
-    """
+    """Return the same unrolled path (N, n) with short segments where configurations (B, n) are `near` obstacles."""
     close = near(path)
     for _ in range(_HALVINGS):
         middles = 0.5 * (path[1:] + path[:-1])
@@ -77,15 +69,7 @@ _WIDENINGS = 6  # then twice as much, so many times
 
 
 class EdgeProofs:
-    """Proves that every edge of a path is free, and keeps more than a margin from obstacles.
-
-    Parameters
-    ----------
-    motion : CertifiedMotion
-        Proves that edges are free. What is proven with a margin, it proves too.
-    stop : callable, optional
-        When it says so, nothing more is proven.
-    """
+    """Proves that every edge of a path is free, and keeps more than a margin from obstacles, until `stop` says so."""
 
     def __init__(self, motion: CertifiedMotion, stop: Callable[[], bool] = lambda: False) -> None:
         self._free = self._clear = motion
@@ -94,13 +78,7 @@ class EdgeProofs:
         self._inherited: set[bytes] = set()
 
     def check(self, path: FloatArray) -> None:
-        """Accept the edges of a path (N, n) without a margin.
-
-        Raises
-        ------
-        InputError
-            If one is not proven free.
-        """
+        """Accept the edges of a path (N, n) without a margin; raise InputError if one is not proven free."""
         for k, (start, end) in enumerate(pairwise(path)):
             if not self._free.is_free(start, end):
                 raise InputError(f"path: the edge from way point {k} on is not proven free")
@@ -139,15 +117,8 @@ class EdgeProofs:
     def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return `path: (N, n)`, held back to a known one where edges are refused, and which way points are there (N,).
 
-        Way points beside a refused edge go back to where they were, and those around them in part, so that there is
-        no kink; if that does not help, more of them.
-
-        Parameters
-        ----------
-        path : ndarray, shape (N, n)
-            What is wanted.
-        known : ndarray, shape (N, n)
-            A path that is accepted; where nothing else helps, all way points go back to it.
+        Way points beside a refused edge go back to where they were in the accepted path `known: (N, n)`, and those
+        around them in part, so that there is no kink; if that does not help, more of them, and in the end all.
         """
         refused, reach = self.refused(path), _REACH
         if not refused:

@@ -8,21 +8,15 @@ from typing import Protocol
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.paths.simplify.cost import QuadraticModel
-from safe_ompl.paths.simplify.kernels import factored, solved
+from safe_ompl.paths.cost import QuadraticModel
+from safe_ompl.paths.kernels import factored, solved
 from safe_ompl.robot import Place, Robot, solve_from_seed
 
 _DAMPING = 1e-6  # [m²/rad²] of the projection: keeps it defined where the arm is singular
 
 
 class FeasibleSet:
-    """The set of feasible paths: way points within the joint limits, between ends that are fixed.
-
-    Parameters
-    ----------
-    robot : Robot
-        Gives the limits; continuous joints have none.
-    """
+    """The set of feasible paths: way points within the joint limits, between ends that are fixed."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -57,10 +51,7 @@ class GoalSet(Protocol):
 class FreeGoal(FeasibleSet):
     """The set of feasible paths whose last way point may be anywhere where the tip is at its place.
 
-    Parameters
-    ----------
-    goal : GoalSet
-        The set. Goals found are a tenth of its tolerance near.
+    Goals found are a tenth of its tolerance near.
     """
 
     def __init__(self, goal: GoalSet) -> None:
@@ -124,21 +115,6 @@ class Descent:
     et al. 2009), whose inverse makes smooth moves cheap and moves of single way points dear; and the Gauss-Newton part
     of what the densities add. Both are blocks on and beside the diagonal, and solved in O(N). A step that does not
     lower the cost is shortened to where a parabola has its minimum.
-
-    Parameters
-    ----------
-    cost : Smooth
-        What falls.
-    path : ndarray, shape (N, n)
-        Where to begin.
-    constraints : Constraints
-        What way points may do.
-
-    Attributes
-    ----------
-    path : ndarray, shape (N, n)
-    value : float
-        Its cost.
     """
 
     def __init__(self, cost: Smooth, path: FloatArray, constraints: Constraints) -> None:
@@ -212,16 +188,9 @@ def _shortened(promised: float, change: float) -> float:
 
 
 class BlockChain:
-    """A positive symmetric matrix of blocks on the diagonal and beside it, factored once and solved often.
+    """A positive symmetric matrix of blocks (N, n, n) on the diagonal and (N − 1, n, n) right of them, factored once.
 
-    Parameters
-    ----------
-    blocks : ndarray, shape (N, n, n)
-        On the diagonal.
-    beside : ndarray, shape (N − 1, n, n)
-        Right of them; below stand their transposes.
-    moving : ndarray of bool, shape (N,)
-        Block rows and columns of the others count as those of the unit matrix.
+    Block rows and columns that do not move, `moving: (N,)`, count as those of the unit matrix.
     """
 
     def __init__(self, blocks: FloatArray, beside: FloatArray, moving: BoolArray) -> None:
