@@ -9,9 +9,9 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.planning.planners.base import SafePlanner
     from safe_ompl.planning.planners.bubble import BubblePlanner
-    from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph
     from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
     from safe_ompl.planning.planners.parameters import Parameter
+    from safe_ompl.planning.planners.parts.tree import PlannerGraph
     from safe_ompl.planning.planners.prm import SafePRM
     from safe_ompl.planning.planners.registry import (
         accepts,

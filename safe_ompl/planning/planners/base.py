@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import logging
 from abc import abstractmethod
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, whole_number
+from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, warn_once, whole_number
 from safe_ompl.danger import DangerField, DangerLimit
-from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph, UnansweredRequest
 from safe_ompl.planning.planners.parameters import (
     FormerNames,
     Parameter,
@@ -22,7 +21,8 @@ from safe_ompl.planning.planners.parameters import (
     snake_case,
 )
 from safe_ompl.planning.planners.parts.problem import PlanningProblem, first_goals, later_goals
-from safe_ompl.planning.planners.parts.tree import Trees
+from safe_ompl.planning.planners.parts.roadmap import Roadmap
+from safe_ompl.planning.planners.parts.tree import PlannerGraph, Trees, TwoTrees
 
 _log = logging.getLogger(__name__)
 
@@ -32,25 +32,21 @@ _RANGE_FRACTION = (
 )
 
 
-class SearchStructure(Protocol):
-    """What a planner builds from starts and goals: trees, or a roadmap."""
+class UnansweredRequest:
+    """`getPlannerData` of a planner in Python: OMPL's own, which gives nothing, and a warning that says so.
 
-    def add_start(self, q: FloatArray) -> None:
-        """Add a valid start configuration (n,)."""
+    A method in Python would end the process. OMPL first looks whether there is one, and finds its own here.
+    """
 
-    def add_goal(self, q: FloatArray) -> None:
-        """Add a valid goal configuration (n,)."""
-
-    @property
-    def has_starts(self) -> bool:
-        """Whether there is a start."""
-
-    @property
-    def has_goals(self) -> bool:
-        """Whether there is a goal."""
-
-    def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
+    def __get__(self, planner: Any, owner: type | None = None) -> Any:
+        if planner is None:
+            return ob.Planner.getPlannerData
+        warn_once(
+            _log,
+            f"{planner.getName()}: getPlannerData stays empty, as OMPL's bindings have no version of it in Python: "
+            "safe_ompl.planner_data(planner) and SafeSetup fill it",
+        )
+        return ob.Planner.getPlannerData.__get__(planner)
 
 
 class SafePlanner(ob.Planner):  # type: ignore[misc]
@@ -217,7 +213,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Make the parts that keep values of parameters, before these are set; by default there are none."""
 
     @property
-    def _structure(self) -> SearchStructure:
+    def _structure(self) -> TwoTrees[Any] | Roadmap:
         """What has been built so far; by default two trees."""
         return self._trees
 

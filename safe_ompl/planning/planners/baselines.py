@@ -25,12 +25,7 @@ _REFUSALS = 10  # refusals in a row before it warms up
 class TransitionTest:
     """Accepts downhill steps always, and uphill steps with a probability that adapts itself (Jaillet 2010).
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Random numbers.
-    scale : float
-        K, the usual cost: the mean of those of start and goal.
+    `scale` is K, the usual cost: the mean of those of start and goal.
     """
 
     def __init__(self, rng: np.random.Generator, scale: float) -> None:
@@ -58,18 +53,7 @@ class TransitionTest:
 class TransitionStep:
     """EXTEND with the transition test.
 
-    Parameters
-    ----------
-    problem : PlanningProblem
-        The problem.
-    trees : Trees
-        What grows.
-    test : TransitionTest
-        Which steps up the cost are taken.
-    step : float
-        Largest length of one step [rad].
-    detour : callable, optional
-        For a tree and a configuration (n,) that the test refuses: another one to test instead, or None.
+    Where the test refuses a configuration (n,), `detour` may offer another one to test instead.
     """
 
     def __init__(

@@ -8,14 +8,14 @@ from typing import Any
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.parameters import FormerNames, Parameter
-from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
-from safe_ompl.planning.planners.parts.danger import (
+from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, ShortSteps, TangentialDescent
+from safe_ompl.planning.planners.parts.safety import (
+    AdaptiveMargin,
     AdaptiveThreshold,
     DangerDecay,
     DangerWeight,
     SafeSelection,
 )
-from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, ShortSteps, TangentialDescent
 from safe_ompl.planning.planners.parts.tree import Tree, TreeSchedule
 
 

@@ -19,15 +19,10 @@ _FIRST_GOALS = 100  # taken before planning begins
 class PlanningProblem:
     """A space with its validity checker, motion validator and cost, asked with arrays instead of OMPL's states.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts, with any validity checker and motion validator.
-
     Attributes
     ----------
     bridge : StateBridge
-        The space.
+        The space, of real vectors and SO(2) parts.
     cost : StateCost
         Cost of configurations: the danger.
     limit : DangerLimit or None
@@ -124,16 +119,7 @@ class ClearanceCache:
 def first_goals(inputs: Any, goal: Any, ptc: Any) -> Iterator[Any]:
     """Yield the goal states that a problem offers before planning: all there are, up to a hundred.
 
-    Where there is none yet, this waits for the first until `ptc` fires.
-
-    Parameters
-    ----------
-    inputs : ob.PlannerInputStates
-        The planner's; each state that it yields is valid until the next one.
-    goal : ob.GoalSampleableRegion
-        The goal.
-    ptc : ob.PlannerTerminationCondition
-        When to stop.
+    Where there is none yet, this waits for the first until `ptc` fires. Each state is valid until the next one.
     """
     if not goal.maxSampleCount():
         yield inputs.nextGoal(ptc)
@@ -148,13 +134,6 @@ def later_goals(inputs: Any, nodes: int) -> Iterator[Any]:
 
     Goals that are taken while planning stay fewer than half of the nodes, as in OMPL: a region may have goals without
     end.
-
-    Parameters
-    ----------
-    inputs : ob.PlannerInputStates
-        The planner's.
-    nodes : int
-        How many nodes there are.
     """
     if 2 * inputs.getSampledGoalsCount() < nodes:
         yield inputs.nextGoal()

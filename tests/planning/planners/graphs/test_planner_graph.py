@@ -11,7 +11,7 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph, two_trees
+from safe_ompl.planning.planners.parts.tree import PlannerGraph, two_trees
 from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.planning.run import planner_data
