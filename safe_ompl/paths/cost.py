@@ -12,8 +12,7 @@ from safe_ompl.collision import CollisionChecker, PairDistances, Proximity, Witn
 from safe_ompl.common import BoolArray, FloatArray, IntArray, number
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import kernels as kernel
-from safe_ompl.paths.edges import divided, path_length
-from safe_ompl.paths.measures import Curve
+from safe_ompl.paths.measures import Curve, divided, path_length
 from safe_ompl.robot import Robot, plain
 
 _BESIDE, _CLOSELY = 0.4, 0.02  # [rad] so far from the ends peaks are looked for, at samples so close together

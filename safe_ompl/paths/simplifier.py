@@ -23,11 +23,9 @@ from safe_ompl.paths.cost import (
     PathCost,
     reference_danger,
 )
-from safe_ompl.paths.descent import FeasibleSet, FreeGoal, GoalSet
-from safe_ompl.paths.edges import EdgeProofs, divided, path_length, refined
-from safe_ompl.paths.measures import Curve
-from safe_ompl.paths.proven_descent import BestPath, Better, ProvenDescent, Terms
-from safe_ompl.paths.shortcuts import joined, retreat, shortcut
+from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
+from safe_ompl.paths.edges import EdgeProofs, FeasibleSet, FreeGoal, GoalSet, joined, retreat, shortcut
+from safe_ompl.paths.measures import Curve, divided, path_length, refined
 from safe_ompl.robot import Robot
 
 Stop = Callable[[], bool]
@@ -177,25 +175,30 @@ class Simplifier:
         self.length_factor, self.spacing, self.precision = chosen.length_factor, chosen.spacing, _CONVERGED
         self.obstacle_cost = ObstacleCost(checker, chosen.clearance) if chosen.clearance else None
         self._field = field
-        self._measure_scene()
+        self._revisions: tuple[int, int] | None = None
+        self._follow()
 
-    def _measure_scene(self) -> None:
-        """Measure what the danger is compared with in the scene as it is now."""
-        self._revisions = self.checker.revision, self._field.revision
+    def _follow(self) -> None:
+        """Measure what the danger is compared with in the scene as it is now, unless that is known."""
+        revisions = self.checker.revision, self._field.revision
+        if revisions == self._revisions:
+            return
+        self._revisions = revisions
         reference = reference_danger(self._field, self.checker)
         self._danger = DangerDensity(self._field, reference, self._options.weight, self._options.exponent)
+        self._cost = PathCost(self.robot, [self._danger])
 
     @property
     def danger(self) -> DangerDensity:
-        """The cost of danger of a radian of path; measured anew if obstacles have moved."""
-        if self._revisions != (self.checker.revision, self._field.revision):
-            self._measure_scene()
+        """The cost of danger of a radian of path."""
+        self._follow()
         return self._danger
 
     @property
     def cost(self) -> PathCost:
         """J of paths."""
-        return PathCost(self.robot, [self.danger])
+        self._follow()
+        return self._cost
 
     def proving_by(self, motion: CertifiedMotion) -> Simplifier:
         """Return the same simplifier whose edges another certified motion proves."""

@@ -14,10 +14,9 @@ from safe_ompl.common.errors import CollisionError, InputError, PlanningError, U
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.constraints import Constraints
 from safe_ompl.planning.ompl.goals import WorkspaceGoal
 from safe_ompl.planning.ompl.states import joint_space
-from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity, Constraints
 from safe_ompl.planning.optimise import Simplification, Timing
 from safe_ompl.planning.planners.registry import make_planner
 from safe_ompl.planning.problem import Problem

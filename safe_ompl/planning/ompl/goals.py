@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from ompl import base as ob
 
-from safe_ompl.common import FloatArray, InputError, PlanningError, positive, shown
+from safe_ompl.common import FloatArray, InputError, PlanningError, positive, shown, whole_number
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.robot import (
@@ -108,9 +108,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
 
     def setSeed(self, seed: int) -> None:
         """Start the random numbers anew and forget all solutions."""
-        if isinstance(seed, bool) or int(seed) != seed or seed < 0:
-            raise InputError(f"seed must be a non-negative integer, got {seed!r}")
-        self._seed = int(seed)
+        self._seed = whole_number("seed", seed, at_least=0)
         self._rng = np.random.default_rng(self._seed)
         self._found: list[FloatArray] = []
         self._offered = 0  # of those found, in order
@@ -118,10 +116,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self._asked = 0
         self._tries = 0  # seeds that were searched from,
         self._arrived = 0  # and how many of them led to the place
-        self._nearest = (
-            np.inf,
-            np.zeros(0),
-        )  # of the others, the least distance and the configuration that has it
+        self._nearest = np.inf, np.zeros(0)  # of the others, the least distance and where it was
         self._refused: FloatArray | None = None  # the last one that led to the place, but is not valid
 
     def getSeed(self) -> int:

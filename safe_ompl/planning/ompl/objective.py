@@ -35,15 +35,7 @@ _VALUE_SAMPLES = 100
 
 
 class Motion(NamedTuple):
-    """A straight motion in joint space.
-
-    Attributes
-    ----------
-    start, delta : ndarray, shape (n,)
-        Where it begins, and its difference to where it ends [rad or m].
-    length : float
-        Length [rad].
-    """
+    """A straight motion in a space: where it begins, its difference to where it ends (n,), and its length [rad]."""
 
     start: FloatArray
     delta: FloatArray
@@ -59,16 +51,10 @@ class Motion(NamedTuple):
     def integral(
         self, density: Callable[[FloatArray], FloatArray], tolerance: float, refinements: int
     ) -> float:
-        """Return the integral of a density over the length, by the trapezoidal rule with halved steps.
+        """Return the integral over the length of a density, which has values (B,) at configurations (B, n).
 
-        Parameters
-        ----------
-        density : callable
-            Returns its values (B,) at configurations (B, n).
-        tolerance : float
-            Relative error at which the refinement ends.
-        refinements : int
-            The step is halved at most this often.
+        By the trapezoidal rule, whose step is halved until the relative error is below the tolerance, but at most
+        `refinements` times.
         """
         panels = 1 + int(self.length / _MOTION_STEP)
         values = density(self.start + np.linspace(0.0, 1.0, panels + 1)[:, None] * self.delta)
@@ -286,15 +272,8 @@ class StateCost:
     """The cost of configurations as planners read it from a problem's objective.
 
     Objectives that answer batches (`values(Q)`, as `DangerObjective` does) are asked for batches; any other
-    `ob.OptimizationObjective` is asked state by state. Without an objective, or with path length, every
-    configuration costs nothing and planning is classical.
-
-    Parameters
-    ----------
-    objective : ob.OptimizationObjective or None
-        The problem's objective.
-    bridge : StateBridge
-        The space.
+    `ob.OptimizationObjective` is asked state by state. Without an objective, or with path length, every configuration
+    costs nothing and planning is classical.
     """
 
     def __init__(self, objective: Any, bridge: StateBridge) -> None:
@@ -347,11 +326,6 @@ class StateCost:
 
         A `DangerObjective` keeps it, as long as the same `CollisionFreeValidity` says with the same settings what is
         valid. Nothing is known of how a user's own checker decides, so with one it is measured at each call.
-
-        Parameters
-        ----------
-        si : ob.SpaceInformation
-            Says which configurations are valid.
         """
         if self.is_zero:
             return 0.0

@@ -59,11 +59,6 @@ class StateBridge:
 
     Works on real-vector spaces, SO(2), and compounds of these; angles of SO(2) parts wrap at ±π.
 
-    Parameters
-    ----------
-    space : ob.StateSpace
-        The space.
-
     Attributes
     ----------
     n : int

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from abc import abstractmethod
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,6 +13,7 @@ from ompl import geometric as og
 
 from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, warn_once, whole_number
 from safe_ompl.danger import DangerField, DangerLimit
+from safe_ompl.planning.ompl import danger_objection
 from safe_ompl.planning.planners.parameters import (
     FormerNames,
     Parameter,
@@ -20,12 +22,13 @@ from safe_ompl.planning.planners.parameters import (
     parameters_of,
     snake_case,
 )
-from safe_ompl.planning.planners.parts.problem import PlanningProblem, first_goals, later_goals
+from safe_ompl.planning.planners.parts.problem import PlanningProblem
 from safe_ompl.planning.planners.parts.roadmap import Roadmap
 from safe_ompl.planning.planners.parts.tree import PlannerGraph, Trees, TwoTrees
 
 _log = logging.getLogger(__name__)
 
+_FIRST_GOALS = 100  # taken before planning begins
 _UNREAD = object()  # stands for an objective until the problem's is read
 _RANGE_FRACTION = (
     0.075  # of the space's extent: 1.1 rad on an arm; longer steps are trapped, shorter ones crawl
@@ -242,24 +245,36 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the goals that the problem offers: all of them at first, one now and then later."""
-        inputs, goal = self.getPlannerInputStates(), self.getProblemDefinition().getGoal()
-        found = (
-            later_goals(inputs, self.counts.nodes)
-            if self._structure.has_goals
-            else first_goals(inputs, goal, ptc)
-        )
-        for state in found:
+        for state in self._later_goals() if self._structure.has_goals else self._first_goals(ptc):
             if state is not None and not self._too_dangerous("goal", q := self._bridge.read(state)):
                 self._structure.add_goal(q)
 
+    def _first_goals(self, ptc: Any) -> Iterator[Any]:
+        """Yield the goal states that there are, up to a hundred; where there is none yet, wait for the first."""
+        inputs = self.getPlannerInputStates()
+        if not self.getProblemDefinition().getGoal().maxSampleCount():
+            yield inputs.nextGoal(ptc)
+        for _ in range(_FIRST_GOALS):
+            if ptc() or not inputs.haveMoreGoalStates():
+                return
+            yield inputs.nextGoal()
+
+    def _later_goals(self) -> Iterator[Any]:
+        """Yield another goal state, or none; this never waits.
+
+        Goals that are taken while planning stay fewer than half of the nodes, as in OMPL: a region may have goals
+        without end.
+        """
+        inputs = self.getPlannerInputStates()
+        if 2 * inputs.getSampledGoalsCount() < self.counts.nodes:
+            yield inputs.nextGoal()
+
     def _too_dangerous(self, name: str, q: FloatArray) -> bool:
         limit = self._problem.limit
-        if limit is None or limit.allows(q):
-            return False
-        _log.warning(
-            "%s: %s has danger %.4g, above the limit %.4g", self.getName(), name, limit.danger(q), limit.limit
-        )
-        return True
+        objection = None if limit is None else danger_objection(limit, q)
+        if objection is not None:
+            _log.warning("%s: %s%s", self.getName(), name, objection)
+        return objection is not None
 
     # -------------------------------------------------------------------------------------------- internals
 

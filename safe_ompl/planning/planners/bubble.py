@@ -12,8 +12,9 @@ from safe_ompl.collision import BUBBLE_SHAPES, Bubble, CollisionChecker
 from safe_ompl.common import FloatArray, halton_point
 from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parts.clearance import WORTHWHILE, AdaptiveMargin
 from safe_ompl.planning.planners.parts.extend import ElasticBand, TangentialDescent
-from safe_ompl.planning.planners.parts.safety import WORTHWHILE, AdaptiveMargin, DangerDecay, DangerWeight
+from safe_ompl.planning.planners.parts.problem import DangerDecay, DangerWeight
 from safe_ompl.planning.planners.parts.tree import ROOT, TwoTrees
 from safe_ompl.planning.planners.parts.volume_tree import (
     JointMetric,

@@ -14,14 +14,14 @@ from safe_ompl.common import Counts, FloatArray
 from safe_ompl.planning.ompl import StateBridge, StateCost, WorkspaceGoal
 from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
 from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, TangentialDescent
-from safe_ompl.planning.planners.parts.problem import PlanningProblem
-from safe_ompl.planning.planners.parts.safety import (
-    AdaptiveMargin,
+from safe_ompl.planning.planners.parts.problem import (
     AdaptiveThreshold,
     DangerDecay,
     DangerWeight,
     FixedThreshold,
+    PlanningProblem,
     SafeSelection,
 )
 from safe_ompl.planning.planners.parts.tree import Graph, Tree, Trees

@@ -10,7 +10,9 @@ import numpy as np
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parts.clearance import PenaltyMargin
 from safe_ompl.planning.planners.parts.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.parts.problem import DangerDecay, DangerWeight
 from safe_ompl.planning.planners.parts.roadmap import (
     LocalPlanner,
     Roadmap,
@@ -19,7 +21,6 @@ from safe_ompl.planning.planners.parts.roadmap import (
     joined_branches,
     roadmap_metric,
 )
-from safe_ompl.planning.planners.parts.safety import DangerDecay, DangerWeight, PenaltyMargin
 from safe_ompl.planning.planners.parts.tree import ROOT
 
 _PENALTY = 4  # ranges; added to the length of an edge that does not keep the margin

@@ -8,9 +8,9 @@ from typing import Any
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
 from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, ShortSteps, TangentialDescent
-from safe_ompl.planning.planners.parts.safety import (
-    AdaptiveMargin,
+from safe_ompl.planning.planners.parts.problem import (
     AdaptiveThreshold,
     DangerDecay,
     DangerWeight,

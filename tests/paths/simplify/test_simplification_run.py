@@ -13,8 +13,7 @@ from safe_ompl.geometry.basic import Box, Capsule, Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.paths.cost import ObstacleCost
-from safe_ompl.paths.edges import EdgeProofs
-from safe_ompl.paths.shortcuts import shortcut
+from safe_ompl.paths.edges import EdgeProofs, shortcut
 from safe_ompl.paths.simplifier import SimplificationRun, Simplifier, unrolled
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.robot.ik import Place

@@ -5,7 +5,7 @@ import pytest
 
 from safe_ompl.common.errors import InputError, UnknownNameError
 from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.parts.safety import AdaptiveMargin, PenaltyMargin
+from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin, PenaltyMargin
 from safe_ompl.planning.planners.registry import make_planner
 from safe_ompl.scene.scenario import Scenario, find_scenario
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.ompl import StateBridge
-from safe_ompl.planning.planners.parts.problem import PlanningProblem
-from safe_ompl.planning.planners.parts.safety import AdaptiveThreshold, DangerWeight
+from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
 
 _RARE = 4  # refusals for obstacles to one for danger: from there on proofs go first
