@@ -12,7 +12,7 @@ from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import PathReport, Validation
 from safe_ompl.planning.optimise import Improvement
-from safe_ompl.planning.wiring import danger_field
+from safe_ompl.planning.problem import danger_field
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import RateLimits, Trajectory, time_path

@@ -15,11 +15,16 @@ if TYPE_CHECKING:
     from safe_ompl.planning.planners.prm import SafePRM
     from safe_ompl.planning.planners.registry import (
         accepts,
+        check_planner,
         check_usable,
         is_ours,
         make_planner,
         needs_place,
+        nodes_of,
+        planner_data,
         planner_names,
+        seed_ompl,
+        termination,
     )
     from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 
@@ -32,11 +37,16 @@ __all__ = [
     "SafePlanner",
     "SafeRRTConnect",
     "accepts",
+    "check_planner",
     "check_usable",
     "is_ours",
     "make_planner",
     "needs_place",
+    "nodes_of",
+    "planner_data",
     "planner_names",
+    "seed_ompl",
+    "termination",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)
