@@ -70,13 +70,7 @@ class Density(Protocol):
 
 
 class DangerDensity:
-    """λ·CDF(q)ᵖ with λ = weight/reference(CDF)ᵖ, so that one weight serves all robots and scenes.
-
-    Raises
-    ------
-    InputError
-        If a number is out of range.
-    """
+    """λ·CDF(q)ᵖ with λ = weight/reference(CDF)ᵖ, so that one weight ≥ 0 serves all robots and scenes; p ≥ 1."""
 
     def __init__(
         self, field: DangerField, reference: float, weight: float = WEIGHT, exponent: float = 1.0
@@ -85,12 +79,6 @@ class DangerDensity:
         self.reference = number("reference", reference, above=0.0)
         self.weight = number("weight", weight, at_least=0.0)
         self.exponent = number("exponent", exponent, at_least=1.0)
-
-    def __repr__(self) -> str:
-        return (
-            f"DangerDensity({self.field!r}, {self.reference:g}, weight={self.weight:g}, "
-            f"exponent={self.exponent:g})"
-        )
 
     def values(self, Q: FloatArray) -> FloatArray:
         """Return the density (B,) at `Q: (B, n)`."""
@@ -139,9 +127,6 @@ class PathCost:
     def __init__(self, robot: Robot, densities: Sequence[Density]) -> None:
         self.robot = robot
         self.densities = tuple(densities)
-
-    def __repr__(self) -> str:
-        return f"PathCost({self.robot!r}, {list(self.densities)!r})"
 
     def of(self, path: FloatArray, step: float = STEP) -> float:
         """Return J of a path (N, n), by the trapezoidal rule on samples at most `step` apart [rad]."""
@@ -223,25 +208,12 @@ _STEP = 0.03  # [rad] between the samples at which the least clearance along a p
 class ObstacleCost:
     """Obstacle cost of a radian of path, w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²) over pairs of link and obstacle.
 
-    d is the distance of the two, D where obstacles begin to count; d₀ ≤ D what the ends of a path allow: where these
-    are near an obstacle themselves, the path between them shall at least not come nearer.
+    d [m] is the distance of the two, D > 0 where obstacles begin to count; d₀ ≤ D what the ends of a path allow, 0 at
+    first: where these are near an obstacle themselves, the path between them shall at least not come nearer. w > 0 is
+    the cost of a radian of path at which one pair touches and d₀ = 0.
 
     Exact distances cost more than all else. While a path descends, `anchor` keeps their witnesses, and these move with
     the links until it is anchored again.
-
-    Parameters
-    ----------
-    checker : CollisionChecker
-        Robot and scene.
-    distance : float
-        D [m], > 0
-    weight : float
-        w > 0, the cost of a radian of path at which one pair touches and d₀ = 0.
-
-    Attributes
-    ----------
-    allowed : float
-        d₀ [m], ≥ 0; 0 at first.
     """
 
     def __init__(self, checker: CollisionChecker, distance: float, weight: float = OBSTACLE_WEIGHT) -> None:
@@ -250,9 +222,6 @@ class ObstacleCost:
         self.allowed = 0.0
         self._proximity = Proximity(checker, self.distance)
         self._anchored: Witnesses | None = None
-
-    def __repr__(self) -> str:
-        return f"ObstacleCost({self._proximity.checker!r}, {self.distance:g}, {self.weight:g})"
 
     def afresh(self, allowed: float) -> ObstacleCost:
         """Return the same for another path, without witnesses; `allowed` is its d₀ [m], at most D."""

@@ -24,7 +24,7 @@ from safe_ompl.paths.cost import (
     reference_danger,
 )
 from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
-from safe_ompl.paths.edges import EdgeProofs, FeasibleSet, FreeGoal, GoalSet, joined, retreat, shortcut
+from safe_ompl.paths.edges import MOST, EdgeProofs, FeasibleSet, FreeGoal, GoalSet, joined, retreat, shortcut
 from safe_ompl.paths.measures import Curve, divided, path_length, refined
 from safe_ompl.robot import Robot
 
@@ -325,28 +325,21 @@ class SimplificationRun:
         self._cost = ActiveSetCost(self._danger, self._obstacles, self.best)
         self._best.ceiling = self._cost.of(self.best)
 
-    def _shorten(self) -> None:
-        """Take shortcuts between the way points of the given path."""
-        shorter = self._shortcut(shortcut, self.best)
-        if shorter is None or path_length(shorter) > self._terms.longest:
-            return
-        self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
-        cost = self._cost.of(shorter)
-        if self._best.take(shorter, cost):
-            self._best.confirm(cost)
-
-    def _shorten_anew(self) -> bool:
-        """Take shortcuts between way points that have descended, if they lead out of a poor minimum; return whether."""
-        before = self._cost.of(self.best)
-        shorter = self._shortcut(partial(shortcut, most=_FEW), self.best)
+    def _shorten(self, most: int = MOST, worth: float = np.inf) -> bool:
+        """Take shortcuts between up to `most` way points, if the path then costs no more; return whether."""
+        shorter = self._shortcut(partial(shortcut, most=most), self.best)
         if shorter is None or path_length(shorter) > self._terms.longest:
             return False
-        self._cost.look_at(shorter)
+        self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
         cost = self._cost.of(shorter)
-        if cost > (1.0 - _WORTHWHILE) * before or not self._best.take(shorter, cost):
+        if cost > worth or not self._best.take(shorter, cost):
             return False
         self._best.confirm(cost)
         return True
+
+    def _shorten_anew(self) -> bool:
+        """Take shortcuts between way points that have descended, if they lead out of a poor minimum; return whether."""
+        return self._shorten(_FEW, (1.0 - _WORTHWHILE) * self._cost.of(self.best))
 
     def _descend_between_retreats(self, path: FloatArray) -> bool:
         """Leave ends that are near obstacles by retreats, and descend between; return whether that is the best."""

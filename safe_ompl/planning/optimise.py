@@ -135,19 +135,7 @@ def stopping(time: Any) -> Stop:
 
 @dataclass(frozen=True)
 class Improvement:
-    """A path that was better than all before it.
-
-    Attributes
-    ----------
-    time : float
-        Since the beginning [s].
-    cost : float
-        J of the path.
-    length : float
-        [rad]
-    danger_mean, danger_max : float
-        Over the path.
-    """
+    """A path that was better than all before it: when it was found [s], its cost, length [rad] and danger."""
 
     time: float
     cost: float
@@ -162,17 +150,7 @@ class Improvement:
 
 @dataclass
 class Optimisation:
-    """The best path so far, and those that were best before.
-
-    Attributes
-    ----------
-    times : list of float
-        When each path was found [s].
-    paths : list of ndarray, shape (N, n)
-        Each better than those before, as far as was known then.
-    first_path : float or None
-        When there was a path at all [s].
-    """
+    """The best path so far, and those that were best before; and when there was a path at all [s]."""
 
     times: list[float]
     paths: list[FloatArray]

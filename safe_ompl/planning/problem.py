@@ -57,9 +57,6 @@ class Wiring:
         self._registered = False  # to let go of the user's checks when the program ends
         self.plug_in(CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker, floor))
 
-    def __repr__(self) -> str:
-        return f"Wiring({self.checker!r})"
-
     def plug_in(self, validity: CollisionFreeValidity, validator: CertifiedMotionValidator) -> None:
         """Replace our own plug-ins; those of a user are asked besides ours."""
         self.validity, self.validator = validity, validator

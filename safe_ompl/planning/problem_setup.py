@@ -141,12 +141,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setConstraints(self, constraints: Constraints) -> None:
         """Set all constraints at once; where that fails they stay what they were.
 
-        Raises
-        ------
-        CollisionError
-            If start or all goals that are set break them.
-        UnknownNameError
-            If one is about an obstacle that the scene does not have.
+        A CollisionError if start or all goals that are set break them; an UnknownNameError if one is about an obstacle
+        that the scene does not have.
         """
         before = self.wiring.constraints
         self.wiring.put(constraints)
@@ -167,10 +163,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.setConstraints(replace(self.wiring.constraints, danger=danger))
 
     def setMinClearance(
-        self,
-        distance: float,
-        obstacles: Sequence[str] | None = None,
-        exempt: Sequence[tuple[str, str]] = (),
+        self, distance: float, obstacles: Sequence[str] | None = None, exempt: Sequence[tuple[str, str]] = ()
     ) -> None:
         """Set the distance that every path must keep from obstacles; arguments and errors of `MinClearance.of`.
 

@@ -83,14 +83,9 @@ class PlanResult:
     def timed(self, limits: RateLimits | None = None, **options: Any) -> Trajectory:
         """Return the path as a trajectory; parameters and errors of `time_path`.
 
-        It knows `robot`, `motion` and, where `max_danger` is given, `danger`: what was planned for.
-
-        Raises
-        ------
-        InputError
-            If there is no path, or the result comes from another process, where only `time_path` helps.
-        StaleSceneError
-            If obstacles have moved since.
+        It knows `robot`, `motion` and, where `max_danger` is given, `danger`: what was planned for. An InputError if
+        there is no path, or the result comes from another process, where only `time_path` helps; a StaleSceneError if
+        obstacles have moved since.
         """
         if self.path is None:
             raise InputError(f"there is no path to time: {self.status}")
@@ -107,10 +102,7 @@ class PlanResult:
     def danger_field(self) -> DangerField:
         """Return the danger field that was planned with; that of the robot in motion is its `moving`.
 
-        Raises
-        ------
-        InputError
-            If the plan knew no danger, or the result comes from another process.
+        An InputError if the plan knew no danger, or the result comes from another process.
         """
         if self.robot is None or self.scene is None or self.danger is None:
             raise InputError("the result knows no danger: it was planned without, or in another process")

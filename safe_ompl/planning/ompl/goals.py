@@ -62,19 +62,12 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     ----------
     place : Place
         The place, for planners that work in the workspace.
-    tolerance : float
-        As given.
 
     Raises
     ------
     InputError
         Wrong shape, NaN, a matrix that is not a rotation, a tolerance that is not positive; or a place that is out of
         reach, by a proven bound of the reach (`tip_reach`).
-
-    Notes
-    -----
-    What OMPL calls, and hence what is overridden: `maxSampleCount` (how many solutions there are now),
-    `couldSample` (could there be more?), `sampleGoal` and `distanceGoal`.
     """
 
     def __init__(
@@ -184,10 +177,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     def sampleGoal(self, state: Any) -> None:
         """Write the next solution into `state`; after the last one, a new one if it is found, else the first.
 
-        Raises
-        ------
-        PlanningError
-            If no solution is known. Planners ask `maxSampleCount` first.
+        A PlanningError if none is known: planners ask `maxSampleCount` first.
         """
         if self._next >= self._offered:
             self._offer()
@@ -251,32 +241,8 @@ class RegionGoal(WorkspaceGoal):
     """The configurations whose tip is in a region: its position and its orientation within bounds.
 
     All that holds of a `WorkspaceGoal` holds of it. Solutions are those of the inverse kinematics for poses drawn at
-    random from the region; `distanceGoal` is the distance of the tip from the region, 0 inside.
-
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    robot : Robot
-        The robot.
-    region : GoalRegion
-        Where its tip may be.
-    tolerance : float
-        How far outside of the region is near enough [m]; a radian counts as 0.25 m.
-    field : DangerField, optional
-        Ranks the solutions.
-    seed : int, optional
-        Seed of the random numbers; by default another every time.
-
-    Attributes
-    ----------
-    region : GoalRegion
-        As given.
-
-    Raises
-    ------
-    InputError
-        If the region is none, or the tolerance is not positive.
+    random from the region; `distanceGoal` is the distance of the tip from the region, 0 inside. An InputError if the
+    region is none, or the tolerance is not positive.
     """
 
     def __init__(

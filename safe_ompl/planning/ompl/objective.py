@@ -72,23 +72,8 @@ class Motion(NamedTuple):
 class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The danger field of a robot as a cost: of a state CDF(q), of a motion ∫ CDF(q(s)) ds.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    field : DangerField
-        The danger.
-    tolerance : float
-        Relative error of a motion's cost; the trapezoidal rule is refined until its last change is as small.
-
-    Raises
-    ------
-    InputError
-        If the tolerance is not positive.
-
-    Notes
-    -----
-    Optimising planners skip motions that cannot improve a path: `motionCostHeuristic` is CDF_min times the distance,
+    The trapezoidal rule is refined until its last change is as small as the relative `tolerance` of a motion's cost, >
+    0. Optimising planners skip motions that cannot improve a path: `motionCostHeuristic` is CDF_min times the distance,
     with a proven lower bound CDF_min of the danger (`DangerField.minimum`).
     """
 
@@ -152,17 +137,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 class PeakDangerObjective(DangerObjective):
     """The largest danger on the way as a cost (minimax): paths are as dangerous as their most dangerous point.
 
-    Parameters
-    ----------
-    si, field
-        As for `DangerObjective`.
-    step : float
-        Largest distance [rad] of the points at which a motion is looked at.
-
-    Raises
-    ------
-    InputError
-        If the step is not positive.
+    Motions are looked at in points at most `step` apart [rad], > 0.
     """
 
     def __init__(self, si: Any, field: DangerField, step: float = 0.05) -> None:
@@ -191,25 +166,11 @@ class PeakDangerObjective(DangerObjective):
 class DurationObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The time that motions take under joint velocities and beside people, as a cost [s].
 
-    A motion with the direction u costs ∫ ds/V, with V(q) the least of
+    A motion with the direction u costs ∫ ds/V to within a relative `tolerance`, with V(q) the least of
 
     * joint velocity: min_i v_i/|u_i|,
     * people: b·τ(q), with τ the time until the first limb may be at the robot, min (d − C)/v_h − T_r over limbs and
       bodies, and the deceleration b = min_i a_i/|u_i|: a stop that begins here ends before that.
-
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    timer : PathTimer
-        Limits, and people where there are any.
-    tolerance : float
-        Relative error of a motion's cost.
-
-    Raises
-    ------
-    InputError
-        If the tolerance is not positive.
 
     Notes
     -----

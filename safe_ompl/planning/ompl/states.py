@@ -193,9 +193,6 @@ class PlainCoordinates:
     def __init__(self, space: Any) -> None:
         self._space = space
 
-    def __repr__(self) -> str:
-        return f"PlainCoordinates({self._space.getName()!r})"
-
     def read(self, state: Any) -> list[float]:
         """Return the coordinates of a state, n numbers."""
         return [value for leaf, part in _leaves(self._space, state) for value in _values(leaf, part)]

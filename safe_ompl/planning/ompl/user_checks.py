@@ -10,10 +10,7 @@ from weakref import ref
 import numpy as np
 from ompl import base as ob
 
-from safe_ompl.collision import (
-    MotionVerdict,
-    Verdict,
-)
+from safe_ompl.collision import MotionVerdict, Verdict
 from safe_ompl.common import FloatArray, InputError, positive
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 
@@ -25,12 +22,8 @@ REFUSES = "its own answer"  # what a witness names beside the check
 class UserCheck(ABC):
     """A check of motions that is the user's own: a `MotionLimit` for `CertifiedMotion.limits`.
 
-    Attributes
-    ----------
-    name : str
-        What it is called in reports.
-    resolution : float or None
-        Distance [rad or m] in joint space between the samples that it is asked about; None: about whole motions.
+    Reports call it `name`. `resolution` is the distance [rad or m] in joint space between the samples that it is asked
+    about; None: it is asked about whole motions.
     """
 
     name: str
@@ -42,14 +35,9 @@ class UserCheck(ABC):
 
 
 class SampledValidity(UserCheck):
-    """A state validity checker of the user's, asked at samples of motions, their ends included.
+    """A state validity checker of the user's, or a function of a state, asked at samples of motions and their ends.
 
     What it raises arrives unchanged. Samples are no farther apart in joint space than `resolution` [rad or m].
-
-    Raises
-    ------
-    InputError
-        If it is neither an `ob.StateValidityChecker` nor a function of a state, or the resolution is not positive.
     """
 
     def __init__(self, checker: Any, bridge: StateBridge, resolution: float = RESOLUTION) -> None:
@@ -99,9 +87,6 @@ class AskedMotions(UserCheck):
         self.name = _name(validator)
         self._from, self._to = ScratchState(bridge), ScratchState(bridge)
 
-    def __repr__(self) -> str:
-        return f"AskedMotions({self.name})"
-
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Ask about the straight motion between `start` and `end: (n,)`."""
         if self.validator.checkMotion(self._from.set(start), self._to.set(end)):
@@ -115,9 +100,6 @@ class BorrowedCheck(UserCheck):
     def __init__(self, check: UserCheck) -> None:
         self.name, self.resolution = check.name, check.resolution
         self._check = ref(check)
-
-    def __repr__(self) -> str:
-        return f"BorrowedCheck({self.name})"
 
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`."""

@@ -117,10 +117,7 @@ def danger_objection(limit: DangerLimit, q: FloatArray) -> str | None:
 class ConfigurationCheck:
     """Says of single configurations whether constraints allow them: quickly, or in words.
 
-    Raises
-    ------
-    UnknownNameError
-        If the scene has no obstacle of a name in the constraints.
+    An UnknownNameError if the scene has no obstacle of a name in the constraints.
     """
 
     def __init__(self, checker: CollisionChecker, constraints: Constraints) -> None:
@@ -130,9 +127,6 @@ class ConfigurationCheck:
         self._required = constraints.separation.required(checker)
         self._tool, self._danger = constraints.tool, constraints.danger
         self._sampled = constraints.user_checker
-
-    def __repr__(self) -> str:
-        return f"ConfigurationCheck({self.checker!r}, {self.constraints!r})"
 
     def within_limits(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is finite and within the joint limits of the robot."""
@@ -214,17 +208,9 @@ def with_former_setters(plugin: Any) -> Any:
 class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
     """Accepts states within the joint limits whose robot touches neither an obstacle nor itself.
 
-    States that the constraints do not allow are refused, too. The limits of the joints are the robot's, however wide
-    the space.
-
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    checker : CollisionChecker
-        Robot and scene.
-    constraints : Constraints
-        What else states must keep to.
+    States that the constraints do not allow are refused, too. The coordinates of the space must be the robot's joints
+    (see `joint_space`), but their limits are the robot's, however wide the space. An UnknownNameError if the scene has
+    no obstacle of a name in the constraints.
     """
 
     def __init__(self, si: Any, checker: CollisionChecker, constraints: Constraints | None = None) -> None:
@@ -287,19 +273,10 @@ class CollisionFreeValidity(ob.StateValidityChecker):  # type: ignore[misc]
 class CertifiedMotionValidator(ob.MotionValidator):  # type: ignore[misc]
     """Accepts straight motions that are proven free, not sampled (`safe_ompl.collision.CertifiedMotion`).
 
-    Any OMPL planner that asks `si.checkMotion` plans certified paths with it.
-
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    checker : CollisionChecker
-        Robot and scene.
-    floor : float
-        [m] An edge with less clearance than about this stays undecided, and counts as blocked.
-    constraints : Constraints
-        What else motions must be proven to keep to; the state validity checker should have the same. The user's checks
-        among them are asked about what is proven free. They are not kept alive: `CollisionFreeValidity` does that.
+    Any OMPL planner that asks `si.checkMotion` plans certified paths with it. The coordinates of the space must be the
+    robot's joints (see `joint_space`). An edge with less clearance than about the `floor` [m] stays undecided, and
+    counts as blocked. The state validity checker should have the same constraints. The user's checks among them are
+    asked about what is proven free. They are not kept alive: `CollisionFreeValidity` does that.
     """
 
     def __init__(

@@ -108,12 +108,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def setParameter(self, name: str, value: Any) -> None:
         """Set the parameter that is called `name` in Python, such as "goal_bias".
 
-        Raises
-        ------
-        UnknownNameError
-            If the planner has no such parameter.
-        InputError
-            If the value is refused, or the parameter was removed.
+        An UnknownNameError if the planner has no such parameter; an InputError if the value is refused, or it was
+        removed.
         """
         known = parameters_of(type(self))
         name = self.former_names.current(self.getName(), name)
@@ -166,17 +162,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._forget()
 
     def solve(self, ptc: Any) -> Any:
-        """Search until a path is found or `ptc` fires.
+        """Search until a path is found or `ptc` fires, a termination condition or a time limit [s].
 
-        Parameters
-        ----------
-        ptc : ob.PlannerTerminationCondition or float
-            When to give up; a number is a time limit [s].
-
-        Returns
-        -------
-        ob.PlannerStatus
-            EXACT_SOLUTION, TIMEOUT, INVALID_START, INVALID_GOAL or UNRECOGNIZED_GOAL_TYPE.
+        The status is EXACT_SOLUTION, TIMEOUT, INVALID_START, INVALID_GOAL or UNRECOGNIZED_GOAL_TYPE.
         """
         if isinstance(ptc, (int, float)):
             ptc = ob.timedPlannerTerminationCondition(float(ptc))

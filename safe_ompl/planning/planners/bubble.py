@@ -113,9 +113,7 @@ class BubblePlanner(SafePlanner):
         limit.""",
     )
     least_clearance = Parameter(
-        1e-3,
-        "Points as near to contact as this are not closed: their bubbles lead nowhere.",
-        unit="m",
+        1e-3, "Points as near to contact as this are not closed: their bubbles lead nowhere.", unit="m"
     )
     clearance = Parameter(
         0.05,

@@ -162,12 +162,8 @@ def describe(kind: type) -> None:
 class FormerNames:
     """Parameters that a class of planners once had.
 
-    Attributes
-    ----------
-    renamed : mapping of str to str
-        Names that still work, with a DeprecationWarning, and what they are called now.
-    removed : mapping of str to str
-        Names that no longer work, and what to do instead.
+    Names that were `renamed` still work, with a DeprecationWarning; of those that were `removed` it says what to do
+    instead.
     """
 
     renamed: Mapping[str, str]
@@ -177,13 +173,7 @@ class FormerNames:
         return name in self.renamed or name in self.removed
 
     def current(self, planner: str, name: str, stacklevel: int = 4) -> str:
-        """Return what a parameter is called now; `name` itself where it was never another.
-
-        Raises
-        ------
-        InputError
-            If it was removed.
-        """
+        """Return what a parameter is called now; raise InputError if it was removed."""
         if name in self.removed:
             raise InputError(f"parameter {name!r} of {planner} was removed: {self.removed[name]}")
         if name not in self.renamed:

@@ -101,16 +101,9 @@ def accepts(planner: Any, goal: Any) -> bool:
 
 
 def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None) -> Any:
-    """Return a planner.
+    """Return a planner by its name, one of `planner_names()`, for a space information.
 
-    Parameters
-    ----------
-    name : str
-        One of `planner_names()`.
-    si : ob.SpaceInformation
-        What it plans in.
-    parameters : mapping, optional
-        Values of its parameters: {"alpha": 1} calls `setAlpha(1)`.
+    Values of its parameters are given as a mapping: {"alpha": 1} calls `setAlpha(1)`.
 
     Raises
     ------

@@ -218,19 +218,9 @@ _LARGEST_FRINGE = 1000  # milestones of a stuck graph from which samples are dra
 class SearchGraph:
     """One of the two graphs of a search on a roadmap: its lists Closed and Open, and the tree of parents.
 
-    Open holds offers: a milestone, the parent that offers an edge to it, and the length g of the way to it through
-    that parent. A milestone may have several.
-
-    Attributes
-    ----------
-    closed : ndarray of bool, shape (N,)
-        Which milestones are in Closed.
-    milestones, parents : ndarray of int, shape (M,)
-        The offers in Open.
-    g : ndarray, shape (M,)
-        Their lengths [rad or m], penalties included.
-    penalties : ndarray of int, shape (M,)
-        How often they were penalised for coming near to obstacles.
+    Open holds offers: a milestone, the parent that offers an edge to it, and the length g of the way to it through that
+    parent, penalties included, with how often it was penalised. A milestone may have several. Where the roots are the
+    starts, edges are driven away from them, else towards them. `closed: (N,)` says which milestones are in Closed.
     """
 
     def __init__(self, size: int, roots: list[int], *, from_start: bool) -> None:

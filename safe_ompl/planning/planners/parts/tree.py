@@ -31,9 +31,6 @@ class NearestNode:
         self._lowest: FloatArray = _NOTHING
         self._known = self._priced = self._deepest = 0
 
-    def __repr__(self) -> str:
-        return f"NearestNode({self._wraps.tolist()})"
-
     def find(self, rows: FloatArray, q: FloatArray, alpha: float = 0.0, costs: FloatArray = _NOTHING) -> int:
         """Return the node for `q: (n,)` and α ≥ 0; 0 where there are none.
 
@@ -248,12 +245,7 @@ class Trees(TwoTrees[Tree]):
         self._counts = counts
 
     def add(
-        self,
-        tree: Tree,
-        q: FloatArray,
-        parent: int,
-        cost: float = np.nan,
-        gradient: FloatArray | None = None,
+        self, tree: Tree, q: FloatArray, parent: int, cost: float = np.nan, gradient: FloatArray | None = None
     ) -> int:
         """Add a node to one of the trees, as `Tree.add`, and count it."""
         self._counts.nodes += 1

@@ -144,12 +144,7 @@ class VolumeTree:
     def close(self, point: EndPoint, weights: FloatArray) -> int:
         """Add the bubble of an end point to Closed and return its index."""
         self.closed.extend(
-            1,
-            center=point.q,
-            weights=weights,
-            parent=point.parent,
-            path_length=point.path_length,
-            alive=True,
+            1, center=point.q, weights=weights, parent=point.parent, path_length=point.path_length, alive=True
         )
         if self._diverse and len(self.open):
             diversity = self.open["diversity"]
