@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,19 +56,6 @@ class QuadraticModel(NamedTuple):
     beside: FloatArray
 
 
-class Density(Protocol):
-    """Cost of a radian of path at a configuration."""
-
-    def values(self, Q: FloatArray) -> FloatArray:
-        """Return the density (B,) at `Q: (B, n)`."""
-
-    def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
-
-    def expansion(self, Q: FloatArray) -> Expansion:
-        """Return the density and its derivatives at `Q: (B, n)`."""
-
-
 class DangerDensity:
     """λ·CDF(q)ᵖ with λ = weight/reference(CDF)ᵖ, so that one weight ≥ 0 serves all robots and scenes; p ≥ 1."""
 
@@ -111,20 +98,19 @@ class DangerDensity:
 
 def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
     """Return the median danger over valid configurations, the scale of robot and scene; 1 if nothing is dangerous."""
-    samples = _configurations(checker.robot)
+    robot, rng = (
+        checker.robot,
+        np.random.default_rng(0),
+    )  # always the same: the scale belongs to robot and scene
+    samples = rng.uniform(robot.lower, robot.upper, (_REFERENCE_SAMPLES, robot.n))
     valid = samples[[not checker.in_collision(q) for q in samples]]
     return float(np.median(field.values(valid if len(valid) else samples))) or 1.0
-
-
-def _configurations(robot: Robot) -> FloatArray:
-    rng = np.random.default_rng(0)  # always the same: the scale belongs to robot and scene
-    return rng.uniform(robot.lower, robot.upper, (_REFERENCE_SAMPLES, robot.n))
 
 
 class PathCost:
     """J = ∫ (1 + Σ density(q(s))) ds over a path's arc length in joint space."""
 
-    def __init__(self, robot: Robot, densities: Sequence[Density]) -> None:
+    def __init__(self, robot: Robot, densities: Sequence[DangerDensity | ObstacleCost]) -> None:
         self.robot = robot
         self.densities = tuple(densities)
 

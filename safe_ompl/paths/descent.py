@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.paths.cost import ActiveSetCost, QuadraticModel, peaks_beside_ends
+from safe_ompl.paths.cost import ActiveSetCost, PathCost, peaks_beside_ends
 from safe_ompl.paths.edges import EdgeProofs, FeasibleSet
 from safe_ompl.paths.kernels import factored, solved
 from safe_ompl.paths.measures import Curve, path_length, with_way_points
@@ -23,26 +23,6 @@ _SHORTEST, _LONGEST = 0.1, 0.5  # and one that fails is shortened to between the
 _TRIALS = 6
 
 
-class Smooth(Protocol):
-    """A function of paths with derivatives, such as `PathCost`."""
-
-    def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
-        """Return value and gradient (N, n) at a path (N, n)."""
-
-    def model(self, path: FloatArray) -> QuadraticModel:
-        """Return the same, and about the Hessian."""
-
-
-class Constraints(Protocol):
-    """Where paths may be: within limits, with their ends where they are to be."""
-
-    def nearest(self, path: FloatArray) -> FloatArray:
-        """Return the path (N, n) nearest to a path (N, n) that is allowed."""
-
-    def tangent(self, path: FloatArray, change: FloatArray) -> FloatArray:
-        """Return the part of a change (N, n) that `nearest` leaves as it is, to the first order."""
-
-
 class Descent:
     """Minimises a cost over a path's way points (N, n), by L-BFGS (Nocedal & Wright, alg. 7.4 and 7.5).
 
@@ -52,7 +32,7 @@ class Descent:
     lower the cost is shortened to where a parabola has its minimum.
     """
 
-    def __init__(self, cost: Smooth, path: FloatArray, constraints: Constraints) -> None:
+    def __init__(self, cost: PathCost | ActiveSetCost, path: FloatArray, constraints: FeasibleSet) -> None:
         self._cost = cost
         self._constraints = constraints
         self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)

@@ -133,9 +133,6 @@ def first_refused(path: FloatArray, motion: CertifiedMotion | UserCheck) -> tupl
     return None
 
 
-# --------------------------------------------------------------------------------------------------------- the report
-
-
 class PathReport:
     """Report on one path. What `of` returns computes danger and clearance when they are first looked at.
 

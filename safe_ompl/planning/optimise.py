@@ -130,9 +130,6 @@ def stopping(time: Any) -> Stop:
     return timed(positive(time, "time of simplification", "number of seconds"))
 
 
-# -------------------------------------------------------------------------------------------------- the cheapest path
-
-
 @dataclass(frozen=True)
 class Improvement:
     """A path that was better than all before it: when it was found [s], its cost, length [rad] and danger."""
@@ -181,16 +178,7 @@ def optimise(
     start, and a time limit [s], to a path (N, n) or None. When several starts in a row have found nothing better, the
     best path is refined: more way points, smaller gains. Ctrl-C ends it early; what was found stands.
     """
-    begin, over = clock(), timed(seconds, stop)
-    found = Optimisation([], [])
-    with suppress(KeyboardInterrupt):  # the best path so far stands
-        _improve(found, search, simplifier, begin, seconds, over)
-    return found
-
-
-def _improve(
-    found: Optimisation, search: Search, simplifier: Simplifier, begin: float, seconds: float, over: Stop
-) -> None:
+    begin, over, found = clock(), timed(seconds, stop), Optimisation([], [])
     best, stale, refinement, start = np.inf, 0, 0, 0
 
     def better(path: FloatArray, cost: float) -> None:
@@ -201,39 +189,30 @@ def _improve(
             found.times.append(clock() - begin)
             found.paths.append(path)
 
-    while not over():
-        if found.paths and stale >= _STALE_STARTS and refinement < _REFINEMENTS:
-            refinement, stale = refinement + 1, 0
-            simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
-            continue
-        path = search(start, seconds - (clock() - begin))
-        start, stale = start + 1, stale + 1
-        if path is None:
-            continue
-        if found.first_path is None:
-            found.first_path = clock() - begin
-            found.times.append(found.first_path)
-            found.paths.append(path)
-        simplifier.begin(path, over, better, proven=True).improve()
-
-
-# --------------------------------------------------------------------------------------------------- the fastest path
+    with suppress(KeyboardInterrupt):  # the best path so far stands
+        while not over():
+            if found.paths and stale >= _STALE_STARTS and refinement < _REFINEMENTS:
+                refinement, stale = refinement + 1, 0
+                simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
+                continue
+            path = search(start, seconds - (clock() - begin))
+            start, stale = start + 1, stale + 1
+            if path is None:
+                continue
+            if found.first_path is None:
+                found.first_path = clock() - begin
+                found.times.append(found.first_path)
+                found.paths.append(path)
+            simplifier.begin(path, over, better, proven=True).improve()
+    return found
 
 
 class FastestPath:
     """Looks for the path that is driven in the least time.
 
     Paths of a planner, and what simplification makes of them, are timed; of several the best one is made faster by
-    local changes (`safe_ompl.trajectories.faster`), drawn with `seed`. Beside people safer paths may be driven faster.
-
-    Attributes
-    ----------
-    times : list of float
-        When each path was found [s].
-    paths : list of ndarray, shape (N, n)
-        Each faster than those before; only the first may be one that people allow no motion on.
-    durations : list of float
-        How long each takes [s]; +inf where nothing allows motion.
+    local changes (`trajectories.faster`), drawn with `seed`. Beside people safer paths may be driven faster. Each path
+    is faster than those before; only the first may be one that people allow no motion on: its duration is +inf.
     """
 
     def __init__(self, timer: PathTimer, simplifier: Simplifier, seed: int) -> None:

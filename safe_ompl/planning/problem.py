@@ -211,12 +211,8 @@ class Problem:
     def checked(self, value: Any, name: str) -> FloatArray:
         """Return a configuration (n,) from numbers or from a mapping by joint name, if it is allowed.
 
-        Raises
-        ------
-        InputError
-            Wrong shape, NaN, unknown or missing joint, or outside the limits: names joint, value and limits.
-        CollisionError
-            If the check of configurations objects.
+        An InputError as `configuration_of`, or outside the limits; a CollisionError if the check of configurations
+        objects.
         """
         self._wiring.adopt()
         robot, check = self._robot, self._wiring.check

@@ -194,8 +194,6 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     ) -> None:
         """Have only paths on which an axis of the tool stays near a direction; without arguments on any.
 
-        ``setToolConstraint(angle=0.5)`` keeps upright what is upright at the start.
-
         Parameters
         ----------
         axis : array_like, shape (3,), optional
@@ -203,14 +201,12 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         direction : array_like, shape (3,)
             In the world frame; default: up.
         angle : float, optional
-            [rad] The largest angle between the two.
+            [rad] The largest angle between the two: 0.5 alone keeps upright what is upright at the start.
 
         Raises
         ------
-        InputError
-            As `ToolOrientation`; without an axis if no start is set; an axis without an angle.
-        CollisionError
-            As `setConstraints`.
+        InputError, CollisionError
+            As `ToolOrientation` and `setConstraints`; without an axis if no start is set; an axis without an angle.
         """
         if angle is None and axis is not None:
             raise InputError("give the angle [rad] within which the axis of the tool must stay")

@@ -234,14 +234,9 @@ class SafeSetup(ProblemSetup):
         Parameters
         ----------
         time : float or ob.PlannerTerminationCondition
-            For how long [s], or until when; 0: until nothing more is to gain.
+            For how long [s], or until when; 0: until nothing more is to gain. An InputError if there is no solution.
         free_goal : bool
             Whether the goal configuration may move where the goal is a `WorkspaceGoal`.
-
-        Raises
-        ------
-        InputError
-            If there is no solution, or the time is neither.
 
         Notes
         -----

@@ -155,8 +155,6 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
                 f"never more than {radius:.2f} m from there"
             )
 
-    # ------------------------------------------------------------------------------------- OMPL's questions
-
     def distanceGoal(self, state: Any) -> float:
         """Return the distance [m] of the tip from the place."""
         return self.place.distance(self._bridge.read(state))
@@ -189,8 +187,6 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self._bridge.write(self._found[self._next], state)
         self._next += 1
 
-    # -------------------------------------------------------------------------------- looking for solutions
-
     def _offer(self) -> None:
         """Offer one solution more, the safest of those that were found together."""
         self._asked = 0
@@ -200,7 +196,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
 
     def _search(self, seeds: int) -> list[FloatArray]:
         """Return new valid solutions from random seeds, the safest first."""
-        robot = self.place.robot
+        robot, si = self.place.robot, self.getSpaceInformation()
         new: list[FloatArray] = []
         precision = _PRECISION * self.tolerance
         for _ in range(seeds):
@@ -211,9 +207,11 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
                 self._nearest = min(self._nearest, (self.place.distance(q), q), key=lambda found: found[0])
                 continue
             self._arrived += 1
-            if not self._is_new(q, new):
+            known = np.array([*self._found, *new]).reshape(-1, robot.n)
+            if (np.linalg.norm(self._bridge.difference(known, q), axis=1) < _SAME).any():
                 continue
-            if self._is_valid(q):
+            state = self._scratch.set(q)
+            if si.satisfiesBounds(state) and si.isValid(state):
                 new.append(q)
             else:
                 self._refused = q
@@ -224,14 +222,6 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     def _target(self) -> Place:
         """Return where the next solution is to bring the tip."""
         return self.place
-
-    def _is_new(self, q: FloatArray, others: list[FloatArray]) -> bool:
-        known = np.array([*self._found, *others]).reshape(-1, len(q))
-        return not (np.linalg.norm(self._bridge.difference(known, q), axis=1) < _SAME).any()
-
-    def _is_valid(self, q: FloatArray) -> bool:
-        si, state = self.getSpaceInformation(), self._scratch.set(q)
-        return bool(si.satisfiesBounds(state) and si.isValid(state))
 
 
 REGION_TOLERANCE = 1e-3  # [m]

@@ -275,8 +275,6 @@ class StateCost:
         norms: FloatArray = np.linalg.norm(gradients, axis=1)
         return norms
 
-    # ---------------------------------------------------------------------------------------------- its scale
-
     @property
     def _scales(self) -> dict[Any, float]:
         """What was measured of the cost: kept by a `DangerObjective` for all, else here."""

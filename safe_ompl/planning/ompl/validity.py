@@ -174,8 +174,6 @@ class ConfigurationCheck:
         return next((f": {tool.objection(q)}" for tool in self._tool if not tool.allows(q)), None)
 
 
-# --------------------------------------------------------------------------- setters of before, for one version more
-
 _SETTERS: dict[str, Callable[..., tuple[Constraints, CollisionChecker]]] = {
     "setMinClearance": lambda c, checker, *a, **k: (c.with_min_clearance(checker, *a, **k), checker),
     "setMovingObstacles": lambda c, checker, *a, **k: (c.with_moving_obstacles(*a, **k), checker),

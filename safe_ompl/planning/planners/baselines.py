@@ -241,8 +241,6 @@ class HRRT(SafePlanner):
     )
     danger_weight = Parameter(1.0, "λ: weight of danger in the cost of a motion; 0 for lengths alone.")
 
-    # ---------------------------------------------------------------------------------------------- the search
-
     def _search(self, ptc: Any) -> FloatArray | None:
         tree = self._trees.start
         while not ptc():
@@ -299,8 +297,6 @@ class HRRT(SafePlanner):
             return None
         outcome, met = self._extend(tree, node, goals.configurations[near])
         return met if outcome is Extension.REACHED else None
-
-    # -------------------------------------------------------------------------------------------- costs of nodes
 
     def _measure(self, tree: Tree) -> None:
         """Note, for new nodes, the cost of the way to them, and of the best path through them."""

@@ -154,8 +154,6 @@ class SafeJTRRT(SafePlanner):
         self._goal: Any = None
         self._place: Place
 
-    # ------------------------------------------------------------------------------- the paper's pseudocode
-
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_JT-RRT."""
         while self._trees.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
@@ -203,8 +201,6 @@ class SafeJTRRT(SafePlanner):
         """Return argmin of WS_DISTANCE + α·CDF over the nodes not chosen before; None if there is none."""
         return self._trees.best(self._danger.weight * self._place.lever, self.random_starts, self._rng)
 
-    # ---------------------------------------------------------------------------------------- tree and goal
-
     def _take_goals(self, ptc: Any) -> None:
         """Take the place from the problem; no goal configurations are drawn."""
         goal = self.getProblemDefinition().getGoal()
@@ -241,16 +237,8 @@ STALLED = 0.995  # a step that leaves more than this share of the distance makes
 class Approach(Trees):
     """A tree that is to bring the tip to a goal in the workspace, and which of its nodes were not chosen yet.
 
-    The tree of the goals stays empty. Without a goal nothing is measured.
-
-    Attributes
-    ----------
-    distances : list of float
-        WS_DISTANCE of the tip from the goal, for each node.
-    untried : list of int
-        Nodes that may be chosen and are not ranked yet.
-    arrived : int or None
-        The first node at the goal.
+    The tree of the goals stays empty. `distances` are those of the tip from the goal, WS_DISTANCE, for each node,
+    `untried` nodes that may be chosen and are not ranked yet, and `arrived` is the first node at the goal.
     """
 
     def __init__(

@@ -123,8 +123,6 @@ class SafeRRTConnect(SafePlanner):
             self._bridge, self._danger, self._descent, self._threshold, self._margin.motion_is_free
         )
 
-    # ------------------------------------------------------------------------------- the paper's pseudocode
-
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_RRT-CONNECT."""
         tree, other = self._trees.start, self._trees.goal
@@ -165,8 +163,6 @@ class SafeRRTConnect(SafePlanner):
         while outcome is Extension.ADVANCED and not ptc():
             outcome, node = self._extend(tree, node, target)
         return outcome, node
-
-    # ------------------------------------------------------------------------------------------------- the trees
 
     def _prepare(self) -> None:
         self._danger.prepare()

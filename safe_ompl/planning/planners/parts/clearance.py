@@ -53,15 +53,9 @@ class ClearanceCache:
 class Margin:
     """The clearance that motions should keep: nearly what start and goal keep, but no more than the largest.
 
-    Attributes
-    ----------
-    largest : float
-        [m]; 0 for no margin. The danger field accounts for dangerous obstacles only, so a way around them could graze
-        all others. The margin is proven by the same queries as that a motion is free, while danger has weight.
-    level : float or None
-        The margin [m] at present; None before start and goal were examined.
-    allowed : float
-        The margin [m] that start and goal allow; 0 before they were examined.
+    The danger field accounts for dangerous obstacles only, so a way around them could graze all others. The margin is
+    proven by the same queries as that a motion is free, while danger has weight. `largest`, `level`, the margin at
+    present, and `allowed`, what start and goal allow, are in metres; before these were examined there is no level.
     """
 
     def __init__(self, problem: PlanningProblem, danger: DangerWeight, least: float = _LEAST) -> None:

@@ -20,14 +20,8 @@ _REFUSALS = 8  # of nodes that are too dangerous before the threshold rises
 class PlanningProblem:
     """A space with its validity checker, motion validator and cost, asked with arrays instead of OMPL's states.
 
-    Attributes
-    ----------
-    bridge : StateBridge
-        The space, of real vectors and SO(2) parts.
-    cost : StateCost
-        Cost of configurations: the danger.
-    limit : DangerLimit or None
-        What a planner requires on top of the validity checker.
+    The space is one of real vectors and SO(2) parts. The cost is the danger, and `limit` what a planner requires on top
+    of the validity checker.
     """
 
     def __init__(self, si: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import inf
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -20,21 +20,12 @@ _WORST_COST = 1e100  # stands for infinity and NaN: such milestones come last, b
 class Roadmap:
     """Milestones as rows of one array, with the verdicts on them and on the edges between them.
 
-    Attributes
-    ----------
-    configurations : ndarray, shape (N, n)
-        The milestones. Costs are evaluated when they are first asked for, all new ones in one batch.
-    valid, invalid, connected : ndarray of bool, shape (N,)
-        Which of them were found valid, and invalid, and which were ever reached from a start or goal.
-    edges : dict of (int, int) to bool
-        Whether the straight motion from one milestone to another is free, as far as the planner has found out.
-    detours : dict of tuple to list of ndarray
-        Way points between two milestones, under a key that names them first.
-    starts, goals : list of int
-        The milestones that are starts, and goals.
+    Costs are evaluated when they are first asked for, all new ones in one batch. `valid`, `invalid`: (N,) say which
+    milestones were found so, `connected: (N,)` which were ever reached from a start or goal, and `edges` which straight
+    motions from one to another are free; `detours` are way points of edges, under a key that names their ends.
     """
 
-    def __init__(self, bridge: StateBridge, cost: StateCost, metric: RoadmapMetric) -> None:
+    def __init__(self, bridge: StateBridge, cost: StateCost, metric: LinkMetric | SpaceMetric) -> None:
         self._bridge = bridge
         self._cost = cost
         self._metric = metric
@@ -109,8 +100,6 @@ class Roadmap:
         """Note what `margins_of` returns."""
         self._margins[min(start, end), max(start, end)] = kept, refused
 
-    # ------------------------------------------------------------------------------------ starts and goals
-
     def add_start(self, q: FloatArray) -> None:
         """Take a valid start configuration (n,)."""
         self.starts.append(self.milestone_at(q))
@@ -143,18 +132,6 @@ class Roadmap:
         edges = edges[np.isin(edges, kept).all(axis=1)]
         starts, goals = (np.searchsorted(kept, np.unique(ends)) for ends in (self.starts, self.goals))
         return self.configurations[kept], np.searchsorted(kept, edges), starts, goals
-
-
-class RoadmapMetric(Protocol):
-    """A distance D between configurations, measured between places that are computed once for each of them."""
-
-    def places(self, Q: FloatArray) -> FloatArray:
-        """Return the places (B, E) of configurations `Q: (B, n)`."""
-        ...
-
-    def distances(self, places: FloatArray, place: FloatArray) -> FloatArray:
-        """Return D (N,) from each of `places: (N, E)` to `place: (E,)`."""
-        ...
 
 
 class LinkMetric:
@@ -194,7 +171,7 @@ class SpaceMetric:
         return self._bridge.distances(places, place)
 
 
-def roadmap_metric(si: Any, bridge: StateBridge) -> RoadmapMetric:
+def roadmap_metric(si: Any, bridge: StateBridge) -> LinkMetric | SpaceMetric:
     """Return the paper's metric where the validity checker knows the robot, else that of the space."""
     validity = si.getStateValidityChecker()
     if isinstance(validity, CollisionFreeValidity):

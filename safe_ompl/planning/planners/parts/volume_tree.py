@@ -92,16 +92,9 @@ class EndPoint(NamedTuple):
 
 
 class VolumeTree:
-    """The lists Closed and Open of one search direction.
+    """The lists Closed (bubbles) and Open (end points) of one search direction.
 
     If `diverse`, every end point knows how far it is from the nearest closed configuration.
-
-    Attributes
-    ----------
-    closed : Rows
-        Bubbles: center, weights, parent, path_length, alive.
-    open : Rows
-        End points: q, parent, path_length, cost, diversity, penalty.
     """
 
     def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
