@@ -33,8 +33,7 @@ class Descent:
     """
 
     def __init__(self, cost: PathCost | ActiveSetCost, path: FloatArray, constraints: FeasibleSet) -> None:
-        self._cost = cost
-        self._constraints = constraints
+        self._cost, self._constraints = cost, constraints
         self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
         self.restart(path)
 

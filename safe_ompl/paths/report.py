@@ -137,16 +137,8 @@ class PathReport:
     """Report on one path. What `of` returns computes danger and clearance when they are first looked at.
 
     The validation is not put off: `certified` and `refused` are known from the beginning. What is computed later
-    belongs to the path, the robot, the scene and the field as they were: these do not change.
-
-    Attributes
-    ----------
-    length : float
-        Euclidean length in joint space [rad].
-    validation : Validation
-        What is proven, and what was sampled.
-    links_without_collision : tuple of str
-        Moving links of the robot that have no collision geometry: nothing is known of them.
+    belongs to the path, the robot, the scene and the field as they were: these do not change. `length` is Euclidean, in
+    joint space [rad]; of `links_without_collision` nothing is known, as they have no collision geometry.
     """
 
     def __init__(

@@ -58,12 +58,8 @@ def simplify_danger(
     ----------
     path : array_like, shape (N, n)
         Way points from start to goal [rad or m]; every edge must be proven free by `motion`.
-    checker : CollisionChecker
-        Robot and scene.
-    field : DangerField
-        The danger.
-    motion : CertifiedMotion, optional
-        Proves edges; by default one on `checker`.
+    checker, field, motion : CollisionChecker, DangerField, CertifiedMotion
+        Robot and scene, the danger, and what proves edges; by default a certified motion of the checker.
     time : float
         Time limit [s].
     stop : callable, optional
@@ -74,7 +70,7 @@ def simplify_danger(
     goal : GoalSet, optional
         A set on which the last way point may move, such as a `WorkspaceGoal`; without it the ends are fixed.
     **options : float
-        Those of a `Simplifier`: weight, exponent, clearance, length_factor, spacing.
+        Those of `SimplificationOptions`: weight, exponent, clearance, length_factor, spacing.
 
     Returns
     -------
@@ -85,8 +81,7 @@ def simplify_danger(
     Raises
     ------
     InputError
-        If the path has the wrong shape, is not finite, has an edge that is not proven free, or an option is out of
-        range.
+        If the path has the wrong shape, is not finite, has an unproven edge, or an option is out of range.
     """
     simplifier = Simplifier(checker, field, motion, **options)
     return simplifier.simplify(path, timed(number("time", time, above=0.0), stop), on_better, goal)
@@ -150,15 +145,10 @@ class Simplifier:
     points. Then retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0; a goal
     that is free is not. Then descent along the exact gradient of the cost, all way points between the retreats at once;
     after a few steps what has become of the path must be cheaper and proven, and way points beside an edge that is not
-    proven go back to where they were. Shortcuts that then save much lead out of a poor minimum, to one more descent.
-    It ends when a round of steps gains little; that does not depend on the clock.
+    proven go back to where they were. Shortcuts that then save much lead out of a poor minimum, to one more descent. It
+    ends when a round of steps gains little; that does not depend on the clock.
 
-    Parameters
-    ----------
-    checker, field, motion
-        As in `simplify_danger`.
-    **options
-        Those of `SimplificationOptions`; errors as there.
+    Arguments as of `simplify_danger`; options and errors as of `SimplificationOptions`.
     """
 
     def __init__(
@@ -255,10 +245,7 @@ class Simplifier:
 class SimplificationRun:
     """A run that lowers the cost of one unrolled path, step by proven step, the cheapest gains first.
 
-    Raises
-    ------
-    InputError
-        If the path is neither `proven` already nor proven free.
+    An InputError if the path is neither `proven` already nor proven free.
     """
 
     def __init__(

@@ -238,8 +238,7 @@ class StateCost:
     """
 
     def __init__(self, objective: Any, bridge: StateBridge) -> None:
-        self._objective = objective
-        self._bridge = bridge
+        self._objective, self._bridge = objective, bridge
         self._scratch = ScratchState(bridge)
         self._own_scales: dict[Any, float] = {}
         self.is_zero = objective is None or isinstance(objective, ob.PathLengthOptimizationObjective)

@@ -121,8 +121,7 @@ class ConfigurationCheck:
     """
 
     def __init__(self, checker: CollisionChecker, constraints: Constraints) -> None:
-        self.checker = checker
-        self.constraints = constraints
+        self.checker, self.constraints = checker, constraints
         self._joint_limits = JointLimits(checker.robot)
         self._required = constraints.separation.required(checker)
         self._tool, self._danger = constraints.tool, constraints.danger

@@ -56,16 +56,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     """Base of the planners: subclasses declare parameters and implement `_search` on arrays, without OMPL's states.
 
     Every planner is made by ``Planner(si, name, parameter=value, …)``, with any space of real vectors and SO(2) parts,
-    any validity checker and motion validator.
-
-    Attributes
-    ----------
-    plans_to : type
-        The goals that the planner accepts: by default those that offer configurations.
-    former_names : FormerNames
-        Parameters that were renamed or removed.
-    counts : Counts
-        Counts the nodes.
+    any validity checker and motion validator. It accepts goals of a type, `plans_to`, by default those that offer
+    configurations; `former_names` are parameters that were renamed or removed, and `counts` counts the nodes.
     """
 
     plans_to: ClassVar[Any] = ob.GoalSampleableRegion

@@ -31,17 +31,12 @@ class Parameter(Generic[T]):
     ----------
     default : bool, int, float or str
         The default, always allowed. Its type is the parameter's: flag, whole number, number or text.
-    doc : str
-        What it means.
-    unit : str
-        Its unit, such as "rad".
-    at_least, above, at_most : float, optional
-        Bounds of a number, at least 0 unless it is to be above something.
-    choices : collection of str
-        The values that a text may have.
+    doc, unit : str
+        What it means, and its unit, such as "rad".
+    at_least, above, at_most, choices
+        Bounds of a number, at least 0 unless it is to be above something; and the values that a text may have.
     kept_in : str
-        Where the planner keeps the value: the path of an attribute of one of its parts, such as "_danger.alpha". By
-        default the planner itself keeps it.
+        The path of an attribute of one of the planner's parts, such as "_danger.alpha", that keeps the value.
     """
 
     default: T

@@ -59,9 +59,7 @@ class Margin:
     """
 
     def __init__(self, problem: PlanningProblem, danger: DangerWeight, least: float = _LEAST) -> None:
-        self._problem = problem
-        self._danger = danger
-        self._least = least
+        self._problem, self._danger, self._least = problem, danger, least
         self.largest = 0.0
         self._clearances = ClearanceCache()
         self.reset()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
@@ -48,8 +49,7 @@ class TangentialDescent:
     """
 
     def __init__(self, bridge: StateBridge, danger: DangerWeight) -> None:
-        self._bridge = bridge
-        self._danger = danger
+        self._bridge, self._danger = bridge, danger
         self.share = 0.0
 
     @property
@@ -79,22 +79,15 @@ class TangentialDescent:
         return self._bridge.inside(q - (reach * min(1.0, steepness) / steepness) * slope)
 
 
+@dataclass(eq=False)
 class SafeStep:
     """EXTEND of the safe RRTs (§4.3, §4.4): a step with a tangential descent, below a threshold on danger."""
 
-    def __init__(
-        self,
-        bridge: StateBridge,
-        danger: DangerWeight,
-        descent: TangentialDescent,
-        threshold: AdaptiveThreshold,
-        is_free: Callable[[FloatArray, FloatArray], bool],
-    ) -> None:
-        self._bridge = bridge
-        self._danger = danger
-        self._descent = descent
-        self._threshold = threshold
-        self._is_free = is_free
+    bridge: StateBridge
+    danger: DangerWeight
+    descent: TangentialDescent
+    threshold: AdaptiveThreshold
+    is_free: Callable[[FloatArray, FloatArray], bool]
 
     def extend(
         self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
@@ -105,23 +98,23 @@ class SafeStep:
         held to the threshold: they are configurations that the path needs.
         """
         q_old = tree.configurations[old]
-        delta = self._bridge.difference(q_old, target)
+        delta = self.bridge.difference(q_old, target)
         length = float(np.sqrt(delta @ delta))
         if length <= step:
-            if not self._is_free(*tree.as_driven(q_old, target)):
+            if not self.is_free(*tree.as_driven(q_old, target)):
                 return Extension.TRAPPED, old
             return Extension.REACHED, trees.add(tree, target, old)
         straight = q_old + (step / length) * delta
         # The reach of the descent shrinks as the target comes near, so that every step comes nearer to it.
-        reach = self._descent.share * min(step, length - step)
-        moved = self._descent.moved(straight, delta / length, reach, lambda: tree.gradient(old))
+        reach = self.descent.share * min(step, length - step)
+        moved = self.descent.moved(straight, delta / length, reach, lambda: tree.gradient(old))
         for q_new in (straight,) if moved is None else (moved, straight):
             # A proof costs as much as a danger. It waits, unless dangers refuse little: refusals lower the margin.
             proof_first = trees.blocked > _RARE * trees.dangerous
             if proof_first and not self._is_unblocked(trees, tree, q_old, q_new):
                 continue
             cost, gradient = self._examined(q_new)
-            if not self._threshold.tolerates(cost, tree, old, trees):
+            if not self.threshold.tolerates(cost, tree, old, trees):
                 trees.dangerous += 1
                 break
             if proof_first or self._is_unblocked(trees, tree, q_old, q_new):
@@ -130,17 +123,17 @@ class SafeStep:
 
     def _is_unblocked(self, trees: Trees, tree: Tree, q_old: FloatArray, q_new: FloatArray) -> bool:
         """Return whether a step of a tree is free; count it where it is not."""
-        free = self._is_free(*tree.as_driven(q_old, q_new))
+        free = self.is_free(*tree.as_driven(q_old, q_new))
         trees.blocked += not free
         return free
 
     def _examined(self, q: FloatArray) -> tuple[float, FloatArray | None]:
         """Return the danger of a candidate, and the gradient that a step from it will need; NaN if not needed."""
-        if not self._threshold.acts:
+        if not self.threshold.acts:
             return np.nan, None
-        if self._descent.acts:
-            return self._danger.cost.value_and_gradient(q)
-        return float(self._danger.cost.values(q[None])[0]), None
+        if self.descent.acts:
+            return self.danger.cost.value_and_gradient(q)
+        return float(self.danger.cost.values(q[None])[0]), None
 
 
 class ShortSteps:
@@ -151,8 +144,7 @@ class ShortSteps:
     """
 
     def __init__(self, bridge: StateBridge, danger: DangerWeight) -> None:
-        self._bridge = bridge
-        self._danger = danger
+        self._bridge, self._danger = bridge, danger
         self.allowed = True
 
     def help(self, tree: Tree, node: int) -> bool:
@@ -178,9 +170,7 @@ class ElasticBand:
     """Treats paths as elastic bands (Quinlan 1994); every new motion is checked."""
 
     def __init__(self, problem: PlanningProblem, danger: DangerWeight, descent: TangentialDescent) -> None:
-        self._problem = problem
-        self._danger = danger
-        self._descent = descent
+        self._problem, self._danger, self._descent = problem, danger, descent
 
     def settled(self, path: FloatArray, step: float, ptc: Any, margin: float = 0.0) -> FloatArray:
         """Return a path (N, n) contracted where that is as safe, then bent away from danger.

@@ -217,8 +217,7 @@ class FixedThreshold:
     """A threshold on the danger at the end of a motion, which may be exceeded where the start is more dangerous."""
 
     def __init__(self, problem: PlanningProblem, is_free: Callable[[FloatArray, FloatArray], bool]) -> None:
-        self._problem = problem
-        self._is_free = is_free
+        self._problem, self._is_free = problem, is_free
         self.level = np.inf
 
     def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:

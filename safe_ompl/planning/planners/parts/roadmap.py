@@ -26,9 +26,7 @@ class Roadmap:
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, metric: LinkMetric | SpaceMetric) -> None:
-        self._bridge = bridge
-        self._cost = cost
-        self._metric = metric
+        self._bridge, self._cost, self._metric = bridge, cost, metric
         self.configurations: FloatArray = np.empty((0, bridge.n))
         self._places: FloatArray = metric.places(self.configurations)
         self._costs: FloatArray = np.empty(0)
@@ -257,8 +255,7 @@ class LocalPlanner:
     """Connects milestones by straight motions; it notes every verdict in the roadmap, and does not ask again."""
 
     def __init__(self, problem: PlanningProblem, roadmap: Roadmap) -> None:
-        self._problem = problem
-        self._roadmap = roadmap
+        self._problem, self._roadmap = problem, roadmap
 
     def is_valid(self, milestone: int) -> bool:
         """Return whether a milestone is valid."""

@@ -90,9 +90,7 @@ class Tree:
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, *, from_start: bool = True) -> None:
-        self.from_start = from_start
-        self._bridge = bridge
-        self._cost = cost
+        self.from_start, self._bridge, self._cost = from_start, bridge, cost
         self._rows: FloatArray = np.empty((64, bridge.n))
         self._parents: IntArray = np.empty(64, dtype=np.intp)
         self._costs: FloatArray = np.full(64, np.nan)  # NaN: not evaluated yet
@@ -302,18 +300,9 @@ _COLUMNS = (
 class PlannerGraph:
     """The vertices and edges that a planner holds.
 
-    Attributes
-    ----------
-    configurations : ndarray, shape (N, n)
-        The vertices [rad or m].
-    costs : ndarray, shape (N,)
-        The danger at each of them; zero without objective.
-    edges : ndarray of int, shape (E, 2)
-        Motions that are free, each from one vertex to another in the direction in which it is driven.
-    lengths : ndarray, shape (E,)
-        Their lengths [rad or m].
-    starts, goals : ndarray of int
-        The vertices that are starts, and goals.
+    `configurations: (N, n)` [rad or m] have the danger `costs: (N,)`, zero without objective. `edges: (E, 2)` are
+    motions that are free, each from one vertex to another in the direction in which it is driven, with their `lengths:
+    (E,)`; `starts` and `goals` are vertices.
     """
 
     configurations: FloatArray

@@ -59,9 +59,7 @@ class JointMetric:
     """
 
     def __init__(self, bridge: StateBridge, rates: FloatArray, *, taxicab: bool) -> None:
-        self._bridge = bridge
-        self._rates = rates
-        self._taxicab = taxicab
+        self._bridge, self._rates, self._taxicab = bridge, rates, taxicab
 
     def lengths(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the lengths (…) of motions between `start` and `end: (…, n)`, for g and h."""
@@ -98,9 +96,7 @@ class VolumeTree:
     """
 
     def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
-        self.from_start = from_start
-        self._metric = metric
-        self._diverse = diverse
+        self.from_start, self._metric, self._diverse = from_start, metric, diverse
         vector, number = (float, (bridge.n,)), (float, ())
         self.closed = Rows(
             center=vector, weights=vector, parent=(np.intp, ()), path_length=number, alive=(bool, ())
