@@ -285,20 +285,18 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Read the problem's objective; what was built under another one is dropped, as its costs are stale."""
         self._read = _UNREAD, 0.0  # also where an error ends this half-way
         objective = self.getProblemDefinition().getOptimizationObjective()
-        limit = DangerLimit(self._danger_field(objective), self.max_danger) if self.max_danger else None
+        limit = None
+        if self.max_danger:
+            field = getattr(objective, "field", None)
+            if not isinstance(field, DangerField):  # there is nothing to prove
+                raise InputError(f"{self.getName()}: max danger {self.max_danger:g} needs a DangerObjective")
+            limit = DangerLimit(field, self.max_danger)
         self._problem.take(objective, limit)
         if self._problem.cost.is_zero:
             _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
         self._forget()
         self.getPlannerInputStates().restart()
         self._read = objective, self.max_danger
-
-    def _danger_field(self, objective: Any) -> DangerField:
-        """Return the field of the problem's danger objective; without one there is nothing to prove."""
-        field = getattr(objective, "field", None)
-        if not isinstance(field, DangerField):
-            raise InputError(f"{self.getName()}: max danger {self.max_danger:g} needs a DangerObjective")
-        return field
 
     def _publish(self, path: FloatArray) -> None:
         solution = og.PathGeometric(self.getSpaceInformation())

@@ -171,11 +171,9 @@ def nodes_of(planner: Any) -> int:
         return planner.counts.nodes
     if isinstance(
         planner, og.BITstar
-    ):  # reading its graph leaks it, and with it the robot: count its samples
+    ):  # reading its graph leaks it, and the robot with it: count its samples
         return int(planner.numBatches() * planner.getSamplesPerBatch())
-    data = ob.PlannerData(planner.getSpaceInformation())
-    planner.getPlannerData(data)
-    return int(data.numVertices())
+    return int(planner_data(planner).numVertices())
 
 
 def planner_data(planner: Any) -> Any:
