@@ -31,32 +31,10 @@ def plan(
     cost: Cost = "danger",
     report: bool = True,
 ) -> PlanResult:
-    """Plan a scenario.
+    """Plan a scenario: the problem itself, or the name or file of one; all else as in `SafeSetup.plan`.
 
-    Parameters
-    ----------
-    scenario : Scenario, str or path
-        The problem, or the name or file of one.
-    planner : str
-        A name of `planner_names()`.
-    time : float, optional
-        Time limit [s]; the scenario's own by default.
-    seed : int
-        Seed.
-    parameters : mapping, optional
-        Planner parameters that override those of the scenario.
-    simplify, optimise, cost, report
-        As in `SafeSetup.plan`.
-
-    Returns
-    -------
-    PlanResult
-        True if solved.
-
-    Raises
-    ------
-    InputError, PlanningError
-        As `SafeSetup.plan`; and if the scenario cannot be used.
+    The time limit [s] is by default the scenario's own, and `parameters` override those of the scenario. Errors as
+    `SafeSetup.plan`; an InputError, too, if the scenario cannot be used.
     """
     begin = clock()
     if not isinstance(scenario, Scenario):
@@ -112,12 +90,8 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
 def setup_problem(problem: MbmProblem, robot: Robot) -> SafeSetup:
     """Return a SafeSetup with the scene, start and goals of a problem.
 
-    Limits of joints are widened, with a warning, where a goal is slightly outside; see `MbmProblem.widened_limits`.
-
-    Raises
-    ------
-    InputError
-        If the joints are not those of the robot, or start or goals are outside the limits or in collision.
+    Limits of joints are widened, with a warning, where a goal is slightly outside; see `MbmProblem.widened_limits`. An
+    InputError if the joints are not those of the robot, or start or goals are outside the limits or in collision.
     """
     limits = problem.widened_limits(robot)
     if limits:

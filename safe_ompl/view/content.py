@@ -14,7 +14,7 @@ from safe_ompl.danger import DangerField
 from safe_ompl.geometry import Obstacle, Person, Pose
 from safe_ompl.io import TimedMotion, built_robot, built_scene
 from safe_ompl.paths import Curve
-from safe_ompl.planning import PlanResult, wiring
+from safe_ompl.planning import PlanResult, danger_field
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.view.annotations import Proof
@@ -175,7 +175,7 @@ class ViewerContent:
         """The danger of the robot in its scene; None where there is none, or nothing is dangerous."""
         if self.danger is None:
             return None
-        found = wiring.danger_field(self.robot, self.scene, self.danger)
+        found = danger_field(self.robot, self.scene, self.danger)
         return found if found.points is not None and len(found.points) else None
 
     def along(self, name: str, shares: FloatArray) -> FloatArray:

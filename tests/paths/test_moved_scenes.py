@@ -13,7 +13,7 @@ from safe_ompl.geometry.basic import Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplify.simplifier import Simplifier
+from safe_ompl.paths.simplifier import Simplifier
 from safe_ompl.scene.scene import Scene
 
 SCENE = Scene((Obstacle("ball", Sphere(0.08), Pose((0.8, 0.6, 0.6)), weight=1.0),))

@@ -18,14 +18,14 @@ import pytest
 import safe_ompl
 from safe_ompl.apps.benchmark.campaign import Campaign
 from safe_ompl.apps.cli.program import main
-from safe_ompl.paths.simplify.simplifier import Simplifier
+from safe_ompl.paths.simplifier import Simplifier
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.ompl.goals import WorkspaceGoal
 from safe_ompl.planning.ompl.objective import DangerObjective
 from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
+from safe_ompl.planning.optimise import Interrupts
 from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.run import Interrupts
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.scene.scenario import Scenario, find_scenario
 

@@ -101,7 +101,7 @@ def test_a_start_above_the_limit_of_a_planner(setup: SafeSetup, caplog: pytest.L
         status = planner.solve(1.0)
     assert status == ob.PlannerStatus(ob.PlannerStatus.INVALID_START)
     danger = setup.field.value(setup.robot.lower * 0 + [1.25, -0.35, 0.2])
-    assert f"SafeRRTConnect: start has danger {danger:.4g}, above the limit 4" in caplog.text
+    assert f"SafeRRTConnect: start: danger {danger:.4g} is above the limit 4" in caplog.text
 
 
 def test_the_limit_of_a_plan_ends_with_it(setup: SafeSetup) -> None:

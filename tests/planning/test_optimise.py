@@ -9,7 +9,7 @@ from ompl import base as ob
 from safe_ompl.apps.benchmark.campaign import Campaign, summarize
 from safe_ompl.apps.cli.program import main
 from safe_ompl.common.errors import InputError
-from safe_ompl.paths.simplify.simplifier import Simplifier
+from safe_ompl.paths.simplifier import Simplifier
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.optimise import Optimisation, optimise
 from safe_ompl.planning.safe_setup import SafeSetup

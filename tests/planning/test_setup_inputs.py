@@ -16,10 +16,10 @@ from safe_ompl.common.errors import CollisionError, InputError, UnknownNameError
 from safe_ompl.geometry.basic import Box, Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
+from safe_ompl.planning import planner_data
 from safe_ompl.planning.ompl.goals import WorkspaceGoal
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.run import planner_data
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot.place import inverse_kinematics
 from safe_ompl.robot.robot import Robot

@@ -14,16 +14,13 @@ from safe_ompl.common.errors import CollisionError, InputError, PlanningError, U
 from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.constraints import Constraints
 from safe_ompl.planning.ompl.goals import WorkspaceGoal
 from safe_ompl.planning.ompl.states import joint_space
-from safe_ompl.planning.ompl.validity import CollisionFreeValidity
-from safe_ompl.planning.optimise import Simplification, Timing
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.planning.problem import Problem
-from safe_ompl.planning.run import Run, seconds, simplification_time, stopping, termination
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.planning.wiring import Wiring
+from safe_ompl.planning.ompl.validity import CollisionFreeValidity, Constraints
+from safe_ompl.planning.optimise import Simplification, Timing, stopping
+from safe_ompl.planning.planners.registry import make_planner, termination
+from safe_ompl.planning.problem import Problem, Wiring
+from safe_ompl.planning.safe_setup import Run, SafeSetup, simplification_time
 from safe_ompl.scene.constraints import MotionLimits
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
@@ -192,8 +189,8 @@ def test_limits_of_time(ticks):
         None,
         0.5,
     )
-    with pytest.raises(InputError, match="waiting must be a positive number of seconds, got 0"):
-        seconds("waiting", 0)
+    with pytest.raises(InputError, match="simplify must be a positive number of seconds, got 0"):
+        simplification_time(0)
     over = termination(0.01)
     assert [over() for _ in range(12)].index(True) == 9, "the first look was when it was made"
     assert not any(stopping(0.0)() for _ in range(3))

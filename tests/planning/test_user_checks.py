@@ -17,9 +17,8 @@ from safe_ompl.common.errors import CollisionError, InputError
 from safe_ompl.geometry.basic import Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.constraints import SampledValidity
 from safe_ompl.planning.ompl.states import StateBridge
-from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
+from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity, SampledValidity
 from safe_ompl.planning.planners.prm import SafePRM
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.scene.scene import Scene

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from safe_ompl.paths.simplify.proven_descent import BestPath
+from safe_ompl.paths.descent import BestPath
 
 GIVEN, FIRST, SECOND = np.zeros((2, 3)), np.ones((2, 3)), 2 * np.ones((2, 3))
 

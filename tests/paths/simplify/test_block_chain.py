@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl.paths.simplify.kernels import factored, solved
+from safe_ompl.paths.kernels import factored, solved
 
 
 @pytest.mark.parametrize(("count", "n"), [(1, 3), (2, 1), (5, 3), (12, 7)])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from test_cost import Density, Plane
 
-from safe_ompl.paths.simplify.cost import PathCost
-from safe_ompl.paths.simplify.descent import BlockChain, Descent
-from safe_ompl.paths.simplify.edges import divided, refined, with_way_points
+from safe_ompl.paths.cost import PathCost
+from safe_ompl.paths.descent import BlockChain, Descent
+from safe_ompl.paths.measures import divided, refined, with_way_points
 
 # In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
 # between two points is arcosh(1 + distance²/(2 y₁ y₂)) (Poincaré).

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from safe_ompl.paths.simplify.descent import _shortened
-from safe_ompl.paths.simplify.proven_descent import ProvenDescent
+from safe_ompl.paths.descent import ProvenDescent, _shortened
 
 
 class Falling:

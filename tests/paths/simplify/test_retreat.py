@@ -12,9 +12,8 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.basic import Box, Cylinder
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.paths.simplify.descent import FeasibleSet
-from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.shortcuts import RETREAT_STEP, _step, retreat
+from safe_ompl.paths.cost import ObstacleCost
+from safe_ompl.paths.edges import RETREAT_STEP, FeasibleSet, _step, retreat
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene

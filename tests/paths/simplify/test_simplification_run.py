@@ -12,11 +12,9 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.basic import Box, Capsule, Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.paths.simplify.edges import EdgeProofs
-from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.run import SimplificationRun, unrolled
-from safe_ompl.paths.simplify.shortcuts import shortcut
-from safe_ompl.paths.simplify.simplifier import Simplifier
+from safe_ompl.paths.cost import ObstacleCost
+from safe_ompl.paths.edges import EdgeProofs, shortcut
+from safe_ompl.paths.simplifier import SimplificationRun, Simplifier, unrolled
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.robot.ik import Place
 from safe_ompl.robot.robot import Robot

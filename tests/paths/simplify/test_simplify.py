@@ -13,12 +13,10 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.basic import Box, Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
+from safe_ompl.paths.cost import ObstacleCost, PathCost
+from safe_ompl.paths.edges import EdgeProofs, shortcut
 from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplify.cost import PathCost
-from safe_ompl.paths.simplify.edges import EdgeProofs
-from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.shortcuts import shortcut
-from safe_ompl.paths.simplify.simplifier import Simplifier, simplify_danger
+from safe_ompl.paths.simplifier import Simplifier, simplify_danger
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot.ik import Place
 from safe_ompl.scene.scene import Scene

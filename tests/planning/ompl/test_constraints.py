@@ -16,9 +16,14 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.basic import Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.constraints import ConfigurationCheck, Constraints, SampledValidity
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
+from safe_ompl.planning.ompl.validity import (
+    CertifiedMotionValidator,
+    CollisionFreeValidity,
+    ConfigurationCheck,
+    Constraints,
+    SampledValidity,
+)
 from safe_ompl.scene.scene import Scene
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])

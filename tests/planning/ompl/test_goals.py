@@ -149,7 +149,7 @@ def test_solutions_of_continuous_joints(kinova, rng):
         ({"rotation": 2 * np.eye(3)}, "orthonormal"),
         ({"tolerance": 0.0}, "tolerance must be a positive length"),
         ({"tolerance": np.nan}, "tolerance must be a positive length"),
-        ({"seed": -1}, "seed must be a non-negative integer, got -1"),
+        ({"seed": -1}, "seed must be a whole number >= 0, got -1"),
     ],
 )
 def test_goals_that_make_no_sense(setup, options, message):

@@ -13,10 +13,8 @@ from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.planners.bubble import BubblePlanner
-from safe_ompl.planning.planners.parts.danger import DangerWeight
-from safe_ompl.planning.planners.parts.elastic_band import ElasticBand
-from safe_ompl.planning.planners.parts.extend import TangentialDescent
-from safe_ompl.planning.planners.parts.problem import PlanningProblem
+from safe_ompl.planning.planners.parts.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.parts.problem import DangerWeight, PlanningProblem
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.scene.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene

@@ -22,8 +22,15 @@ from safe_ompl.common.errors import InputError
 from safe_ompl.planning.ompl.objective import StateCost
 from safe_ompl.planning.ompl.states import StateBridge
 from safe_ompl.planning.planners import prm
-from safe_ompl.planning.planners.graphs.roadmap import LinkMetric, Roadmap, SpaceMetric, roadmap_metric
-from safe_ompl.planning.planners.graphs.roadmap_search import LocalPlanner, Samples, SearchGraph
+from safe_ompl.planning.planners.parts.roadmap import (
+    LinkMetric,
+    LocalPlanner,
+    Roadmap,
+    Samples,
+    SearchGraph,
+    SpaceMetric,
+    roadmap_metric,
+)
 from safe_ompl.planning.planners.prm import SafePRM
 from safe_ompl.planning.planners.registry import make_planner
 from safe_ompl.planning.safe_setup import SafeSetup

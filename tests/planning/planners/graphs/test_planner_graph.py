@@ -10,11 +10,11 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
+from safe_ompl.planning import planner_data
 from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph, two_trees
+from safe_ompl.planning.planners.parts.tree import PlannerGraph, two_trees
 from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.run import planner_data
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.scene.scenario import Scenario, find_scenario
 

@@ -7,7 +7,6 @@ import pytest
 from plane import PlaneProblem, wall_with_a_gap
 
 from safe_ompl.common.counts import Counts
-from safe_ompl.planning.planners.parts.danger import AdaptiveThreshold, DangerWeight
 from safe_ompl.planning.planners.parts.extend import (
     Extension,
     SafeStep,
@@ -15,7 +14,7 @@ from safe_ompl.planning.planners.parts.extend import (
     TangentialDescent,
     straight_extension,
 )
-from safe_ompl.planning.planners.parts.problem import PlanningProblem
+from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.scene.scenario import Scenario, find_scenario

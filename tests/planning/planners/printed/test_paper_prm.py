@@ -6,7 +6,7 @@ import pytest
 from safe_ompl.common.errors import UnknownNameError
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.planning.planners.graphs.roadmap_search import LocalPlanner
+from safe_ompl.planning.planners.parts.roadmap import LocalPlanner
 from safe_ompl.planning.planners.registry import make_planner
 from safe_ompl.scene.scenario import Scenario, find_scenario
 

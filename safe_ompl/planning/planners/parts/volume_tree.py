@@ -10,19 +10,12 @@ import numpy as np
 from safe_ompl.collision import BUBBLE_SHAPES, INSIDE
 from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.planning.ompl import CollisionFreeValidity, StateBridge
-from safe_ompl.planning.planners.graphs.planner_graph import two_trees
 from safe_ompl.planning.planners.parts.problem import PlanningProblem
-from safe_ompl.planning.planners.parts.tree import ROOT
+from safe_ompl.planning.planners.parts.tree import ROOT, TwoTrees, branch
 
 
 class Rows:
-    """Columns of numbers and vectors that grow together, row by row.
-
-    Parameters
-    ----------
-    **columns : tuple of (type, shape)
-        Type of each column, and shape of its entries.
-    """
+    """Columns of numbers and vectors that grow together, row by row; each has a type, and a shape of its entries."""
 
     def __init__(self, **columns: tuple[type, tuple[int, ...]]) -> None:
         self._columns: dict[str, Any] = {
@@ -60,22 +53,13 @@ class Rows:
 
 
 class JointMetric:
-    """The distances in the heuristic f, eq. (10).
+    """The distances in the heuristic f, eq. (10): `rates: (n,)` are the lengths of a unit of each coordinate.
 
-    Parameters
-    ----------
-    bridge : StateBridge
-        The space; coordinates that wrap go the short way.
-    rates : ndarray, shape (n,)
-        Length of a unit of each coordinate.
-    taxicab : bool
-        Whether g and h are measured in the 1-norm, as in the paper; else in the 2-norm.
+    g and h are measured in the 1-norm if `taxicab`, as in the paper; else in the 2-norm.
     """
 
     def __init__(self, bridge: StateBridge, rates: FloatArray, *, taxicab: bool) -> None:
-        self._bridge = bridge
-        self._rates = rates
-        self._taxicab = taxicab
+        self._bridge, self._rates, self._taxicab = bridge, rates, taxicab
 
     def lengths(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the lengths (…) of motions between `start` and `end: (…, n)`, for g and h."""
@@ -92,20 +76,9 @@ class JointMetric:
 
 
 class EndPoint(NamedTuple):
-    """An entry of an Open list.
+    """An entry of an Open list: `parent` is the closed bubble that it is in, `path_length` is g, from the root.
 
-    Attributes
-    ----------
-    q : ndarray, shape (n,)
-        Configuration.
-    parent : int
-        The closed bubble that it is in; `ROOT` for roots.
-    path_length : float
-        g, from the root.
-    cost, diversity : float
-        Its danger, and how far it is from the nearest closed configuration.
-    penalty : float
-        Added to its cost-to-go because it is near to obstacles.
+    `diversity` is its distance from the nearest closed configuration, `penalty` is added as it is near to obstacles.
     """
 
     q: FloatArray
@@ -117,31 +90,13 @@ class EndPoint(NamedTuple):
 
 
 class VolumeTree:
-    """The lists Closed and Open of one search direction.
+    """The lists Closed (bubbles) and Open (end points) of one search direction.
 
-    Parameters
-    ----------
-    bridge : StateBridge
-        The space.
-    metric : JointMetric
-        How f measures.
-    from_start : bool
-        Whether the tree grows from the start or from the goal.
-    diverse : bool
-        Keep for every end point how far it is from the nearest closed configuration.
-
-    Attributes
-    ----------
-    closed : Rows
-        Bubbles: center, weights, parent, path_length, alive.
-    open : Rows
-        End points: q, parent, path_length, cost, diversity, penalty.
+    If `diverse`, every end point knows how far it is from the nearest closed configuration.
     """
 
     def __init__(self, bridge: StateBridge, metric: JointMetric, *, from_start: bool, diverse: bool) -> None:
-        self.from_start = from_start
-        self._metric = metric
-        self._diverse = diverse
+        self.from_start, self._metric, self._diverse = from_start, metric, diverse
         vector, number = (float, (bridge.n,)), (float, ())
         self.closed = Rows(
             center=vector, weights=vector, parent=(np.intp, ()), path_length=number, alive=(bool, ())
@@ -178,12 +133,7 @@ class VolumeTree:
     def close(self, point: EndPoint, weights: FloatArray) -> int:
         """Add the bubble of an end point to Closed and return its index."""
         self.closed.extend(
-            1,
-            center=point.q,
-            weights=weights,
-            parent=point.parent,
-            path_length=point.path_length,
-            alive=True,
+            1, center=point.q, weights=weights, parent=point.parent, path_length=point.path_length, alive=True
         )
         if self._diverse and len(self.open):
             diversity = self.open["diversity"]
@@ -205,13 +155,9 @@ class VolumeTree:
 
     def branch(self, node: int) -> list[int]:
         """Return the closed bubbles from the root to `node`."""
-        nodes = []
-        while node != ROOT:
-            nodes.append(node)
-            node = int(self.closed["parent"][node])
-        return nodes[::-1]
+        return branch(self.closed["parent"], node)
 
-    def bubbles(self) -> tuple[FloatArray, IntArray]:
+    def nodes(self) -> tuple[FloatArray, IntArray]:
         """Return the closed configurations (N, n) and roots not yet closed, with the index of each one's parent."""
         roots = self.open["q"][self.open["parent"] == ROOT]
         parents = np.concatenate([self.closed["parent"], np.full(len(roots), ROOT)])
@@ -231,46 +177,9 @@ class VolumeTree:
         return np.array([self._metric.separations(self.closed["center"], x).min() for x in points])
 
 
-class VolumeTrees:
-    """The volume trees of both directions.
-
-    Parameters
-    ----------
-    bridge, metric, diverse
-        As for `VolumeTree`.
-
-    Attributes
-    ----------
-    start, goal : VolumeTree
-        The trees.
-    """
-
-    def __init__(self, bridge: StateBridge, metric: JointMetric, *, diverse: bool) -> None:
-        self.start, self.goal = (
-            VolumeTree(bridge, metric, from_start=from_start, diverse=diverse) for from_start in (True, False)
-        )
-
-    def add_start(self, q: FloatArray) -> None:
-        """Take a start configuration (n,)."""
-        self.start.add_root(q)
-
-    def add_goal(self, q: FloatArray) -> None:
-        """Take a goal configuration (n,)."""
-        self.goal.add_root(q)
-
-    @property
-    def has_starts(self) -> bool:
-        """Whether there is a start."""
-        return len(self.start) > 0
-
-    @property
-    def has_goals(self) -> bool:
-        """Whether there is a goal."""
-        return len(self.goal) > 0
-
-    def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
-        return two_trees(*(tree.bubbles() for tree in (self.start, self.goal)))
+def volume_trees(bridge: StateBridge, metric: JointMetric, *, diverse: bool) -> TwoTrees[VolumeTree]:
+    """Return the volume trees of both directions, still empty."""
+    return TwoTrees(*(VolumeTree(bridge, metric, from_start=side, diverse=diverse) for side in (True, False)))
 
 
 def intersect(
@@ -278,16 +187,7 @@ def intersect(
 ) -> FloatArray | None:
     """INTERSECT: return the path (N, n) through a new bubble and the one of the other tree that it overlaps most.
 
-    Parameters
-    ----------
-    problem : PlanningProblem
-        Its motion validator may know more than bubbles do. What it refuses is cut off the trees.
-    shape : str
-        Shape of the bubbles.
-    tree, new
-        The tree that has just grown, and its new bubble.
-    other : VolumeTree
-        The other tree.
+    The motion validator may know more than bubbles do: what it refuses is cut off the trees.
     """
     if not len(other.closed):
         return None
@@ -330,13 +230,7 @@ def _path(
 
 
 def bubble_validity(si: Any, name: str) -> CollisionFreeValidity:
-    """Return the state validity checker, which gives the distances of bubbles.
-
-    Raises
-    ------
-    InputError
-        If it does not; `name` is the planner's.
-    """
+    """Return the state validity checker, which gives the distances of bubbles; raise InputError if it does not."""
     validity = si.getStateValidityChecker()
     if not isinstance(validity, CollisionFreeValidity):
         raise InputError(

@@ -1,7 +1,8 @@
-"""Descent of a path in rounds: each result must be cheaper and proven; the best path so far is kept."""
+"""Descent of way points down the gradient of a path's cost, by quasi-Newton steps, in rounds that are proven."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -9,11 +10,112 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_ompl.common import BoolArray, FloatArray
-from safe_ompl.paths.measures import Curve
-from safe_ompl.paths.simplify.cost import peaks_beside_ends
-from safe_ompl.paths.simplify.descent import LARGEST, Descent, FeasibleSet
-from safe_ompl.paths.simplify.edges import EdgeProofs, path_length, with_way_points
-from safe_ompl.paths.simplify.obstacle_cost import ActiveSetCost
+from safe_ompl.paths.cost import ActiveSetCost, PathCost, peaks_beside_ends
+from safe_ompl.paths.edges import EdgeProofs, FeasibleSet
+from safe_ompl.paths.kernels import factored, solved
+from safe_ompl.paths.measures import Curve, path_length, with_way_points
+
+LARGEST = 0.4  # [rad] a way point moves no farther in one step
+_MEMORY = 6  # pairs of steps and changes of the gradient that are remembered
+_SUFFICIENT = 1e-4  # share of the fall that the gradient promises which a step must bring (Armijo)
+_GROWTH = 2.0  # a step may be longer than the last one by this factor,
+_SHORTEST, _LONGEST = 0.1, 0.5  # and one that fails is shortened to between these shares of it
+_TRIALS = 6
+
+
+class Descent:
+    """Minimises a cost over a path's way points (N, n), by L-BFGS (Nocedal & Wright, alg. 7.4 and 7.5).
+
+    The first Hessian of every step is that of the path: a chain of springs between way points, as in CHOMP (Ratliff
+    et al. 2009), whose inverse makes smooth moves cheap and moves of single way points dear; and the Gauss-Newton part
+    of what the densities add. Both are blocks on and beside the diagonal, and solved in O(N). A step that does not
+    lower the cost is shortened to where a parabola has its minimum.
+    """
+
+    def __init__(self, cost: PathCost | ActiveSetCost, path: FloatArray, constraints: FeasibleSet) -> None:
+        self._cost, self._constraints = cost, constraints
+        self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
+        self.restart(path)
+
+    def restart(self, path: FloatArray, held: BoolArray | None = None) -> None:
+        """Go on from another path of as many way points; those that are `held: (N,)` stay where they are."""
+        self._moving = np.ones(len(path), dtype=bool) if held is None else ~held
+        self._moving[0] = False
+        self._pairs.clear()
+        self._size = 1.0
+        self.resume(path)
+
+    def resume(self, path: FloatArray) -> None:
+        """Evaluate the cost anew, at a path near the last one, or after it has changed a little."""
+        value, gradient, blocks, beside = self._cost.model(path)
+        self.path, self.value, self._gradient = path, value, self._allowed(path, gradient)
+        self._hessian = BlockChain(blocks, beside, self._moving)
+
+    def step(self, largest: float = LARGEST) -> bool:
+        """Take one step, in which no joint moves farther than `largest`; return False if none lowers the cost."""
+        direction = self._direction()
+        slope = float(np.vdot(direction, self._gradient))
+        if slope < 0:
+            size = min(1.0, largest / float(np.abs(direction).max()), _GROWTH * self._size)
+            for _ in range(_TRIALS):
+                path = self._constraints.nearest(self.path + size * direction)
+                value, gradient = self._cost.value_and_gradient(path)
+                if value < self.value + _SUFFICIENT * size * slope:
+                    gradient = self._allowed(path, gradient)
+                    self._remember(path - self.path, gradient - self._gradient)
+                    self.path, self.value, self._gradient, self._size = path, value, gradient, size
+                    return True
+                size *= _shortened(size * slope, value - self.value)
+        if not self._pairs:
+            return False
+        self._pairs.clear()
+        return self.step(largest)
+
+    def _allowed(self, path: FloatArray, change: FloatArray) -> FloatArray:
+        """Return the part of a change (N, n) of a path (N, n) that way points may make."""
+        change = self._constraints.tangent(path, change)
+        change[~self._moving] = 0.0
+        return change
+
+    def _direction(self) -> FloatArray:
+        """Return −H⁻¹∇J with the Hessian H that the remembered steps make of the path's."""
+        q, shares = self._gradient.copy(), []
+        for step, change, curvature in reversed(self._pairs):
+            share = float(np.vdot(step, q)) / curvature
+            q -= share * change
+            shares.append(share)
+        direction = self._hessian.solve(q)
+        for (step, change, curvature), share in zip(self._pairs, reversed(shares), strict=True):
+            direction += (share - float(np.vdot(change, direction)) / curvature) * step
+        return -self._allowed(self.path, direction)
+
+    def _remember(self, step: FloatArray, change: FloatArray) -> None:
+        curvature = float(np.vdot(step, change))
+        if curvature > 1e-10:
+            self._pairs.append((step, change, curvature))
+
+
+def _shortened(promised: float, change: float) -> float:
+    """Return the share of a step that is best by the parabola through the slope before and the cost after it."""
+    bend = change - promised
+    return min(_LONGEST, max(_SHORTEST, -0.5 * promised / bend)) if bend < np.inf else _SHORTEST
+
+
+class BlockChain:
+    """A positive symmetric matrix of blocks (N, n, n) on the diagonal and (N − 1, n, n) right of them, factored once.
+
+    Block rows and columns that do not move, `moving: (N,)`, count as those of the unit matrix.
+    """
+
+    def __init__(self, blocks: FloatArray, beside: FloatArray, moving: BoolArray) -> None:
+        blocks = np.where(moving[:, None, None], blocks, np.eye(blocks.shape[1]))
+        self._band = factored(blocks, beside * (moving[1:] & moving[:-1])[:, None, None])
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Return the solution (N, n) for the right-hand side (N, n)."""
+        x: FloatArray = solved(self._band, right.ravel())
+        return x.reshape(right.shape)
+
 
 Better = Callable[[FloatArray, float], None]
 
@@ -23,19 +125,6 @@ class BestPath:
 
     J is known for the danger points that matter near a path when it is offered. When others turn out to matter, it is
     `confirmed` anew, and a path that has become dearer than the given one is taken back.
-
-    Parameters
-    ----------
-    path : ndarray, shape (N, n)
-        The given path.
-    on_better : callable, optional
-        Told every path that is taken, and its J.
-
-    Attributes
-    ----------
-    path : ndarray, shape (N', n)
-    ceiling : float
-        J of the given path.
     """
 
     def __init__(self, path: FloatArray, on_better: Better | None) -> None:
@@ -79,10 +168,7 @@ _RESOLUTIONS = 2  # how often peaks are looked for
 
 @dataclass(frozen=True)
 class Terms:
-    """Requirements of a path: proofs of its edges, where its ends may be, its greatest length, and the least gain.
-
-    `precision` is the share of the cost that a round must save, or it is the last one.
-    """
+    """Requirements of a path; `precision` is the share of the cost that a round must save, or it is the last one."""
 
     proofs: EdgeProofs
     feasible: FeasibleSet
@@ -98,30 +184,10 @@ class Price(NamedTuple):
 
 
 class ProvenDescent:
-    """Descent of the part of a path between two retreats.
+    """Descent of the part of a path, `path: (N, n)`, between two `retreats` that stay, the ends included.
 
-    Parameters
-    ----------
-    path : ndarray, shape (N, n)
-        The part that moves; its edges are accepted.
-    retreats : (ndarray, ndarray)
-        The parts before and after it, that stay, its ends included.
-    cost : ActiveSetCost
-        What falls; it has looked at the path.
-    terms : Terms
-        What every path on the way must hold.
-    best : BestPath
-        Is offered every path. One that is dearer than the given one may become cheaper than that later.
-    stop : callable
-        Asked between steps; when it returns True, that is the end.
-
-    Attributes
-    ----------
-    path : ndarray, shape (N, n)
-        What has become of the part that moves.
-    price : Price
-    leads : bool
-        Whether the best path is one of this descent; not so at first.
+    Every path on the way is offered as the best one. One that is dearer than the given one may become cheaper later:
+    `leads` says whether the best path is one of this descent; not so at first.
     """
 
     def __init__(
@@ -193,15 +259,7 @@ class ProvenDescent:
         return False
 
     def _take(self, path: FloatArray) -> tuple[float, BoolArray]:
-        """Go on from as much of a path (N, n) as is proven, if that is cheaper.
-
-        Returns
-        -------
-        gain : float
-            By how much it is cheaper; 0 where nothing is taken.
-        back : ndarray of bool, shape (N,)
-            Way points that had to be held back.
-        """
+        """Go on from what is proven of a path (N, n), if cheaper; return the gain, and which points stay (N,)."""
         back = np.zeros(len(path), dtype=bool)
         price = self._price_if_better(path)  # a price costs less than a proof
         if price is not None:
