@@ -8,7 +8,8 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.motions.motion import Motion
+    from safe_ompl.motions.rates import Extremes, RateViolation, extremes, rate_violations
 
-__all__ = ["Motion"]
+__all__ = ["Extremes", "Motion", "RateViolation", "extremes", "rate_violations"]
 
 __getattr__, __dir__ = lazily(__name__, __file__)
