@@ -1,0 +1,80 @@
+"""Checks of what motions are made of: times, rates, names, coefficients of SciPy, paths of OMPL."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import BoolArray, FloatArray, InputError, documents, finite_array
+from safe_ompl.planning.ompl import StateBridge
+
+DEGREE = 15  # powers lose a factor of 3 in precision per degree: 1e7 at 15
+
+
+def increasing(times: ArrayLike, count: int | None, name: str) -> FloatArray:
+    """Return times that increase, `count` of them if that is given."""
+    found = finite_array(times, (None,), name)
+    if count is not None and len(found) != count:
+        raise InputError(f"must be {count}, got {len(found)}", name)
+    if len(found) < 2:
+        raise InputError(f"must be two at least, got {len(found)}", name)
+    wrong = np.flatnonzero(np.diff(found) <= 0)
+    if len(wrong):
+        k = int(wrong[0])
+        raise InputError(f"must increase, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", name)
+    return found
+
+
+def rate_rows(values: Any, shape: tuple[int, int], name: str) -> tuple[FloatArray, BoolArray]:
+    """Return rates (N, n), and which points have any; rows of points that have none are 0."""
+    if values is None:
+        return np.zeros(shape), np.zeros(shape[0], dtype=bool)
+    if isinstance(values, np.ndarray) or len(values) != shape[0] or all(row is not None for row in values):
+        return finite_array(values, shape, name), np.ones(shape[0], dtype=bool)
+    rows, there = np.zeros(shape), np.array([row is not None for row in values])
+    for k in np.flatnonzero(there):
+        rows[k] = finite_array(values[k], shape[1:], f"{name} of point {k}")
+    return rows, there
+
+
+def of_degree(pieces: FloatArray) -> FloatArray:
+    """Return coefficients (K, d + 1, n) if the degree is not too high."""
+    if pieces.shape[1] > DEGREE + 1:
+        raise InputError(f"must have a degree of {DEGREE} at most, got {pieces.shape[1] - 1}", "motion")
+    return pieces
+
+
+def vectors(thing: Any, dimensions: int) -> Any:
+    """Return the coefficients of SciPy's `thing`, which must be those of vectors (n,)."""
+    held = np.asarray(thing.c)
+    if held.ndim != dimensions:
+        raise InputError(
+            f"must have values of shape (n,), got {held.shape[dimensions - 1 :]}", type(thing).__name__
+        )
+    return held
+
+
+def named(names: Iterable[str], n: int) -> tuple[str, ...]:
+    """Return the names of n joints, which must differ."""
+    found = tuple(documents.text("joint name", name) for name in names)
+    if len(set(found)) < len(found):
+        raise InputError(f"must differ, got {', '.join(found)}", "joint names")
+    if len(found) != n:
+        raise InputError(
+            f"must be {n}, one for each column, got {len(found)}: {', '.join(found)}", "joint names"
+        )
+    return found
+
+
+def path_states(path: Any, space: Any) -> FloatArray:
+    """Return the configurations (N, n) of OMPL's `PathGeometric`."""
+    count = path.getStateCount()
+    if not count:
+        raise InputError("has no states", "PathGeometric")
+    if space is None:
+        raise InputError("does not know its state space: give space, or the SimpleSetup", "PathGeometric")
+    bridge = StateBridge(space)
+    return np.array([bridge.read(path.getState(i)) for i in range(count)])
