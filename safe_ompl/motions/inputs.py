@@ -11,20 +11,24 @@ from numpy.typing import ArrayLike
 from safe_ompl.common import BoolArray, FloatArray, InputError, documents, finite_array
 from safe_ompl.planning.ompl import StateBridge
 
+_LEAST = 1e-9  # [s] between times; of less, powers have no digits
 DEGREE = 15  # powers lose a factor of 3 in precision per degree: 1e7 at 15
 
 
 def increasing(times: ArrayLike, count: int | None, name: str) -> FloatArray:
-    """Return times that increase, `count` of them if that is given."""
+    """Return times that increase by a nanosecond at least, `count` of them if that is given."""
     found = finite_array(times, (None,), name)
     if count is not None and len(found) != count:
         raise InputError(f"must be {count}, got {len(found)}", name)
     if len(found) < 2:
         raise InputError(f"must be two at least, got {len(found)}", name)
-    wrong = np.flatnonzero(np.diff(found) <= 0)
-    if len(wrong):
-        k = int(wrong[0])
-        raise InputError(f"must increase, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", name)
+    steps = np.diff(found)
+    if not (steps >= _LEAST).all():
+        k = int((steps < _LEAST).argmax())
+        least = ", by 1e-9 at least" * bool(steps[k] > 0)
+        raise InputError(
+            f"must increase{least}, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", name
+        )
     return found
 
 
@@ -32,7 +36,12 @@ def rate_rows(values: Any, shape: tuple[int, int], name: str) -> tuple[FloatArra
     """Return rates (N, n), and which points have any; rows of points that have none are 0."""
     if values is None:
         return np.zeros(shape), np.zeros(shape[0], dtype=bool)
-    if isinstance(values, np.ndarray) or len(values) != shape[0] or all(row is not None for row in values):
+    if (
+        isinstance(values, np.ndarray)
+        or not hasattr(values, "__len__")
+        or len(values) != shape[0]
+        or all(row is not None for row in values)
+    ):
         return finite_array(values, shape, name), np.ones(shape[0], dtype=bool)
     rows, there = np.zeros(shape), np.array([row is not None for row in values])
     for k in np.flatnonzero(there):
@@ -59,7 +68,7 @@ def vectors(thing: Any, dimensions: int) -> Any:
 
 def named(names: Iterable[str], n: int) -> tuple[str, ...]:
     """Return the names of n joints, which must differ."""
-    found = tuple(documents.text("joint name", name) for name in names)
+    found = tuple(documents.text("joint name", name) for name in documents.sequence("joint names", names))
     if len(set(found)) < len(found):
         raise InputError(f"must differ, got {', '.join(found)}", "joint names")
     if len(found) != n:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import perm
@@ -84,7 +84,9 @@ class Motion:
             )
         if self.short_way and size != 2:
             raise InputError(f"is for straight pieces, not for a degree of {size - 1}", "short_way")
-        times = increasing(self.times, pieces + 1, "times")
+        times = finite_array(self.times, (pieces + 1,), "times")
+        if not (np.diff(times) > 0).all():
+            raise InputError(f"must increase, got {shown(times.tolist())}", "times")
         for name, values in (("slack", self.slack), ("rounding", self.rounding)):
             if values is not None:
                 array = finite_array(values, (pieces, n), name)
@@ -168,6 +170,7 @@ class Motion:
         InputError
             If a time is not a number.
         """
+        order = whole_number("order", order, at_least=0)
         given = float_array(time, (None,) if np.ndim(time) else (), "time")
         if np.isnan(given).any():
             raise InputError("time must be a number of seconds, got nan")
@@ -298,8 +301,13 @@ class Motion:
         cls, at: FloatArray, held: FloatArray, names: Sequence[str] | None, **options: Any
     ) -> Motion:
         ends = np.stack([held[:-1], held[1:]], axis=1)
-        coefficients, rounding = polynomials.hermite(np.diff(at), ends, None, None)
-        return cls(at, coefficients, _tuple(names), rounding=rounding, **options)
+        return cls._made(at, *polynomials.hermite(np.diff(at), ends, None, None), names, **options)
+
+    @classmethod
+    def _made(
+        cls, times: FloatArray, coefficients: FloatArray, rounding: FloatArray, names: Any, **options: Any
+    ) -> Motion:
+        return cls(times, coefficients, names, rounding=rounding, **options)
 
     @classmethod
     def hermite(
@@ -346,7 +354,7 @@ class Motion:
             v, a = rates[ends] if degree > 1 else None, bends[ends] if degree > 3 else None
             made = polynomials.hermite(at[which + 1] - at[which], held[ends], v, a)
             coefficients[which, : degree + 1], rounding[which] = made
-        return cls(at, coefficients, _tuple(names), rounding=rounding)
+        return cls._made(at, coefficients, rounding, names)
 
     @classmethod
     def bezier(
@@ -356,8 +364,8 @@ class Motion:
         points = of_degree(finite_array(control_points, (None, None, None), "control points"))
         count = len(points) + 1
         at = np.arange(float(count)) if times is None else increasing(times, count, "times")
-        coefficients, rounding = polynomials.powers(points, np.zeros_like(points[:, 0]))
-        return cls(at, coefficients, _tuple(names), timed=times is not None, rounding=rounding)
+        made = polynomials.powers(points, np.zeros_like(points[:, 0]))
+        return cls._made(at, *made, names, timed=times is not None)
 
     @classmethod
     def bspline(
@@ -392,8 +400,7 @@ class Motion:
             )
         if (np.diff(at) < 0).any() or not at[len(held)] > at[degree]:
             raise InputError(f"must not decrease, and span some time, got {shown(at.tolist())}", "knots")
-        times, found, rounding = polynomials.spline(at, held, degree)
-        return cls(times, found, _tuple(names), rounding=rounding)
+        return cls._made(*polynomials.spline(at, held, degree), names)
 
     @classmethod
     def profile(
@@ -441,8 +448,8 @@ class Motion:
         zero = np.zeros(len(q))
         state = [q, *(zero if rate is None else finite_array(rate, q.shape, name) for name, rate in rates)]
         moving = spans > 0
-        coefficients, rounding = polynomials.integrated(np.array(state), spans[moving], pushes[moving])
-        return cls(np.append(0.0, np.cumsum(spans[moving])), coefficients, _tuple(names), rounding=rounding)
+        made = polynomials.integrated(np.array(state), spans[moving], pushes[moving])
+        return cls._made(np.append(0.0, np.cumsum(spans[moving])), *made, names)
 
     @classmethod
     def sampled(
@@ -515,7 +522,7 @@ class Motion:
         """
         kinds = {kind.__name__ for kind in type(thing).__mro__}
         if isinstance(thing, Motion):
-            return thing if names is None else replace(thing, joint_names=_tuple(names))
+            return thing if names is None else replace(thing, joint_names=tuple(names))
         if kinds & {"PPoly", "BPoly"}:
             return cls._of_pieces(thing, "BPoly" in kinds, names)
         if "BSpline" in kinds:
@@ -553,7 +560,7 @@ class Motion:
         orders = np.arange(float(rising.shape[1]))
         coefficients = rising * (np.diff(times)[:, None] ** orders)[..., None]
         rounding = EPS * np.einsum("k,jkn->jn", np.where(orders > 0, orders + 3, 0.0), np.abs(coefficients))
-        return cls(times, coefficients, _tuple(names), rounding=rounding)
+        return cls._made(times, coefficients, rounding, names)
 
     # ------------------------------------------------------------------------------------------------ files
 
@@ -605,10 +612,6 @@ def _unwound(
     unwound = coefficients - np.stack([before, turns], axis=1)
     error = 2 * EPS * (np.abs(coefficients).sum(axis=1) + np.abs(before)) * robot.continuous
     return unwound, error if rounding is None else rounding + error
-
-
-def _tuple(names: Iterable[str] | None) -> tuple[str, ...] | None:
-    return None if names is None else tuple(names)
 
 
 def _freeze(motion: Motion, name: str, array: FloatArray) -> None:
