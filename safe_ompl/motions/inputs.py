@@ -52,7 +52,10 @@ def rate_rows(values: Any, shape: tuple[int, int], name: str) -> tuple[FloatArra
 def of_degree(pieces: FloatArray) -> FloatArray:
     """Return coefficients (K, d + 1, n) if the degree is not too high."""
     if pieces.shape[1] > DEGREE + 1:
-        raise InputError(f"must have a degree of {DEGREE} at most, got {pieces.shape[1] - 1}", "motion")
+        raise InputError(
+            f"must have a degree of {DEGREE} at most, beyond which powers lose digits, got {pieces.shape[1] - 1}",
+            "motion",
+        )
     return pieces
 
 

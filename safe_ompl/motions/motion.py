@@ -42,7 +42,7 @@ class Motion:
         Where pieces begin and end, increasing [s].
     coefficients : array_like, shape (K, d + 1, n)
         c_0 … c_d of every piece [rad or m]; d ≤ 15.
-    joint_names : sequence of str, optional
+    joint_names : tuple of str, optional
         The n joints. Default: those of the robot, in its order.
     slack : array_like, shape (K, n), optional
         Where not every configuration is known: how far the motion may be from the polynomial, ≥ 0 [rad or m].
@@ -70,17 +70,10 @@ class Motion:
 
     def __post_init__(self) -> None:
         coefficients = finite_array(self.coefficients, (None, None, None), "coefficients")
-        while coefficients.shape[1] > 2 and not coefficients[:, -1].any():
-            coefficients = coefficients[:, :-1]
-        pieces, size, n = coefficients.shape
+        pieces, size, n = of_degree(coefficients).shape
         if not (pieces and size and n):
             raise InputError(
                 f"must have pieces, powers and joints, got shape {coefficients.shape}", "coefficients"
-            )
-        if size > DEGREE + 1:
-            raise InputError(
-                f"must have a degree of {DEGREE} at most, beyond which powers lose digits, got {size - 1}",
-                "motion",
             )
         if self.short_way and size != 2:
             raise InputError(f"is for straight pieces, not for a degree of {size - 1}", "short_way")
