@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, InputError, documents, finite_array
+from safe_ompl.motions.polynomials import EPS
 from safe_ompl.planning.ompl import StateBridge
+from safe_ompl.robot import Robot
 
 _LEAST = 1e-9  # [s] between times; of less, powers have no digits
 DEGREE = 15  # powers lose a factor of 3 in precision per degree: 1e7 at 15
@@ -90,3 +92,42 @@ def path_states(path: Any, space: Any) -> FloatArray:
         raise InputError("does not know its state space: give space, or the SimpleSetup", "PathGeometric")
     bridge = StateBridge(space)
     return np.array([bridge.read(path.getState(i)) for i in range(count)])
+
+
+def columns(names: tuple[str, ...] | None, n: int, robot: Robot) -> list[int]:
+    """Return which of n columns each joint of a robot has: by name, or in its own order."""
+    if names is None:
+        if n != robot.n:
+            raise InputError(
+                f"must have {robot.n} columns, for {', '.join(robot.joint_names)}, got {n}", "motion"
+            )
+        return list(range(n))
+    missing = [name for name in robot.joint_names if name not in names]
+    surplus = [name for name in names if name not in robot.joint_names]
+    if missing or surplus:
+        said = [f"lacks the joints {', '.join(missing)}"] * bool(missing)
+        said += [f"has joints that the robot has not: {', '.join(surplus)}"] * bool(surplus)
+        raise InputError("; ".join(said), "motion")
+    return [names.index(name) for name in robot.joint_names]
+
+
+def slack_between(at: FloatArray, held: FloatArray, max_velocity: float | ArrayLike) -> FloatArray:
+    """Return how far (N − 1, n) joints no faster than `max_velocity` may be from the lines through samples (N, n)."""
+    n = held.shape[1]
+    v = finite_array(
+        np.full(n, max_velocity) if np.ndim(max_velocity) == 0 else max_velocity, (n,), "largest velocity"
+    )
+    if (v <= 0).any():
+        raise InputError(f"must be positive, got {v.min():g}", "largest velocity")
+    spans = np.diff(at)[:, None]
+    means = np.abs(np.diff(held, axis=0)) / spans
+    if (means > v * (1 + 1e-9)).any():
+        sample, joint = np.unravel_index((means / v).argmax(), means.shape)
+        raise InputError(
+            f"column {joint} moves at {means[sample, joint]:.4g} after {at[sample]:.6g} s, faster than the "
+            f"largest velocity {v[joint]:.4g}",
+            "samples",
+        )
+    v = np.maximum(v, means)
+    slack: FloatArray = (v - means) * (v + means) * spans / (2 * v) + 8 * EPS * v * spans
+    return slack

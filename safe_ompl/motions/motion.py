@@ -22,7 +22,17 @@ from safe_ompl.common import (
     whole_number,
 )
 from safe_ompl.motions import polynomials
-from safe_ompl.motions.inputs import DEGREE, increasing, named, of_degree, path_states, rate_rows, vectors
+from safe_ompl.motions.inputs import (
+    DEGREE,
+    columns,
+    increasing,
+    named,
+    of_degree,
+    path_states,
+    rate_rows,
+    slack_between,
+    vectors,
+)
 from safe_ompl.motions.polynomials import EPS
 from safe_ompl.robot import Robot
 
@@ -230,19 +240,7 @@ class Motion:
             If joints are missing or there are more; without names, if the number of columns differs. If a joint that
             has limits moves beyond 4π rad, which degrees look like.
         """
-        order = list(range(self.n))
-        if self.joint_names is None:
-            if self.n != robot.n:
-                names = ", ".join(robot.joint_names)
-                raise InputError(f"must have {robot.n} columns, for {names}, got {self.n}", "motion")
-        else:
-            missing = [name for name in robot.joint_names if name not in self.joint_names]
-            surplus = [name for name in self.joint_names if name not in robot.joint_names]
-            if missing or surplus:
-                said = [f"lacks the joints {', '.join(missing)}"] * bool(missing)
-                said += [f"has joints that the robot has not: {', '.join(surplus)}"] * bool(surplus)
-                raise InputError("; ".join(said), "motion")
-            order = [self.joint_names.index(name) for name in robot.joint_names]
+        order = columns(self.joint_names, self.n, robot)
         units = np.where(robot.prismatic, 1.0, np.pi / 180 if degrees else 1.0)
         coefficients = self.coefficients[:, :, order] * units
         slack, rounding = (
@@ -475,24 +473,7 @@ class Motion:
         """
         at = increasing(times, None, "times")
         held = finite_array(positions, (len(at), None), "positions")
-        n = held.shape[1]
-        v = finite_array(
-            np.full(n, max_velocity) if np.ndim(max_velocity) == 0 else max_velocity, (n,), "largest velocity"
-        )
-        if (v <= 0).any():
-            raise InputError(f"must be positive, got {v.min():g}", "largest velocity")
-        spans = np.diff(at)[:, None]
-        means = np.abs(np.diff(held, axis=0)) / spans
-        if (means > v * (1 + 1e-9)).any():
-            sample, joint = np.unravel_index((means / v).argmax(), means.shape)
-            raise InputError(
-                f"column {joint} moves at {means[sample, joint]:.4g} after {at[sample]:.6g} s, faster than the "
-                f"largest velocity {v[joint]:.4g}",
-                "samples",
-            )
-        v = np.maximum(v, means)
-        slack = (v - means) * (v + means) * spans / (2 * v) * (1 + 8 * EPS)
-        return cls._straight(at, held, names, slack=slack)
+        return cls._straight(at, held, names, slack=slack_between(at, held, max_velocity))
 
     @classmethod
     def of(cls, thing: Any, names: Sequence[str] | None = None, space: Any = None) -> Motion:
