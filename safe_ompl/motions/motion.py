@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import perm
@@ -22,7 +22,17 @@ from safe_ompl.common import (
     whole_number,
 )
 from safe_ompl.motions import polynomials
-from safe_ompl.motions.inputs import DEGREE, increasing, named, of_degree, path_states, rate_rows, vectors
+from safe_ompl.motions.inputs import (
+    DEGREE,
+    columns,
+    increasing,
+    named,
+    of_degree,
+    path_states,
+    rate_rows,
+    slack_between,
+    vectors,
+)
 from safe_ompl.motions.polynomials import EPS
 from safe_ompl.robot import Robot
 
@@ -42,7 +52,7 @@ class Motion:
         Where pieces begin and end, increasing [s].
     coefficients : array_like, shape (K, d + 1, n)
         c_0 … c_d of every piece [rad or m]; d ≤ 15.
-    joint_names : sequence of str, optional
+    joint_names : tuple of str, optional
         The n joints. Default: those of the robot, in its order.
     slack : array_like, shape (K, n), optional
         Where not every configuration is known: how far the motion may be from the polynomial, ≥ 0 [rad or m].
@@ -70,21 +80,16 @@ class Motion:
 
     def __post_init__(self) -> None:
         coefficients = finite_array(self.coefficients, (None, None, None), "coefficients")
-        while coefficients.shape[1] > 2 and not coefficients[:, -1].any():
-            coefficients = coefficients[:, :-1]
-        pieces, size, n = coefficients.shape
+        pieces, size, n = of_degree(coefficients).shape
         if not (pieces and size and n):
             raise InputError(
                 f"must have pieces, powers and joints, got shape {coefficients.shape}", "coefficients"
             )
-        if size > DEGREE + 1:
-            raise InputError(
-                f"must have a degree of {DEGREE} at most, beyond which powers lose digits, got {size - 1}",
-                "motion",
-            )
         if self.short_way and size != 2:
             raise InputError(f"is for straight pieces, not for a degree of {size - 1}", "short_way")
-        times = increasing(self.times, pieces + 1, "times")
+        times = finite_array(self.times, (pieces + 1,), "times")
+        if not (np.diff(times) > 0).all():
+            raise InputError(f"must increase, got {shown(times.tolist())}", "times")
         for name, values in (("slack", self.slack), ("rounding", self.rounding)):
             if values is not None:
                 array = finite_array(values, (pieces, n), name)
@@ -168,6 +173,7 @@ class Motion:
         InputError
             If a time is not a number.
         """
+        order = whole_number("order", order, at_least=0)
         given = float_array(time, (None,) if np.ndim(time) else (), "time")
         if np.isnan(given).any():
             raise InputError("time must be a number of seconds, got nan")
@@ -234,19 +240,7 @@ class Motion:
             If joints are missing or there are more; without names, if the number of columns differs. If a joint that
             has limits moves beyond 4π rad, which degrees look like.
         """
-        order = list(range(self.n))
-        if self.joint_names is None:
-            if self.n != robot.n:
-                names = ", ".join(robot.joint_names)
-                raise InputError(f"must have {robot.n} columns, for {names}, got {self.n}", "motion")
-        else:
-            missing = [name for name in robot.joint_names if name not in self.joint_names]
-            surplus = [name for name in self.joint_names if name not in robot.joint_names]
-            if missing or surplus:
-                said = [f"lacks the joints {', '.join(missing)}"] * bool(missing)
-                said += [f"has joints that the robot has not: {', '.join(surplus)}"] * bool(surplus)
-                raise InputError("; ".join(said), "motion")
-            order = [self.joint_names.index(name) for name in robot.joint_names]
+        order = columns(self.joint_names, self.n, robot)
         units = np.where(robot.prismatic, 1.0, np.pi / 180 if degrees else 1.0)
         coefficients = self.coefficients[:, :, order] * units
         slack, rounding = (
@@ -298,8 +292,13 @@ class Motion:
         cls, at: FloatArray, held: FloatArray, names: Sequence[str] | None, **options: Any
     ) -> Motion:
         ends = np.stack([held[:-1], held[1:]], axis=1)
-        coefficients, rounding = polynomials.hermite(np.diff(at), ends, None, None)
-        return cls(at, coefficients, _tuple(names), rounding=rounding, **options)
+        return cls._made(at, *polynomials.hermite(np.diff(at), ends, None, None), names, **options)
+
+    @classmethod
+    def _made(
+        cls, times: FloatArray, coefficients: FloatArray, rounding: FloatArray, names: Any, **options: Any
+    ) -> Motion:
+        return cls(times, coefficients, names, rounding=rounding, **options)
 
     @classmethod
     def hermite(
@@ -346,7 +345,7 @@ class Motion:
             v, a = rates[ends] if degree > 1 else None, bends[ends] if degree > 3 else None
             made = polynomials.hermite(at[which + 1] - at[which], held[ends], v, a)
             coefficients[which, : degree + 1], rounding[which] = made
-        return cls(at, coefficients, _tuple(names), rounding=rounding)
+        return cls._made(at, coefficients, rounding, names)
 
     @classmethod
     def bezier(
@@ -356,8 +355,8 @@ class Motion:
         points = of_degree(finite_array(control_points, (None, None, None), "control points"))
         count = len(points) + 1
         at = np.arange(float(count)) if times is None else increasing(times, count, "times")
-        coefficients, rounding = polynomials.powers(points, np.zeros_like(points[:, 0]))
-        return cls(at, coefficients, _tuple(names), timed=times is not None, rounding=rounding)
+        made = polynomials.powers(points, np.zeros_like(points[:, 0]))
+        return cls._made(at, *made, names, timed=times is not None)
 
     @classmethod
     def bspline(
@@ -392,8 +391,7 @@ class Motion:
             )
         if (np.diff(at) < 0).any() or not at[len(held)] > at[degree]:
             raise InputError(f"must not decrease, and span some time, got {shown(at.tolist())}", "knots")
-        times, found, rounding = polynomials.spline(at, held, degree)
-        return cls(times, found, _tuple(names), rounding=rounding)
+        return cls._made(*polynomials.spline(at, held, degree), names)
 
     @classmethod
     def profile(
@@ -441,8 +439,8 @@ class Motion:
         zero = np.zeros(len(q))
         state = [q, *(zero if rate is None else finite_array(rate, q.shape, name) for name, rate in rates)]
         moving = spans > 0
-        coefficients, rounding = polynomials.integrated(np.array(state), spans[moving], pushes[moving])
-        return cls(np.append(0.0, np.cumsum(spans[moving])), coefficients, _tuple(names), rounding=rounding)
+        made = polynomials.integrated(np.array(state), spans[moving], pushes[moving])
+        return cls._made(np.append(0.0, np.cumsum(spans[moving])), *made, names)
 
     @classmethod
     def sampled(
@@ -475,24 +473,7 @@ class Motion:
         """
         at = increasing(times, None, "times")
         held = finite_array(positions, (len(at), None), "positions")
-        n = held.shape[1]
-        v = finite_array(
-            np.full(n, max_velocity) if np.ndim(max_velocity) == 0 else max_velocity, (n,), "largest velocity"
-        )
-        if (v <= 0).any():
-            raise InputError(f"must be positive, got {v.min():g}", "largest velocity")
-        spans = np.diff(at)[:, None]
-        means = np.abs(np.diff(held, axis=0)) / spans
-        if (means > v * (1 + 1e-9)).any():
-            sample, joint = np.unravel_index((means / v).argmax(), means.shape)
-            raise InputError(
-                f"column {joint} moves at {means[sample, joint]:.4g} after {at[sample]:.6g} s, faster than the "
-                f"largest velocity {v[joint]:.4g}",
-                "samples",
-            )
-        v = np.maximum(v, means)
-        slack = (v - means) * (v + means) * spans / (2 * v) * (1 + 8 * EPS)
-        return cls._straight(at, held, names, slack=slack)
+        return cls._straight(at, held, names, slack=slack_between(at, held, max_velocity))
 
     @classmethod
     def of(cls, thing: Any, names: Sequence[str] | None = None, space: Any = None) -> Motion:
@@ -515,7 +496,7 @@ class Motion:
         """
         kinds = {kind.__name__ for kind in type(thing).__mro__}
         if isinstance(thing, Motion):
-            return thing if names is None else replace(thing, joint_names=_tuple(names))
+            return thing if names is None else replace(thing, joint_names=tuple(names))
         if kinds & {"PPoly", "BPoly"}:
             return cls._of_pieces(thing, "BPoly" in kinds, names)
         if "BSpline" in kinds:
@@ -553,7 +534,7 @@ class Motion:
         orders = np.arange(float(rising.shape[1]))
         coefficients = rising * (np.diff(times)[:, None] ** orders)[..., None]
         rounding = EPS * np.einsum("k,jkn->jn", np.where(orders > 0, orders + 3, 0.0), np.abs(coefficients))
-        return cls(times, coefficients, _tuple(names), rounding=rounding)
+        return cls._made(times, coefficients, rounding, names)
 
     # ------------------------------------------------------------------------------------------------ files
 
@@ -605,10 +586,6 @@ def _unwound(
     unwound = coefficients - np.stack([before, turns], axis=1)
     error = 2 * EPS * (np.abs(coefficients).sum(axis=1) + np.abs(before)) * robot.continuous
     return unwound, error if rounding is None else rounding + error
-
-
-def _tuple(names: Iterable[str] | None) -> tuple[str, ...] | None:
-    return None if names is None else tuple(names)
 
 
 def _freeze(motion: Motion, name: str, array: FloatArray) -> None:

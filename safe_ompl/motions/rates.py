@@ -70,10 +70,21 @@ class RateViolation(NamedTuple):
         return f"at {self.time:.6g}: joint {self.joint!r}, {self.kind} {self.value:.6g} {self.unit}{limit}"
 
 
-def extremes(motion: Motion, order: int) -> Extremes:
+def extremes(
+    motion: Motion, order: int, low: FloatArray | float = np.inf, high: FloatArray | float = -np.inf
+) -> Extremes:
     """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities.
 
     A derivative of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion.
+    order : int
+        ≥ 0.
+    low, high : float or ndarray of shape (n,), optional
+        Bounds that are not below `low`, or not above `high`, need not be near to what is taken. Default: all are near.
     """
     held = motion.derivative_coefficients(order)
     spans = np.diff(motion.times)[:, None]
@@ -82,11 +93,22 @@ def extremes(motion: Motion, order: int) -> Extremes:
         error += motion.allowance
     elif motion.rounding is not None:
         error += perm(motion.degree, order) * motion.rounding / spans**order
-    rows = np.moveaxis(bernstein(held), 1, 2).reshape(-1, held.shape[1])
-    high, low = peaks(rows), peaks(-rows)
-    when = [motion.times[:-1, None] + spans * side.at.reshape(error.shape) for side in (low, high)]
-    bounds = [side.bound.reshape(error.shape) + error for side in (low, high)]
-    return Extremes(-bounds[0], bounds[1], *when)
+    points = bernstein(held)
+    top, top_at = _peaks(points, high - error)
+    bottom, bottom_at = _peaks(-points, -low - error)
+    times = motion.times[:-1, None]
+    return Extremes(-bottom - error, top + error, times + spans * bottom_at, times + spans * top_at)
+
+
+def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return upper bounds (K, n) of pieces, near where they are above `enough`, and where in [0, 1] they are taken."""
+    bound: FloatArray = points.max(axis=1)
+    at: FloatArray = points.argmax(axis=1) / max(points.shape[1] - 1, 1)
+    chosen = bound > enough
+    if chosen.any():
+        found = peaks(np.moveaxis(points, 1, 2)[chosen])
+        bound[chosen], at[chosen] = found.bound, found.at
+    return bound, at
 
 
 def rate_violations(
@@ -132,7 +154,7 @@ def rate_violations(
                 raise UnknownNameError("limit", kind, limits.kinds)
             order = _KINDS.index(kind)
             most: FloatArray = getattr(limits, kind)
-            bounds = extremes(motion, order)
+            bounds = extremes(motion, order, -most, most)
             is_low = -bounds.low > bounds.high
             values = np.where(is_low, bounds.low, bounds.high)
             times = np.where(is_low, bounds.low_at, bounds.high_at)
@@ -146,7 +168,7 @@ def rate_violations(
 
 def _outside(motion: Motion, robot: Robot) -> Iterator[RateViolation]:
     """Yield where positions are outside limits."""
-    low, high, low_at, high_at = extremes(motion, 0)
+    low, high, low_at, high_at = extremes(motion, 0, robot.lower, robot.upper)
     free = np.where(robot.continuous, np.inf, _WITHIN)
     yield from _worst(robot, 0, "position", low_at, low, robot.lower - free - low, robot.lower)
     yield from _worst(robot, 0, "position", high_at, high, high - robot.upper - free, robot.upper)
