@@ -25,6 +25,7 @@ FLOORS = (  # rooms; each imports from those before it only
     "trajectories",
     "planning.ompl",
     "paths",
+    "motions",
     "planning.planners",
     "planning",
     "io",

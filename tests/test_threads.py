@@ -45,7 +45,7 @@ def restless(monkeypatch):
 
     with_pauses(pin, "updateGeometryPlacements")
     with_pauses(pin, "computeDistances")
-    with_pauses(distance_bounds, "prove_edge")
+    with_pauses(distance_bounds, "prove_curve")
     yield
     sys.setswitchinterval(switch)
 
@@ -163,7 +163,7 @@ def test_a_proof_is_of_one_scene_though_another_thread_moves_the_obstacle(panda,
     checker.move(left)
     motion = CertifiedMotion(checker)
     assert not motion.is_free(start, end)
-    prove, moves = distance_bounds.prove_edge, iter([right])
+    prove, moves = distance_bounds.prove_curve, iter([right])
 
     def moved_meanwhile(*args):
         """Prove the edge in one scene, and find the other one when the proof has ended."""
@@ -175,7 +175,7 @@ def test_a_proof_is_of_one_scene_though_another_thread_moves_the_obstacle(panda,
 
     far = left.moved({"box": Pose((3.0, 3.0, 0.4))})
     checker.move(far)
-    monkeypatch.setattr(distance_bounds, "prove_edge", moved_meanwhile)
+    monkeypatch.setattr(distance_bounds, "prove_curve", moved_meanwhile)
     assert not motion.is_free(start, end), "free where the box was, and not where it is"
     assert not motion.is_free(start, end)
 

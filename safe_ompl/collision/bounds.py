@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR
-from safe_ompl.collision.kernels.motion_bounds import Pairs, pair_bounds, prove_edge
+from safe_ompl.collision.kernels.motion_bounds import Pairs, pair_bounds, prove_curve
 from safe_ompl.common import Counts, FloatArray, IntArray, PerThread
 from safe_ompl.robot import ConvexBodies, Robot
 
@@ -21,17 +22,21 @@ _INTERVALS = 64  # that wait to be proven, at most
 _NOTHING = np.zeros(0)
 
 
+# Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
+Curve: TypeAlias = Sequence[FloatArray]
+
+
 class BoundsProof(NamedTuple):
-    """What lower bounds of distances prove of an edge.
+    """What lower bounds of distances prove of a motion.
 
     Attributes
     ----------
     proven : bool
-        Whether the whole edge keeps the distances required.
+        Whether the whole motion keeps the distances required.
     at : float
-        A fraction of the edge where the convex bodies that hold some pair seem to be nearer than required, or −1.
+        A fraction of the motion where the convex bodies that hold some pair seem to be nearer than required, or −1.
     left : list of [float, float]
-        Parts of the edge, from one fraction to another, that are not proven.
+        Parts of the motion, from one fraction to another, that are not proven.
     """
 
     proven: bool
@@ -39,7 +44,7 @@ class BoundsProof(NamedTuple):
     left: list[list[float]]
 
     def covers(self, low: float, high: float) -> bool:
-        """Return whether the edge is proven from one fraction to another."""
+        """Return whether the motion is proven from one fraction to another."""
         return not any(first < high and last > low for first, last in self.left)
 
 
@@ -107,19 +112,14 @@ class DistanceBounds:
         return bounds
 
     def prove(
-        self,
-        start: FloatArray,
-        delta: FloatArray,
-        required: FloatArray,
-        growth: FloatArray | None,
-        floor: float,
+        self, curve: Curve, required: FloatArray, growth: FloatArray | None, floor: float
     ) -> BoundsProof:
-        """Try to prove an edge.
+        """Try to prove a motion.
 
         Parameters
         ----------
-        start, delta : ndarray, shape (n,)
-            Its start, and the motion to its end.
+        curve : sequence of ndarray (n,)
+            Its coefficients.
         required : ndarray, shape (P,)
             [m] What pairs must keep at the start. `ALLOWANCE` should be in it.
         growth : ndarray, shape (P,), or None
@@ -130,11 +130,13 @@ class DistanceBounds:
         if not self._bounded:
             return _UNKNOWN
         edge, left = self._memory.own
-        edge[0] = self._coupling.values(start)
-        edge[1] = self._coupling.motions(delta)
-        number, at, places = prove_edge(
+        coefficients = edge if len(curve) == 2 else np.empty((len(curve), edge.shape[1]))
+        coefficients[0] = self._coupling.values(curve[0])
+        for k in range(1, len(curve)):
+            coefficients[k] = self._coupling.motions(curve[k])
+        number, at, places = prove_curve(
             *self._data,
-            edge,
+            coefficients,
             required,
             _NOTHING if growth is None else growth,
             floor,

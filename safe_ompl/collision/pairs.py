@@ -209,6 +209,18 @@ class PairSet:
         margins.setflags(write=False)
         return margins
 
+    def approach(self, steps: FloatArray) -> FloatArray:
+        """Return by how much (P,) [m] bodies approach at most while joints move by up to `steps: (n,)` ≥ 0.
+
+        Other than with `radii`, this holds wherever obstacles are.
+        """
+        links, coupling = self._robot.bounds.joint_radii, self._robot.coupling
+        radii = coupling.radii(
+            _pair_radii(links, self.bodies, np.full_like(self._table.obstacle_radii, np.inf))
+        )
+        nearer: FloatArray = radii @ steps
+        return nearer
+
     def within_margins(self, q: FloatArray, margins: FloatArray) -> bool:
         """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`.
 

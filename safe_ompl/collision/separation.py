@@ -14,7 +14,7 @@ from safe_ompl.collision.bounds import ALLOWANCE
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pairs import PairSet
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array
 from safe_ompl.scene import Scene
 
 
@@ -113,17 +113,21 @@ class Separation:
         Bound of the speed [m/s] of the obstacles that move, by name. The others stand still.
     time : float
         [s] How long after the moment of the scene motions may be driven. What obstacles may move until then is added.
+    tube : tuple of float
+        How far each of the n joints may be from where it should be [rad or m]; empty: nowhere else. What is proven
+        holds for every motion within this of the one that is checked, and within the limits of joints that slide.
 
     Raises
     ------
     InputError
-        If the margin, a speed or the time is negative or not finite.
+        If the margin, a speed, the time or a width of the tube is negative or not finite.
     """
 
     min_clearance: MinClearance | None = None
     margin: float = 0.0
     speeds: Mapping[str, float] = field(default_factory=dict, hash=False)
     time: float = 0.0
+    tube: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not (isinstance(self.margin, (int, float, np.number)) and 0 <= self.margin < np.inf):
@@ -135,9 +139,13 @@ class Separation:
                 raise InputError(f"speed of {name!r} must be a number >= 0 [m/s], got {speed!r}")
         if not (isinstance(self.time, (int, float, np.number)) and 0 <= self.time < np.inf):
             raise InputError(f"time must be a number >= 0 [s], got {self.time!r}")
+        widths = finite_array(self.tube, (None,), "tube")
+        if (widths < 0).any():
+            raise InputError(f"tube must be widths >= 0 [rad or m], got {widths.tolist()}")
+        object.__setattr__(self, "tube", tuple(widths.tolist()) if widths.any() else ())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Separation, (self.min_clearance, self.margin, dict(self.speeds), self.time)
+        return Separation, (self.min_clearance, self.margin, dict(self.speeds), self.time, self.tube)
 
     def with_min_clearance(
         self,
@@ -155,6 +163,8 @@ class Separation:
 
         Raises
         ------
+        InputError
+            If the tube is not of the robot's joints.
         UnknownNameError
             If its scene has no obstacle of a name.
         """
@@ -162,7 +172,7 @@ class Separation:
         kept_from = () if self.min_clearance is None else self.min_clearance.obstacles
         for name in (*speeds, *kept_from):
             checker.scene[name]  # raises where there is none
-        pairs = checker.pairs_within(self.reach)
+        pairs = checker.pairs_within(self.reach + self._swing(checker))
         return RequiredDistances(pairs, self._at_rest(pairs) + time * _rates(pairs, speeds))
 
     def required_during(
@@ -182,7 +192,7 @@ class Separation:
         first, last = checked_span(span)
         moving = Separation(self.min_clearance, self.margin, speeds, last)
         moving.required(checker)  # checks the names
-        pairs = checker.pairs_within(self.reach + moving.travel)
+        pairs = checker.pairs_within(self.reach + moving.travel + self._swing(checker))
         rates = _rates(pairs, speeds)
         at_start = self._at_rest(pairs) + self.time * _rates(pairs, self.speeds) + first * rates
         return RequiredDistances(pairs, at_start, (last - first) * rates)
@@ -198,13 +208,20 @@ class Separation:
         least = 0.0 if self.min_clearance is None else self.min_clearance.distance
         return max(self.margin, least) + self.travel
 
+    def _swing(self, checker: CollisionChecker) -> float:
+        """Return how far [m] any body may be from where it should be, because the joints are."""
+        if not self.tube:
+            return 0.0
+        widths = finite_array(self.tube, (checker.robot.n,), "tube")
+        return float((checker.robot.bounds.displacement_radii @ widths).max(initial=0.0))
+
     def _at_rest(self, pairs: PairSet) -> FloatArray:
         wanted = self.min_clearance
         kept = pairs.margins(self.margin)
-        if wanted is None:
-            return kept
-        between = np.array([wanted.between(*pair) for pair in pairs.names], dtype=np.float64)
-        return np.maximum(kept, between * pairs.meets_obstacle)
+        if wanted is not None:
+            between = np.array([wanted.between(*pair) for pair in pairs.names], dtype=np.float64)
+            kept = np.maximum(kept, between * pairs.meets_obstacle)
+        return kept + pairs.approach(np.array(self.tube)) if self.tube else kept
 
 
 TOUCHING_ONLY = Separation()

@@ -60,6 +60,10 @@ class ToolLimit(ABC):
         """Return whether the limit is kept at `q: (n,)`."""
         return self.excess(q) <= 0.0
 
+    def holds_within(self, q: FloatArray, steps: FloatArray) -> bool:
+        """Return whether the limit is proven to be kept while the joints are within `steps: (n,)` of `q: (n,)`."""
+        return self.excess(q) + float(self.rates @ steps) + _ROUNDING <= 0.0
+
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between two configurations (n,).
 

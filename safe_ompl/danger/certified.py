@@ -12,8 +12,9 @@ from math import inf
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import InputError, edge, positive
+from safe_ompl.common import FloatArray, InputError, edge, positive
 from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.link_field import segment_bounds
 from safe_ompl.danger.search import PeakSearch
 
 _WITNESS = ("danger", "its limit")
@@ -115,6 +116,8 @@ class DangerLimit:
         If the limit is not positive; and as `CertifiedDanger`.
     """
 
+    name = "danger"
+
     def __init__(self, field: DangerField, limit: float, floor: float = 1e-4) -> None:
         self.limit = positive(limit, "max danger")
         self._bounds = CertifiedDanger(field, floor=floor)
@@ -134,6 +137,10 @@ class DangerLimit:
     def allows(self, q: ArrayLike) -> bool:
         """Return whether the danger at `q: (n,)` is within the limit."""
         return self.danger(q) <= self.limit
+
+    def holds_within(self, q: FloatArray, steps: FloatArray) -> bool:
+        """Return whether no configuration is more dangerous, proven, whose joints are within `steps: (n,)` of `q`."""
+        return _danger_within(self.field, q, steps) <= self.limit
 
     def allows_motion(self, start: ArrayLike, end: ArrayLike) -> bool:
         """Return whether the danger is proven to keep to the limit on the straight motion between two (n,)."""
@@ -164,3 +171,16 @@ class DangerLimit:
         if search.upper > self.limit:
             return MotionVerdict(Verdict.UNDECIDED, search.undecided_at, _WITNESS)
         return MotionVerdict(Verdict.FREE)
+
+
+def _danger_within(field: DangerField, q: FloatArray, steps: FloatArray) -> float:
+    """Return a proven bound of the danger while the joints are within `steps: (n,)` of `q: (n,)`; +inf: not known."""
+    robot = field.robot
+    fields, distances = field.link_fields(robot.keypoints(q)[None])
+    moved = (robot.bounds.keypoint_radii @ steps)[robot.segments].max(axis=1)
+    grown = segment_bounds(fields, distances, moved[:, None])
+    if field.weighting == "length":
+        if field.segments.lengths is None:
+            return float("inf")
+        grown *= field.segments.lengths.reshape(1, -1, 1)
+    return float(field.aggregated(grown.sum(axis=1))[0])

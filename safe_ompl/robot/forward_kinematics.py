@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from math import comb
 
 import numpy as np
 import pinocchio as pin
@@ -27,6 +28,7 @@ from safe_ompl.robot.skeleton import Skeleton, frame_index
 _FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: asking for it costs least
 _WITHIN = 1e-9  # [rad or m] by which a value may be outside its limits
 _LARGEST = sys.float_info.max
+_SHORTEST = 1e-9  # interval of a motion in which joints that may leave their limits are taken to leave them
 
 
 class ForwardKinematics:
@@ -302,3 +304,40 @@ class JointLimits:
     def hold(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
         return bool(within(q, self._bounds))
+
+    def left_by(self, curve: Sequence[FloatArray]) -> tuple[int, float] | None:
+        """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], and a t where it may.
+
+        None is a proof that no joint does: control points of a polynomial's Bernstein form hold it, and the nearer the
+        shorter the interval. A joint that comes within rounding of leaving is taken to leave.
+
+        Parameters
+        ----------
+        curve : sequence of ndarray (n,)
+            c_0 … c_d.
+        """
+        degree = len(curve) - 1
+        bernstein = np.array(
+            [[comb(k, j) / comb(degree, j) for j in range(degree + 1)] for k in range(degree + 1)]
+        )
+        low, high = self._bounds
+        waiting = [(0.0, 1.0, bernstein @ np.array(curve))]
+        while waiting:
+            begin, end, points = waiting.pop()
+            outside = ((points < low) | (points > high)).any(axis=0)
+            if not outside.any():
+                continue
+            joint = int(outside.argmax())
+            for t, q in ((begin, points[0]), (end, points[-1])):
+                if not self.hold(q):
+                    return int(((q < low) | (q > high)).argmax()), t
+            if end - begin < _SHORTEST:
+                return joint, begin
+            left, right = [points[0]], [points[-1]]
+            while len(points) > 1:  # de Casteljau
+                points = 0.5 * (points[1:] + points[:-1])
+                left.append(points[0])
+                right.append(points[-1])
+            middle = 0.5 * (begin + end)
+            waiting += [(middle, end, np.array(right[::-1])), (begin, middle, np.array(left))]
+        return None

@@ -39,7 +39,9 @@ def along(delta):
 
 
 def proof(pairs, start, delta, required=0.0, growth=None):
-    return pairs.bounds.prove(start, delta, np.zeros(len(pairs.names)) + required + ALLOWANCE, growth, FLOOR)
+    return pairs.bounds.prove(
+        (start, delta), np.zeros(len(pairs.names)) + required + ALLOWANCE, growth, FLOOR
+    )
 
 
 # --------------------------------------------------------------------------------------------------- what is proven
@@ -162,7 +164,7 @@ def test_obstacles_can_be_placed_anew(ur5):
 def test_without_pairs_everything_is_free(ur5):
     nothing = np.zeros((0, 2), np.intp), np.zeros((0, ur5.n))
     bounds = DistanceBounds(ur5, ur5.shared.collision_model, *nothing, Counts())
-    assert bounds.prove(*next(edges(ur5, 1)), np.zeros(0), None, FLOOR).proven
+    assert bounds.prove(next(edges(ur5, 1)), np.zeros(0), None, FLOOR).proven
 
 
 def test_what_has_no_end_is_left_to_coal(ur5):
@@ -172,7 +174,7 @@ def test_what_has_no_end_is_left_to_coal(ur5):
     )
     number = geometry.addGeometryObject(plane)
     bounds = DistanceBounds(ur5, geometry, np.array([[3, number]]), np.ones((1, ur5.n)), Counts())
-    found = bounds.prove(*next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
+    found = bounds.prove(next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
     assert not found.proven
     assert not found.covers(0.4, 0.6)
 

@@ -1,9 +1,12 @@
-"""Lower bounds of the distances of many pairs of convex bodies, and proofs of straight joint motions by them.
+"""Lower bounds of the distances of many pairs of convex bodies, and proofs of joint motions by them.
 
 On the edge q(t) = q₁ + tΔ the bodies of pair p approach each other at the rate W_p = Σ_i R_pi·|Δ_i|, and must keep
 c_p + t·g_p, g_p ≥ 0. If at t their distance is at least d_p, the pair keeps what it must in [t − s, t + s] for every
 
     s ≤ (d_p − c_p − t·g_p)/(W_p + g_p).
+
+A curve q(t) = Σ_k c_k t^k is Σ_k a_k x^k at t + x. It is within |x| v_i of q(t), v_i = Σ_k≥1 |a_k,i| h^(k−1),
+while |x| ≤ h: v takes the place of |Δ| in W_p, for intervals of half-length h at most. An edge is a curve of degree 1.
 
 The smallest s of all pairs is proven. Three bounds of d_p are tried in turn, each only where the one before would make
 s smaller: that of the balls about the bodies, that of the ball about one and the box about the other, and that of the
@@ -115,13 +118,13 @@ def _rate_here(
     joints: Any,
     origins: FloatArray,
     axes: FloatArray,
-    motion: FloatArray,
+    speeds: FloatArray,
 ) -> float:
     """Return W_p for motions that start here, with radii no larger than the constant ones."""
     rate = 0.0
-    for i in range(len(motion)):
+    for i in range(len(speeds)):
         radius = pairs.radii[p, i]
-        if radius == 0.0 or motion[i] == 0.0:
+        if radius == 0.0 or speeds[i] == 0.0:
             continue
         if not joints[i].slides:
             g = pairs.bodies[p, 0] if pairs.moved[pairs.bodies[p, 0], i] else pairs.bodies[p, 1]
@@ -130,7 +133,7 @@ def _rate_here(
             a, b, c = axes[i, 0], axes[i, 1], axes[i, 2]
             u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
             radius = min(radius, sqrt(u * u + v * v + w * w) + bodies[g].reach)
-        rate += radius * abs(motion[i])
+        rate += radius * speeds[i]
     return rate * (1.0 + _ROUNDING)
 
 
@@ -143,7 +146,7 @@ def _half_length(
     joints: Any,
     origins: FloatArray,
     joint_axes: FloatArray,
-    motion: FloatArray,
+    speeds: FloatArray,
     rates: FloatArray,
     growth: FloatArray,
     required: FloatArray,
@@ -177,7 +180,7 @@ def _half_length(
         other = sqrt(i * i + j * j + k * k) - bodies[B].reach
         if other >= enough:
             continue
-        rate = _rate_here(p, pairs, bodies, poses, joints, origins, joint_axes, motion)
+        rate = _rate_here(p, pairs, bodies, poses, joints, origins, joint_axes, speeds)
         if len(growth):
             rate += growth[p]
         enough = required[p] + half * rate
@@ -210,20 +213,38 @@ def _half_length(
     return half, bounding
 
 
+@part
+def _curve_at(curve: FloatArray, t: float, half: float, there: FloatArray, speeds: FloatArray) -> None:
+    """Write the joints at t, and bounds of how fast they leave them while no farther than `half` from t."""
+    degree = len(curve) - 1
+    taylor = np.empty(degree + 1)
+    for i in range(curve.shape[1]):
+        for k in range(degree + 1):
+            taylor[k] = curve[k, i]
+        for k in range(degree):
+            for j in range(degree - 1, k - 1, -1):
+                taylor[j] += t * taylor[j + 1]
+        there[i] = taylor[0]
+        speed = 0.0
+        for k in range(degree, 0, -1):
+            speed = abs(taylor[k]) + half * speed
+        speeds[i] = speed
+
+
 @compiled
-def prove_edge(
+def prove_curve(
     joints: Any,
     bodies: Records,
     starts: IntArray,
     vertices: FloatArray,
     pairs: Pairs,
-    edge: FloatArray,
+    curve: FloatArray,
     required: FloatArray,
     growth: FloatArray,
     least: float,
     left: FloatArray,
 ) -> tuple[int, float, int]:
-    """Try to prove an edge, and stop where that fails.
+    """Try to prove a motion, and stop where that fails.
 
     Parameters
     ----------
@@ -233,8 +254,8 @@ def prove_edge(
         The bodies (`BODY`), and the lists of their vertices.
     pairs : Pairs
         The pairs.
-    edge : (2, m)
-        Values of the joints at the start, and how they change.
+    curve : (d + 1, m)
+        Coefficients c_k of the values of the joints, t in [0, 1]; of an edge its start, and how the joints change.
     required, growth : (P,)
         c_p with all allowances, and g_p; `growth` is empty where nothing grows.
     least : float
@@ -250,29 +271,31 @@ def prove_edge(
     at : float
         Where some pair cannot be told from one that is too near, or −1.
     places : int
-        At how many places of the edge the bounds were looked at.
+        At how many places of the motion the bounds were looked at.
     """
     P, m = pairs.radii.shape
-    values, motion = edge[0], edge[1]
-    rates, widest = np.zeros(P), 0.0
-    for p in range(P):
-        for i in range(m):
-            rates[p] += pairs.radii[p, i] * abs(motion[i])
-        rates[p] += growth[p] if len(growth) else 0.0
-        widest = max(widest, rates[p])
+    rates, widest = np.empty(P), 0.0
     poses = np.empty(len(bodies), POSE)
     axes, simplex, known = np.empty((P, 3)), np.empty((4, 3)), np.zeros(P, np.bool_)
-    there, now = np.empty(m), required.copy()
+    there, speeds, now = np.empty(m), np.empty(m), required.copy()
     rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     left[0, 0], left[0, 1] = 0.0, 1.0
     number, places, first = 1, 0, 0
     while number > 0:
         low, high = left[number - 1, 0], left[number - 1, 1]
         t, most = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + _ROUNDING)
+        _curve_at(curve, t, most, there, speeds)
         for i in range(m):
-            there[i] = values[i] + t * motion[i]
             if not isfinite(there[i]):
                 return number, -1.0, places
+        if places == 0 or len(curve) > 2:
+            widest = 0.0
+            for p in range(P):
+                rates[p] = 0.0
+                for i in range(m):
+                    rates[p] += pairs.radii[p, i] * speeds[i]
+                rates[p] += growth[p] if len(growth) else 0.0
+                widest = max(widest, rates[p])
         for p in range(len(growth)):
             now[p] = required[p] + t * growth[p]
         place_joints(joints, there, rotations, origins, joint_axes)
@@ -287,7 +310,7 @@ def prove_edge(
             joints,
             origins,
             joint_axes,
-            motion,
+            speeds,
             rates,
             growth,
             now,
