@@ -16,21 +16,11 @@ Colour = tuple[float, float, float]
 
 
 class PlannerStyle(NamedTuple):
-    """Looks of a planner.
+    """Looks of a planner."""
 
-    Attributes
-    ----------
-    colour : Colour
-        Of its curves, boxes and robots.
-    dashes : tuple of float
-        On and off lengths of its lines, in line widths; empty for a solid line.
-    strong : bool
-        Whether it is a safe planner, which stands out.
-    """
-
-    colour: Colour
-    dashes: tuple[float, ...]
-    strong: bool
+    colour: Colour  # Of its curves, boxes and robots
+    dashes: tuple[float, ...]  # On and off lengths of its lines, in line widths; empty for a solid line
+    strong: bool  # Whether it is a safe planner, which stands out
 
 
 # Safe planners, and below their classical counterparts in a pale tone of it (distinct to the colour-blind).

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, SafeOmplError
-from safe_ompl.view.annotations import Nearest
-from safe_ompl.view.content import ViewerContent
-from safe_ompl.view.pictures.bodies import obstacle_surfaces
+from safe_ompl.view.content import Nearest, ViewerContent
 from safe_ompl.view.pictures.path import TRACE, Image, trace
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
-from safe_ompl.view.pictures.surface import ColouredSurface
+from safe_ompl.view.pictures.surface import ColouredSurface, obstacle_surfaces
 from safe_ompl.view.style import NEUTRAL, as_bytes, mixed, planner_styles
 
 ANIMATION_ENDINGS = (".webp", ".gif")
@@ -72,20 +70,7 @@ def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RA
 
 
 class _Frames:
-    """What all frames share: robot and scene, camera and light.
-
-    Parameters
-    ----------
-    content : ViewerContent
-        What is shown.
-    shares : (F,) array
-        Fractions of the playing time, one for each frame.
-
-    Attributes
-    ----------
-    paths : dict of str to (F, n) array
-        Planner name → configurations, one for each frame.
-    """
+    """What all frames share: robot and scene, camera and light; `paths` holds (F, n) configurations by planner."""
 
     def __init__(self, content: ViewerContent, shares: FloatArray) -> None:
         self.paths = {name: content.along(name, shares) for name in content.paths}

@@ -1,24 +1,27 @@
-"""Pictures of a robot that moves along a path among obstacles."""
+"""Pictures of a robot along a path, and of planners side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.common import FloatArray
+from safe_ompl.common import FloatArray, InputError, SafeOmplError
+from safe_ompl.geometry import Person
+from safe_ompl.paths import PROFILE_POINTS, Curve
+from safe_ompl.planning import PlanResult, SafeSetup
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
 from safe_ompl.view.pictures.camera import Camera
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tube
-from safe_ompl.view.style import Colour, as_bytes, mixed
-
-if TYPE_CHECKING:
-    from safe_ompl.robot import Robot
-    from safe_ompl.scene import Scene
+from safe_ompl.view.plots.paths import plot_plan
+from safe_ompl.view.style import Colour, as_bytes, grid_columns, mixed, planner_styles
 
 Image = NDArray[np.uint8]
 """Rows of pixels in sRGB: (height, width, 3)."""
@@ -26,10 +29,8 @@ Image = NDArray[np.uint8]
 ACCENT: Colour = (0.09, 0.42, 0.78)
 START: Colour = (0.66, 0.67, 0.69)
 _COINCIDENCE = 1e-3  # sizes of the robot's motion by which bodies that share a place are told apart
-TRACE, _THIN = (
-    0.006,
-    0.0022,
-)  # sizes of the robot's motion; radius of the trace of the tip, and of the planned one
+# Sizes of the robot's motion; radius of the trace of the tip, and of the planned one.
+TRACE, _THIN = 0.006, 0.0022
 GHOSTS = 4
 PALE: Colour = (1.0, 1.0, 1.0)
 _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
@@ -115,22 +116,7 @@ def choose_camera(
     azimuth: float | None = None,
     elevation: float | None = None,
 ) -> Camera:
-    """Return the camera that shows all paths best.
-
-    Parameters
-    ----------
-    robot : Robot
-        Who moves.
-    scene : Scene
-        What stands around it.
-    paths : mapping of str to (N, n) array
-        What must be in view.
-    size : (int, int)
-        Width and height of the picture [px].
-    azimuth, elevation : float, optional
-        Direction from the scene to the camera [rad]: about z from the x axis, and above the floor. What is
-        not given is chosen; a robot that moves in a level plane is seen from above.
-    """
+    """Return the camera that shows all paths, (N, n) each, best in a picture of `size` [px], as `best_view`."""
     return best_view(DrawnScene(robot, scene, list(paths.values())), size, azimuth, elevation)
 
 
@@ -181,3 +167,166 @@ def _glass(body: Surface, renderer: Renderer) -> FloatArray:
     lit = np.clip((body.normals * np.sign(facing)[:, None]) @ renderer.light_direction(), 0.0, 1.0)
     opacity = 0.34 + 0.45 * (1.0 - np.abs(facing)) ** 3
     return np.column_stack([opacity, opacity * (0.72 + 0.44 * lit)])
+
+
+_QUICK_DPI = 100  # of the picture of one plan, which is wanted at once
+
+
+def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
+    """Draw the robot along a solved plan, and beside it the path's danger and clearance."""
+    assert result.path is not None
+    assert result.report is not None
+    assert result.report.danger is not None
+    curves = plot_plan(
+        result.report.danger.profile,
+        None,
+        clearance=_clearances(setup, result.path) or None,
+        improvements=[(step.time, step.cost) for step in result.improvements] or None,
+        planner=result.planner,
+        title=f"{result.planner}, seed {result.seed}",
+        dpi=_QUICK_DPI,
+    )
+    right = np.asarray(curves.canvas.buffer_rgba())[..., :3]
+    height = len(right)
+    left = render_path(
+        setup.robot,
+        setup.scene,
+        drawn_path(result),
+        size=(height * 5 // 4, height),
+    )
+    save_png(np.hstack([left, right]), file)
+
+
+def drawn_path(result: PlanResult) -> DrawnPath:
+    """Return the path of a solved plan as it is drawn: in the planner's colour, with danger and clearance in words."""
+    assert result.path is not None
+    assert result.report is not None
+    danger, clearance = result.report.danger, result.report.clearance
+    facts = [] if danger is None else [f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}"]
+    if clearance.obstacle is not None:
+        facts.append(f"clearance: min {1e3 * clearance.min:.0f} mm")
+    return DrawnPath(
+        result.path,
+        result.planned_path,
+        clearance.at if clearance.obstacle is not None else None,
+        planner_styles([result.planner])[result.planner].colour,
+        "; ".join(facts),
+    )
+
+
+def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
+    """Return the clearance [m] at equal steps of a path, from what is dangerous and from things, if there are any."""
+    curve = Curve(setup.robot, path)
+    samples = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS))
+    distances = np.array([setup.checker.distances(q) for q in samples])
+    owners = [setup.scene[obstacle] for _, obstacle in setup.checker.distance_names]
+    people = all(isinstance(obstacle.shape, Person) for obstacle in owners if obstacle.weight > 0)
+    kinds = {
+        "people" if people else "what is dangerous": [obstacle.weight > 0 for obstacle in owners],
+        "things": [obstacle.weight == 0 for obstacle in owners],
+    }
+    return {kind: distances[:, chosen].min(axis=1) for kind, chosen in kinds.items() if any(chosen)}
+
+
+_CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
+_PLANNED = ", thin: before it was simplified"
+_GUTTER, _HEADING, _FOOT = 14, 52, 30  # [px] between panels, above each row, and below all
+
+
+def render_comparison(
+    robot: Robot,
+    scene: Scene,
+    paths: Mapping[str, FloatArray | DrawnPath],
+    file: str | Path,
+    *,
+    panel: tuple[int, int] | None = None,
+    camera: Camera | None = None,
+    ghosts: int = GHOSTS,
+) -> None:
+    """Draw the paths of several planners, one panel each, and save the picture as a PNG file.
+
+    Parameters
+    ----------
+    robot : Robot
+        Who moves.
+    scene : Scene
+        What stands around it.
+    paths : mapping of str to (N, n) array or DrawnPath
+        Planner name → way points [rad or m], or a path with its looks and subtitle; without an accent it has the
+        planner's colour.
+    file : path-like
+        Where the picture goes.
+    panel : (int, int), optional
+        Width and height of a panel [px]; by default smaller the more panels there are.
+    camera : Camera, optional
+        Where from; by default the direction that shows most of robot and people on all paths.
+    ghosts : int
+        How many postures are shown between start and goal.
+
+    Raises
+    ------
+    InputError
+        If there is no path, or one cannot be used.
+    SafeOmplError
+        If Matplotlib is not installed.
+    """
+    if not paths:
+        raise InputError("no path to draw; give at least one")
+    styles = planner_styles(paths)
+    shown = {name: path if isinstance(path, DrawnPath) else DrawnPath(path) for name, path in paths.items()}
+    size = panel or _panel_size(len(paths))
+    drawn = DrawnScene(robot, scene, [path.path for path in shown.values()])
+    renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
+    images = [
+        draw(drawn, renderer, replace(path, accent=path.accent or styles[name].colour), ghosts)
+        for name, path in shown.items()
+    ]
+    caption = _CAPTION + (_PLANNED if any(path.planned is not None for path in shown.values()) else "")
+    save_panels(list(paths), [path.subtitle for path in shown.values()], images, file, caption)
+
+
+def save_png(image: Image, file: str | Path) -> None:
+    """Save a picture, (height, width, 3) of uint8, as a PNG file; missing folders are made."""
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    try:
+        from matplotlib.image import imsave
+    except ImportError as missing:
+        raise SafeOmplError("PNG files need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+    imsave(file, image, format="png")
+
+
+def save_panels(
+    titles: Sequence[str], subtitles: Sequence[str], images: Sequence[Image], file: str | Path, caption: str
+) -> None:
+    """Save pictures of equal size side by side, with a title and a subtitle above each, as a PNG file."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as missing:
+        raise SafeOmplError("panels need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+    columns = grid_columns(len(images))
+    rows = -(-len(images) // columns)
+    height, width = images[0].shape[:2]
+    total_width = columns * width + (columns + 1) * _GUTTER
+    total_height = rows * (height + _HEADING) + _FOOT
+    figure = Figure(figsize=(total_width / 100, total_height / 100), dpi=100, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    for k, (title, subtitle, image) in enumerate(zip(titles, subtitles, images, strict=True)):
+        left = _GUTTER + (k % columns) * (width + _GUTTER)
+        top = (k // columns) * (height + _HEADING) + _HEADING
+        figure.figimage(image, left, total_height - top - height, origin="upper")
+        _write(figure, left + 2, top - 28, title, 13.0, "black", weight="bold")
+        _write(figure, left + 2, top - 9, subtitle, 10.5, "0.3")
+    _write(figure, _GUTTER + 2, total_height - 10, caption, 9.5, "0.4")
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    canvas.print_png(str(file))
+
+
+def _write(figure: Any, x: float, y: float, text: str, points: float, colour: str, **style: Any) -> None:
+    """Write text with its baseline at pixels to the right of the left edge and below the upper edge."""
+    width, height = figure.get_size_inches() * figure.dpi
+    figure.text(x / width, 1.0 - y / height, text, fontsize=points, color=colour, va="baseline", **style)
+
+
+def _panel_size(count: int) -> tuple[int, int]:
+    return {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(count, (620, 520))

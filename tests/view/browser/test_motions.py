@@ -15,11 +15,10 @@ from safe_ompl.io.motions import TimedMotion
 from safe_ompl.io.robot_document import carried_robot
 from safe_ompl.io.scene_document import carried_scene
 from safe_ompl.view.browser.layers import FieldSlice
-from safe_ompl.view.content import ViewerContent
+from safe_ompl.view.content import ViewerContent, read_recording
 from safe_ompl.view.pictures.animation import save_animation
-from safe_ompl.view.pictures.bodies import SHIRT
+from safe_ompl.view.pictures.surface import SHIRT
 from safe_ompl.view.plots.paths import plot_speeds
-from safe_ompl.view.recordings import read_recording
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 TICK = 0.1
