@@ -138,28 +138,7 @@ ACCELERATION = "joint acceleration"
 
 @dataclass(frozen=True, eq=False)
 class TimedMotion:
-    """Samples of a trajectory, the speed along its path, and what bounds that speed.
-
-    Parameters
-    ----------
-    robot, scene : Robot, Scene
-        Who moves, and among what.
-    times : array_like, shape (T,)
-        Instants, increasing from 0 [s].
-    configurations : array_like, shape (T, n)
-        Joint values [rad or m].
-    speeds : array_like, shape (T,)
-        Speed ṡ along the path [rad/s].
-    bounds : mapping of str to (T,) array
-        Name of a cap → the largest ṡ that it allows [rad/s]; +inf where it allows any.
-    binding : sequence of str or None
-        T names: the cap that the speed reaches; None where accelerations bind.
-    danger : mapping, optional
-        Options of the danger field.
-    name : str, optional
-        Who planned it.
-    remarks : sequence of str, optional
-        T lines, what there is to say of each sample; by default how fast it is, and what bounds that.
+    """T samples of a trajectory, the speed along its path, and what bounds that speed.
 
     Raises
     ------
@@ -167,15 +146,18 @@ class TimedMotion:
         If lengths differ, a value is not finite, or times do not increase from 0.
     """
 
-    robot: Robot
+    robot: Robot  # Who moves, and among what
     scene: Scene
-    times: FloatArray
-    configurations: FloatArray
-    speeds: FloatArray
+    times: FloatArray  # (T,), instants, increasing from 0 [s]
+    configurations: FloatArray  # (T, n), joint values [rad or m]
+    speeds: FloatArray  # (T,), speed ṡ along the path [rad/s]
+    # Name of a cap → the largest ṡ that it allows [rad/s]; +inf where it allows any
     bounds: Mapping[str, FloatArray] = field(default_factory=dict)
+    # T names: the cap that the speed reaches; None where accelerations bind
     binding: tuple[str | None, ...] = ()
-    danger: Mapping[str, Any] | None = None
-    name: str = ""
+    danger: Mapping[str, Any] | None = None  # Options of the danger field
+    name: str = ""  # Who planned it
+    # T lines, what there is to say of each sample; by default how fast it is, and what bounds that
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -268,22 +250,7 @@ class TimedMotion:
     def from_mapping(
         cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
     ) -> TimedMotion:
-        """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it.
-
-        Parameters
-        ----------
-        data : mapping
-            What it holds.
-        robot : Robot, optional
-            The robot, where it does not travel (one of `Robot.from_models`).
-        package_dirs : sequence of Path, optional
-            Folders that hold the packages, or the meshes, that its URDF names and that do not travel.
-
-        Raises
-        ------
-        InputError, CertificateError
-            If a key is missing or has no meaning, or robot and scene cannot be built.
-        """
+        """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it; see `load`."""
         about = Problem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
         bounds = document.mapping("bounds", document.require(data, "bounds"))

@@ -24,8 +24,7 @@ from typing import Any, get_args
 from safe_ompl.common import InputError, UnknownNameError, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
-from safe_ompl.io.meshes import examples_folder, place_meshes
-from safe_ompl.io.scene_document import carried_files, encoded, unpack
+from safe_ompl.io.carried_files import carried_files, encoded, examples_folder, place_meshes, unpack
 from safe_ompl.io.schema import (
     NotPlainError,
     as_plain,
@@ -90,15 +89,7 @@ def links_without_collision(robot: Robot) -> list[str]:
 
 @singledispatch
 def recipe(blueprint: Blueprint) -> dict[str, Any]:
-    """Return what `RecipeReader.blueprint` reads.
-
-    Raises
-    ------
-    NotPlainError
-        If the robot, or a part of it, is made of Pinocchio's models.
-    InputError
-        If a file cannot be read.
-    """
+    """Return what `RecipeReader.blueprint` reads, or raise NotPlainError if a part is made of Pinocchio's models."""
     raise NotPlainError(f"a {type(blueprint).__name__} is not plain data")
 
 
@@ -334,14 +325,8 @@ def _built(blueprint: Blueprint, name: str, folder: str, given: bool) -> Robot:
 class RecipeReader:
     """Turns recipes into blueprints.
 
-    Parameters
-    ----------
-    folder : Path
-        Empty folder for the files that a recipe carries.
-    urdf : Path, optional
-        A URDF to read instead of the one that is carried; there may only be one then.
-    package_dirs : sequence of Path, optional
-        Folders that hold the packages that URDFs name.
+    The files that they carry go to an empty folder. A `urdf` is read instead of the one that is carried; there may only
+    be one then.
     """
 
     folder: Path

@@ -26,31 +26,17 @@ _LONGER = 1.15  # arms of a person are at most this much longer than those of a 
 
 @dataclass(frozen=True)
 class ReachSets:
-    """Sets that M bodies do not leave.
+    """Sets that M bodies do not leave; a body is a limb of a person, or an object, whose limb has no name."""
 
-    Attributes
-    ----------
-    names : tuple of (str, str)
-        The person or object and the limb that each of the M bodies is; the limb of an object is empty.
-    owners : ndarray of int, shape (S,)
-        The body that each set is about, in ascending order.
-    points, velocities : ndarray, shape (P, 3)
-        Of all sets, one after the other [m], [m/s].
-    first : ndarray of int, shape (S + 1,)
-        Where the points of each set begin.
-    radii : ndarray, shape (S,)
-        Radius of the body about the points [m]; where a set has one point for a body of several, of all of it.
-    growth : ndarray, shape (S, 3)
-        g₀ [m], g₁ [m/s], g₂ [m/s²].
-    """
-
+    # The person or object and the limb that each of the M bodies is; the limb of an object is empty
     names: tuple[tuple[str, str], ...]
-    owners: IntArray
-    points: FloatArray
+    owners: IntArray  # (S,), the body that each set is about, in ascending order
+    points: FloatArray  # (P, 3), of all sets, one after the other [m], [m/s]
     velocities: FloatArray
-    first: IntArray
+    first: IntArray  # (S + 1,), where the points of each set begin
+    # (S,), radius of the body about the points [m]; where a set has one point for a body of several, of all of it
     radii: FloatArray
-    growth: FloatArray
+    growth: FloatArray  # (S, 3), g₀ [m], g₁ [m/s], g₂ [m/s²]
 
     def __len__(self) -> int:
         return len(self.owners)
@@ -145,43 +131,20 @@ class ReachSets:
 
 @dataclass(frozen=True)
 class Measured:
-    """What is known of the limbs of a person at one instant.
+    """What is known of the M limbs of a person at one instant."""
 
-    Attributes
-    ----------
-    who : str
-        The person.
-    limbs : tuple of str
-        The person's M limbs.
-    ends, velocities : ndarray, shape (M, 2, 3)
-        Where the ends of the limbs were when they were last seen [m], and the velocity just before [m/s].
-    radii : ndarray, shape (M,)
-        [m]
-    ages : ndarray, shape (M,)
-        How long ago the elder of the two ends was seen [s].
-    baseline : float
-        Time over which velocities were measured [s]; infinite: they were not.
-    shoulders : ndarray, shape (2, 3)
-        The left and the right one [m].
-    shoulder_ages : ndarray, shape (2,)
-        [s]
-    height : float
-        Of the person [m].
-    noise : float
-        Bound of the errors of measured places [m].
-    """
-
-    who: str
-    limbs: tuple[str, ...]
+    who: str  # The person
+    limbs: tuple[str, ...]  # The person's M limbs
+    # (M, 2, 3), where the ends of the limbs were when they were last seen [m], and the velocity just before [m/s]
     ends: FloatArray
     velocities: FloatArray
-    radii: FloatArray
-    ages: FloatArray
-    baseline: float
-    shoulders: FloatArray
-    shoulder_ages: FloatArray
-    height: float
-    noise: float = 0.0
+    radii: FloatArray  # (M,), [m]
+    ages: FloatArray  # (M,), how long ago the elder of the two ends was seen [s]
+    baseline: float  # Time over which velocities were measured [s]; infinite: they were not
+    shoulders: FloatArray  # (2, 3), The left and the right one [m]
+    shoulder_ages: FloatArray  # (2,), [s]
+    height: float  # Of the person [m]
+    noise: float = 0.0  # Bound of the errors of measured places [m]
 
     @property
     def names(self) -> tuple[tuple[str, str], ...]:

@@ -32,43 +32,25 @@ RECORDING_ENDING = ".jsonl"
 class ViewerContent:
     """A robot in its scene, and what there is to show of its paths.
 
-    Parameters
-    ----------
-    robot : Robot
-        Who moves.
-    scene : Scene
-        What stands around it.
-    paths : mapping of str to (N, n) array, optional
-        Planner name → way points [rad or m].
-    posture : (n,) array, optional
-        Where the robot stands if there is no path; default: the middle of its limits.
-    danger : mapping or None
-        Options of the danger field, as those of `SafeSetup`; None: without danger.
-    proof : Proof, optional
-        The intervals that prove a path of the same name.
-    motions : mapping of str to TimedMotion, optional
-        Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
-        configurations are the path of that name.
-    movers : Movers, optional
-        People and things that move meanwhile.
-    title : str, optional
-        Title of the page.
-
     Raises
     ------
     InputError
         If a path or the posture does not fit the robot.
     """
 
-    robot: Robot
-    scene: Scene
-    paths: Mapping[str, FloatArray] = field(default_factory=dict)
+    robot: Robot  # Who moves
+    scene: Scene  # What stands around it
+    paths: Mapping[str, FloatArray] = field(default_factory=dict)  # Planner name → way points [rad or m]
+    # (n,), where the robot stands if there is no path; default: the middle of its limits
     posture: FloatArray | None = None
+    # Options of the danger field, as those of `SafeSetup`; None: without danger
     danger: Mapping[str, Any] | None = field(default_factory=dict)
-    proof: Proof | None = None
+    proof: Proof | None = None  # The intervals that prove a path of the same name
+    # Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
+    # configurations are the path of that name
     motions: Mapping[str, TimedMotion] = field(default_factory=dict)
-    movers: Movers | None = None
-    title: str = ""
+    movers: Movers | None = None  # People and things that move meanwhile
+    title: str = ""  # Title of the page
 
     def __post_init__(self) -> None:
         moved = {name: motion.configurations for name, motion in self.motions.items()}
@@ -89,12 +71,7 @@ class ViewerContent:
     def of_certificate(cls, content: Mapping[str, Any], robot: Robot | None = None) -> ViewerContent:
         """Return what a certificate is about, with its proof; it is shown, not verified.
 
-        Parameters
-        ----------
-        content : mapping
-            The certificate.
-        robot : Robot, optional
-            Its robot; default: built from what the certificate carries.
+        Its robot is by default built from what it carries.
 
         Raises
         ------
@@ -205,7 +182,7 @@ Keypoints = Mapping[str, Sequence[float]]
 class Movers:
     """Where people and things are at some instants; between two of them they stay where they were."""
 
-    times: FloatArray  # (T,), Instants [s]
+    times: FloatArray  # (T,), instants [s]
     heights: Mapping[str, float]  # Name of a person → height [m]
     # For each instant: name → key points in the world [m]; who is not there is not seen
     people: Sequence[Mapping[str, Keypoints]]
@@ -245,9 +222,8 @@ class ProvenInterval:
     edge: int  # Number of the edge, from 0
     start: float  # Where on the edge, from 0 to 1
     end: float
-    pair: tuple[
-        str, str
-    ]  # The two bodies that have least to spare at its centre; empty names where nothing can meet
+    # The two bodies that have least to spare at its centre; empty names where nothing can meet
+    pair: tuple[str, str]
     distance: float  # How far they are apart there [m]
     margin: (
         float  # How far they may approach each other within the interval, and what they must keep besides [m]
@@ -269,7 +245,7 @@ class Proof:
     """The intervals of a path, in the order in which it is driven."""
 
     intervals: tuple[ProvenInterval, ...]
-    stops: FloatArray  # (I + 1,), Where each begins, as a fraction of the path's length; and its end
+    stops: FloatArray  # (I + 1,), where each begins, as a fraction of the path's length; and its end
 
     @classmethod
     def of_certificate(cls, content: Mapping[str, Any], robot: Robot, scene: Scene) -> Proof:

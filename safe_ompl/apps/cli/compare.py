@@ -20,6 +20,8 @@ from safe_ompl.apps.cli.options import (
     names,
 )
 from safe_ompl.apps.cli.output import (
+    comparison_table,
+    durations_table,
     error_console,
     make_folder,
     missing_extra,
@@ -28,7 +30,6 @@ from safe_ompl.apps.cli.output import (
     write_json,
 )
 from safe_ompl.apps.cli.plan import record
-from safe_ompl.apps.cli.tables import comparison_table, durations_table
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.trajectories import CELLS, duration_of
 from safe_ompl.view import drawn_path, plots, render_comparison
@@ -113,7 +114,10 @@ class Compare:
         planned = self._planned(results)
         durations = None
         if self.timed:
-            durations = [self._duration(result) for result in results]
+            durations = [
+                None if result.path is None else duration_of(self.setup.timer, result.path, CELLS)
+                for result in results
+            ]
         self._write_report(results, summaries, planned, durations)
         output_console().print(comparison_table(self.campaign, self.setup.robot.name, summaries, planned))
         if durations is not None:
@@ -123,31 +127,19 @@ class Compare:
 
     def _planned(self, results: Sequence[PlanResult]) -> list[Summary]:
         """Return the summaries of the paths before they were simplified; none if no path was."""
-        found = [
-            result
-            if result.planned_path is None
-            else replace(
-                result,
-                path=result.planned_path,
-                report=self.setup.report(result.planned_path),
-                simplification_time=0.0,
-            )
-            for result in results
-        ]
+        found = []
+        for result in results:
+            path = result.planned_path
+            if path is not None:
+                result = replace(result, path=path, report=self.setup.report(path), simplification_time=0.0)
+            found.append(result)
         return summarize(found) if any(result.planned_path is not None for result in results) else []
 
-    def _duration(self, result: PlanResult) -> float | None:
-        """Return how long a path takes [s], +inf where nothing allows motion; None where there is none."""
-        return None if result.path is None else duration_of(self.setup.timer, result.path, CELLS)
-
     def _results(self) -> list[PlanResult]:
-        found = []
         with progress_bar(error_console()) as progress:
-            task = progress.add_task(f"planning {self.campaign.scenario.name}", total=len(self.campaign))
-            for result in self.campaign.results(self.setup, self.processes):
-                found.append(result)
-                progress.advance(task)
-        return found
+            results = self.campaign.results(self.setup, self.processes)
+            words = f"planning {self.campaign.scenario.name}"
+            return list(progress.track(results, total=len(self.campaign), description=words))
 
     def _write_report(
         self,

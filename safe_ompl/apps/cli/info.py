@@ -16,8 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from safe_ompl.apps.cli.options import add_parser, load_scenario
-from safe_ompl.apps.cli.output import output_console
-from safe_ompl.apps.cli.tables import plain_table
+from safe_ompl.apps.cli.output import output_console, plain_table
 from safe_ompl.common import InputError
 from safe_ompl.planning import setup_scenario
 from safe_ompl.robot import frame_index
@@ -113,17 +112,7 @@ def _moving_joints(urdf: UrdfFile, example: ExampleRobot) -> int:
 
 @dataclass(frozen=True)
 class Requirement:
-    """A package that is required, by an extra or always.
-
-    Attributes
-    ----------
-    name : str
-        As on PyPI.
-    bounds : str
-        Versions that fit, such as ">=2.0,<3".
-    extra : str
-        The extra that requires it; empty if it is always required.
-    """
+    """A package by its name on PyPI, versions that fit (">=2.0,<3"), and the extra that requires it, if any."""
 
     name: str
     bounds: str

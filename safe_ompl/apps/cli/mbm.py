@@ -18,9 +18,15 @@ from safe_ompl.apps.cli.options import (
     names,
     positions,
 )
-from safe_ompl.apps.cli.output import STANDARD_OUTPUT, check_writable, error_console, opened, progress_bar
+from safe_ompl.apps.cli.output import (
+    STANDARD_OUTPUT,
+    check_writable,
+    error_console,
+    families_table,
+    opened,
+    progress_bar,
+)
 from safe_ompl.apps.cli.plan import record
-from safe_ompl.apps.cli.tables import families_table
 from safe_ompl.common import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_problem

@@ -108,11 +108,6 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
     """Return the robot with the joints of one arm free and all others locked, and what that says of it.
 
     What the spec leaves open is chosen: group and tip as the SRDF has them, or else the arm that the joints tell.
-
-    Raises
-    ------
-    InputError
-        If the robot cannot be built, or no joint of it can be planned for.
     """
     assert given.urdf is not None
     urdf = UrdfFile(given.urdf, given.package_dirs)

@@ -28,19 +28,11 @@ def add_parser(
     summary: str,
     description: str | None = None,
 ) -> argparse.ArgumentParser:
-    """Add a command, and return its parser.
+    """Add a command to what `add_subparsers` returned, and return its parser.
 
-    Parameters
-    ----------
-    commands : object
-        What `argparse.ArgumentParser.add_subparsers` returns.
-    name : str
-        Name of the command.
-    prepare : callable
-        Reads and checks what the options name, raises all errors of input, and returns the job: a function without
-        arguments that does the work and returns the exit status.
-    summary, description : str
-        What the command does: in the list of commands, and in its own help; by default the same.
+    `prepare` checks what the options name, raises all errors of input, and returns the job: a function without
+    arguments that does the work and returns the exit status. The summary is for the list of commands; the help of its
+    own is by default the same.
     """
     parser: argparse.ArgumentParser = commands.add_parser(
         name, help=summary, description=description or f"{summary[0].upper()}{summary[1:]}."
@@ -161,13 +153,7 @@ def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> RobotSpec:
-    """Return the robot that the options ask for: another one, or the usual one with another tip or other locks.
-
-    Raises
-    ------
-    InputError
-        If SRDF or package folders come without a URDF, or a file does not exist.
-    """
+    """Return the robot that the options ask for: another one, or the usual one with another tip or other locks."""
     if options.urdf is None and options.srdf:
         raise InputError("needs --urdf", "--srdf")
     locked = _once("--lock", options.lock)
@@ -267,15 +253,7 @@ def _moving(scenario: Scenario, options: argparse.Namespace) -> MovingObstacles:
 
 
 def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = ()) -> Scenario:
-    """Load a scenario; the planners that it gives parameters to must exist, too.
-
-    Parameters
-    ----------
-    name_or_file : str
-        The scenario.
-    package_dirs : sequence of Path
-        Folders of packages, as `add_package_dirs` gives them, for its robot.
-    """
+    """Load a scenario; the planners that it gives parameters to must exist, too."""
     scenario = Scenario.load(find_scenario(name_or_file))
     for planner in scenario.planners:
         if planner not in planner_names():

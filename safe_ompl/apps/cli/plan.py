@@ -29,9 +29,9 @@ from safe_ompl.apps.cli.output import (
     check_writable,
     error_console,
     output_console,
+    plan_table,
     write_json,
 )
-from safe_ompl.apps.cli.tables import plan_table
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError
 from safe_ompl.io import TimedMotion, marked, result_to_mapping

@@ -13,7 +13,7 @@ from safe_ompl.apps.cli.output import error_console, output_console
 from safe_ompl.certificates import Verified, certificate, terms_of, verify
 from safe_ompl.common import CertificateError, InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io import check_form, parse
+from safe_ompl.io import schema
 from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
@@ -68,30 +68,15 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
 
 @dataclass(frozen=True)
 class Verify:
-    """The job of `safe-ompl verify`.
+    """The job of `safe-ompl verify`; without robot and scenario these come from the certificate itself."""
 
-    Attributes
-    ----------
-    file : str
-        Name of the certificate.
-    content : mapping
-        What it holds.
-    robot : Robot, optional
-        The robot that it must be about; without one it is built from what the certificate carries.
-    scenario : Scenario, optional
-        The scenario that all else comes from.
-    other : str, optional
-        Where the robot comes from, if not from the scenario.
-    urdf, package_dirs
-        Files of a robot that is carried.
-    """
-
-    file: str
-    content: Mapping[str, Any]
+    file: str  # Name of the certificate
+    content: Mapping[str, Any]  # What it holds
+    # The robot that it must be about; without one it is built from what the certificate carries
     robot: Robot | None = None
-    scenario: Scenario | None = None
-    other: str | None = None
-    urdf: Path | None = None
+    scenario: Scenario | None = None  # The scenario that all else comes from
+    other: str | None = None  # Where the robot comes from, if not from the scenario
+    urdf: Path | None = None  # Files of a robot that is carried
     package_dirs: tuple[Path, ...] = ()
 
     def __call__(self) -> int:
@@ -142,8 +127,8 @@ def _read_certificate(file: str) -> Mapping[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read as a certificate: {error}", file) from None
     with document.within(file, ": "):
-        content = parse(written)
-        check_form(content)
+        content = schema.parse(written)
+        schema.check_form(content)
     checked: Mapping[str, Any] = content
     return checked
 

@@ -22,8 +22,7 @@ from safe_ompl.apps.cli.options import (
 from safe_ompl.apps.cli.output import check_drawable, check_writable, error_console, missing_extra
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io import FORMAT as CERTIFICATE
-from safe_ompl.io import TimedMotion, check_form, load, read_json, unpacked_robot
+from safe_ompl.io import TimedMotion, load, read_json, schema, unpacked_robot
 from safe_ompl.planning import PlanResult, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.view import (
@@ -178,11 +177,11 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
 
 def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
     content = read_json(files[0])
-    if isinstance(content, dict) and content.get("format") == CERTIFICATE:
+    if isinstance(content, dict) and content.get("format") == schema.FORMAT:
         if len(files) > 1:
             raise InputError(f"one certificate at a time, not {', '.join(files)}")
         with document.within(files[0], ": "):
-            check_form(content)
+            schema.check_form(content)
             return ViewerContent.of_certificate(content, unpacked_robot(content["robot"], package_dirs))
     loaded = [load(file, package_dirs=package_dirs) for file in files]
     title = Path(files[0]).stem

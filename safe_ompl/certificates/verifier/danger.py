@@ -20,9 +20,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates.claims import Danger, MovingDanger
-from safe_ompl.certificates.verifier.distances import joints_below
+from safe_ompl.certificates.verifier.bodies import bend_bound, joints_below
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
-from safe_ompl.certificates.verifier.speeds import bend_bound
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -39,21 +38,7 @@ class PlainDanger:
     """The danger of a robot in a scene, link by link: eq. (4) in the form 2/ℓ·atanh(ℓ/S), and how far it can grow.
 
     Where no end of a link moves more than δ, less than its distance D from a danger point, its field there grows to
-    D/(D − δ) times what it was, at most.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        Has the danger points.
-    claim : Danger
-        Of which kind it is.
-
-    Attributes
-    ----------
-    points, weights : ndarray, shape (M, 3) and (M,)
-        The danger points, one at least.
+    D/(D − δ) times what it was, at most. The danger points, (M, 3), are one at least.
     """
 
     def __init__(self, robot: Robot, scene: Scene, claim: Danger) -> None:
@@ -143,17 +128,7 @@ class _Interval(NamedTuple):
 
 
 class PlainMovingDanger:
-    """The danger of a robot that moves in a scene.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        Has the danger points.
-    claim : MovingDanger
-        Of which kind it is, and its bound.
-    """
+    """The danger of a robot that moves in a scene, of the kind that is claimed."""
 
     def __init__(self, robot: Robot, scene: Scene, claim: MovingDanger) -> None:
         self._robot, self._claim = robot, claim

@@ -83,22 +83,12 @@ def _cosines(begin: float, end: float) -> tuple[float, float]:
 
 
 class PlainMotion:
-    """A curve and where on it the robot is when, as claimed; checked for being one motion.
-
-    Parameters
-    ----------
-    claim : TimedMotion
-        The claim.
-    robot : Robot
-        The robot.
-    path : ndarray, shape (N, n)
-        Where it leads: from the first way point to the last one.
+    """A curve and where on it the robot is when, as claimed; checked for being one motion along a path (N, n).
 
     Attributes
     ----------
-    pieces : list of PlainPiece
     starts : list of float
-        Arc lengths where they begin.
+        Arc lengths where the pieces begin.
     edges, squares : ndarray, shape (C + 1,)
         Grid points, and ṡ² there.
     of : list of int
@@ -217,16 +207,9 @@ class PlainMotion:
     def exceeded(
         self, squares: FloatArray, pushes: FloatArray, velocity: FloatArray, acceleration: FloatArray
     ) -> str | None:
-        """Return which joint exceeds its limits where, if any does.
+        """Return which joint exceeds its limits (n,) where, if any does.
 
-        Parameters
-        ----------
-        squares : ndarray, shape (C, 2)
-            ṡ² at both ends of the cells, linear between.
-        pushes : ndarray, shape (C,)
-            s̈ in the cells.
-        velocity, acceleration : ndarray, shape (n,)
-            Limits of the joints.
+        In the cells ṡ² is linear between the `squares: (C, 2)` at their ends, and s̈ is `pushes: (C,)`.
         """
         for j, (x, a) in enumerate(zip(squares.tolist(), pushes.tolist(), strict=True)):
             piece, start = self.pieces[self.of[j]], self.starts[self.of[j]]
@@ -279,14 +262,7 @@ class _State(NamedTuple):
 
 
 class PlainPhases:
-    """Where on its curve the robot is when; from rest to rest.
-
-    Parameters
-    ----------
-    claim : ndarray, shape (P, 2)
-        Duration [s] and s⃛ [rad/s³] of each phase.
-    length : float
-        Of the curve [rad].
+    """Where on its curve, of a length [rad], the robot is when; from rest to rest in phases (P, 2) of duration and s⃛.
 
     Raises
     ------

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, whole_number
-from safe_ompl.geometry import STANDING, Pose, placed
+from safe_ompl.geometry import STANDING, Limb, Pose, placed
 from safe_ompl.people import KEYPOINTS, Recording, Skeleton, Surroundings, TrackedBody, Tracker
-from safe_ompl.people.simulation.contact_monitor import Solid, limb_solids
 from safe_ompl.scene import People
 
 _FORGOTTEN = 1000  # steps after which those of more than a second ago are forgotten
 
+# Of a sensor that sees all key points of the body.
 ALL_KEYPOINTS = Skeleton("standing", tuple(STANDING), {name: (name,) for name in STANDING})
 STEP = 0.02  # [s] between two places
 _NEAR, _FAR = 0.55, 1.6  # [m] from the centre
@@ -47,17 +48,7 @@ class ObjectMover(Protocol):
 
 
 class Playback:
-    """A recorded person, played back and forth.
-
-    Parameters
-    ----------
-    recording : Recording
-        A clip.
-    tracker : Tracker
-        How the person is tracked: size, and place in the world.
-    speed : float
-        How many times as fast as recorded.
-    """
+    """A recorded person, played back and forth, `speed` times as fast as recorded."""
 
     def __init__(self, recording: Recording, tracker: Tracker, speed: float = 1.0) -> None:
         self.recording, self.tracker, self.speed = recording, tracker, speed
@@ -114,13 +105,7 @@ class Drifting:
 
 
 class Resting:
-    """An object that may move, but does not.
-
-    Parameters
-    ----------
-    place : pin.SE3
-        Where it stays.
-    """
+    """An object that may move, but stays where it is."""
 
     def __init__(self, place: pin.SE3) -> None:
         self._place = place
@@ -131,17 +116,7 @@ class Resting:
 
 
 class Stepwise:
-    """A sequence of arrays at equal time steps, each made from the one before; linear in between.
-
-    Parameters
-    ----------
-    first : ndarray
-        At time 0.
-    after : callable
-        Makes the next one from the last one.
-    step : float
-        Time between two [s].
-    """
+    """Arrays at equal time steps [s], each made from the one before by `after`; linear in between."""
 
     def __init__(self, first: FloatArray, after: Callable[[FloatArray], FloatArray], step: float) -> None:
         self._known, self._after, self._step = [first], after, step
@@ -162,17 +137,30 @@ class Stepwise:
         return found
 
 
+class Solid(NamedTuple):
+    """A limb of a person, or a part of an object, at its place."""
+
+    who: str
+    limb: str
+    geometry: coal.CollisionGeometry
+    placement: pin.SE3
+
+
+def limb_solids(who: str, limbs: tuple[str, ...], ends: FloatArray, radii: FloatArray) -> list[Solid]:
+    """Return the limbs of a person as capsules, ends (M, 2, 3) and radii (M,) [m]."""
+    found = []
+    for name, (start, end), radius in zip(limbs, ends, radii.tolist(), strict=True):
+        limb = Limb(name, start, end, radius)
+        length = limb.length
+        geometry = coal.Capsule(radius, length) if length > 0 else coal.Sphere(radius)
+        found.append(Solid(who, name, geometry, limb.placement))
+    return found
+
+
 class World:
     """The people and objects of a simulation, and where they truly are at any time.
 
-    Parameters
-    ----------
-    people : mapping of str to PersonMover
-        By name.
-    objects : mapping of str to ObjectMover
-        By obstacle.
-    surroundings : Surroundings
-        The replanner's: shapes, points and speeds of the objects.
+    Shapes, points and speeds of the objects are those of the replanner's surroundings.
     """
 
     def __init__(
@@ -243,9 +231,6 @@ def _pose(place: pin.SE3) -> dict[str, list[float]]:
         "position": place.translation.tolist(),
         "quaternion_xyzw": pin.Quaternion(place.rotation).coeffs().tolist(),
     }
-
-
-# A sensor that sees all key points of the body.
 
 
 # -------------------------------------------------------------------------------------------------------- walkers

@@ -38,28 +38,16 @@ _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the 
 
 @dataclass(frozen=True)
 class DrawnPath:
-    """A path, and how it is drawn.
+    """A path, and how it is drawn."""
 
-    Parameters
-    ----------
-    path : (N, n) array
-        Way points [rad or m]; between them the joints move on straight lines.
-    planned : (N', n) array, optional
-        The path before it was simplified; the way of its tip is drawn as a thin line.
-    closest : float, optional
-        Where along the path, as a fraction of its length, the robot is closest to an obstacle: this posture
-        will be among those shown.
-    accent : Colour, optional
-        Colour of the goal posture and of the trace of the tip.
-    subtitle : str
-        What to write under the name, for example "mean danger 3.9, closest 12 mm".
-    """
-
-    path: FloatArray
+    path: FloatArray  # (N, n), way points [rad or m]; between them the joints move on straight lines
+    # (N', n), the path before it was simplified; the way of its tip is drawn as a thin line
     planned: FloatArray | None = None
+    # Where along the path, as a fraction of its length, the robot is closest to an obstacle: this posture will
+    # be among those shown
     closest: float | None = None
-    accent: Colour | None = None
-    subtitle: str = ""
+    accent: Colour | None = None  # Colour of the goal posture and of the trace of the tip
+    subtitle: str = ""  # What to write under the name, for example "mean danger 3.9, closest 12 mm"
 
 
 def render_path(

@@ -281,8 +281,8 @@ def _blurred(image: FloatArray, radius: int = 3) -> FloatArray:
 class ZBuffer:
     """What the pixels of a grid see."""
 
-    nearness: NDArray[np.float32]  # (H, W), Of the nearest triangle, -inf where there is none
-    faces: IntArray  # (H, W), The nearest triangle, -1 where there is none
+    nearness: NDArray[np.float32]  # (H, W), of the nearest triangle, -inf where there is none
+    faces: IntArray  # (H, W), the nearest triangle, -1 where there is none
 
     @classmethod
     def of(cls, points: FloatArray, faces: IntArray, size: tuple[int, int]) -> ZBuffer:
@@ -362,20 +362,10 @@ def light_at(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the light (P,) that surfaces receive at places, and the summed shares (P,) of the lights that see them.
 
-    Parameters
-    ----------
-    places : (P, 3) array
-        Columns and rows of the texels under them, and their heights above the floor [m].
-    normals : (P, 3) array
-        Unit normals of the surfaces.
-    slants : (L, 2) array
-        How far aside each light is, per metre of height [texels/m].
-    directions : (L, 4) array
-        Direction to each light, as long as it lights the open floor; and its share of what is counted.
-    maps : (L, S, S) array
-        For each light how high above the floor [m] the highest thing is on the ray that ends in each texel.
-    tolerance : float
-        How much higher that must be than a place to shade it [m].
+    Places (P, 3) are columns and rows of the texels under them, and heights above the floor [m]; slants (L, 2) how far
+    aside each light is, per metre of height [texels/m]; directions (L, 4) towards each light, as long as it lights the
+    open floor, and its share of what is counted. The maps (L, S, S) hold for each light how high above the floor [m]
+    the highest thing is on the ray that ends in each texel; that shades what is lower by more than the tolerance.
     """
     size = maps.shape[1]
     light, counted = np.zeros(len(places)), np.zeros(len(places))

@@ -24,9 +24,9 @@ _SAME_PLACE, _SAME_DIRECTION = 1e-6, 1e-3  # [m], and of unit vectors
 class Surface:
     """Triangles with a shading normal per vertex."""
 
-    vertices: FloatArray  # (V, 3), Positions [m]
-    normals: FloatArray  # (V, 3), Unit normals
-    faces: IntArray  # (F, 3), Vertex indices of each triangle
+    vertices: FloatArray  # (V, 3), positions [m]
+    normals: FloatArray  # (V, 3), unit normals
+    faces: IntArray  # (F, 3), vertex indices of each triangle
 
     @classmethod
     def from_triangles(cls, vertices: FloatArray, faces: IntArray, crease: float = 0.6) -> Surface:

@@ -12,8 +12,8 @@ from safe_ompl.apps.cli.program import main
 from safe_ompl.geometry.person import STANDING
 from safe_ompl.io.files import marked, strict_json
 from safe_ompl.io.motions import TimedMotion
+from safe_ompl.io.problems import carried_scene
 from safe_ompl.io.robot_document import carried_robot
-from safe_ompl.io.scene_document import carried_scene
 from safe_ompl.view.browser.layers import FieldSlice
 from safe_ompl.view.content import ViewerContent, read_recording
 from safe_ompl.view.pictures.animation import save_animation
