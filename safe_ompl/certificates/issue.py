@@ -93,15 +93,12 @@ def certificate(
     points = finite_array(path, (None, robot.n), "path")
     if not len(points):
         raise InputError("path must have a configuration at least, got none")
-    clear = None if clearance is None else schema.record(Clearance)("clearance", schema.as_plain(clearance))
-    moving = (
-        None
-        if moving_obstacles is None
-        else schema.record(MovingObstacles)("moving_obstacles", schema.as_plain(moving_obstacles))
-    )
-    if clear is not None:
+    clear = moving = None
+    if clearance is not None:
+        clear = schema.record(Clearance)("clearance", schema.as_plain(clearance))
         clear.check(robot, scene)
-    if moving is not None:
+    if moving_obstacles is not None:
+        moving = schema.record(MovingObstacles)("moving_obstacles", schema.as_plain(moving_obstacles))
         moving.check(scene)
     pairs = Pairs(robot, scene)
     required = pairs.required(clear, moving)
@@ -259,7 +256,15 @@ def _danger_claim(
 
 def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict[str, Any]:
     """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
-    curve, law = trajectory.curve, trajectory.law
+    curve, law, jerk = trajectory.curve, trajectory.law, trajectory.limits.jerk
+    more: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
+    if isinstance(law, JerkLaw) and jerk is not None:
+        phases = np.column_stack([np.diff(law.starts), law.phases[:, 3]])
+        more |= {"phases": phases.tolist(), "jerk": jerk.tolist()}
+    stops = None
+    if trajectory.people is not None and trajectory.brakes is not None:
+        people = _people(trajectory.people, robot, scene)
+        stops = {**people, "brakes": trajectory.brakes.tolist()}
     return {
         "pieces": [
             {
@@ -275,16 +280,9 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
         "duration": law.duration,
         "velocity": trajectory.limits.velocity.tolist(),
         "acceleration": trajectory.limits.acceleration.tolist(),
-        "stops": _stops(trajectory, robot, scene),
-        **_more(trajectory),
+        "stops": stops,
+        **{key: value for key, value in more.items() if value is not None},
     }
-
-
-def _stops(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict[str, Any] | None:
-    people = trajectory.people
-    if people is None or trajectory.brakes is None:
-        return None
-    return {**_people(people, robot, scene), "brakes": trajectory.brakes.tolist()}
 
 
 def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
@@ -303,15 +301,6 @@ def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
         mass = robot_mass(robot, people)
         found["contact"] = {part: contact_speed(people.region_of(limb), mass) for part, limb in parts.items()}
     return found
-
-
-def _more(trajectory: Trajectory) -> dict[str, Any]:
-    law, jerk = trajectory.law, trajectory.limits.jerk
-    found: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
-    if isinstance(law, JerkLaw) and jerk is not None:
-        durations = np.diff(law.starts)
-        found |= {"phases": np.column_stack([durations, law.phases[:, 3]]).tolist(), "jerk": jerk.tolist()}
-    return {key: value for key, value in found.items() if value is not None}
 
 
 def moving_danger_claim(
@@ -343,14 +332,8 @@ def moving_danger_claim(
 def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
     """Return what claims about a scenario must agree with: its options of the danger, its limits, its people.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        The scenario.
-    robot : Robot
-        Its robot, or the one that takes its place.
-    timed : bool
-        Whether a motion in time is claimed: the limits of the joints need not be known otherwise.
+    The robot is its own, or one that takes its place. The limits of its joints need not be known if no motion in time
+    is claimed.
     """
     scene, motion, people = scenario.scene, scenario.motion, scenario.people
     danger: dict[str, Any] = {}

@@ -65,9 +65,6 @@ def _without_nan(data: Any) -> Any:
     return data
 
 
-# ------------------------------------------------------------------------------------------------------ results
-
-
 def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[str, Any]:
     """Return a result as plain data, with its robot, scene and danger where it has them; `meshes` as in `save`."""
     about = None
@@ -120,8 +117,6 @@ def _report(data: Mapping[str, Any]) -> PathReport:
     certified = bool(document.require(data, "certified"))
     return PathReport(float(data["length"]), danger, ClearanceReport(**clearance), certified)
 
-
-# -------------------------------------------------------------------------------------------------------- files
 
 Saveable: TypeAlias = PlanResult | JointPath | Scene
 Loaded: TypeAlias = Saveable | TimedMotion

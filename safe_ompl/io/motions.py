@@ -69,8 +69,6 @@ class JointPath:
             raise InputError(f"{result.planner} found no path: {result.status}")
         return cls(result.joint_names, result.path)
 
-    # ---------------------------------------------------------------------------------------------------- CSV
-
     @classmethod
     def from_csv(cls, file: str | Path) -> JointPath:
         """Read a path from CSV: a line with the names of the joints, then one line for each way point.
@@ -97,8 +95,6 @@ class JointPath:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(self.joint_names)
             writer.writerows(self.points.tolist())
-
-    # ------------------------------------------------------------------------------------------- other shapes
 
     def to_joint_trajectory(self) -> dict[str, Any]:
         """Return the path in the shape of ROS's trajectory_msgs/JointTrajectory, without times.
@@ -127,9 +123,6 @@ def _numbers(row: Iterable[str], count: int, place: str) -> list[float]:
     if len(values) != count:
         raise InputError(f"must have {count} numbers, one for each joint, got {len(values)}", place)
     return values
-
-
-# ---------------------------------------------------------------------------------------------------- motions in time
 
 
 ACCELERATION = "joint acceleration"
@@ -233,8 +226,6 @@ class TimedMotion:
             return f"{min(time, self.duration):.2f} s: {self.remarks[sample]}"
         bound = self.binding[sample] or ACCELERATION
         return f"{min(time, self.duration):.2f} s: {self.speeds[sample]:.2f} rad/s, bounded by {bound}"
-
-    # ---------------------------------------------------------------------------------------------- files
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what a file holds besides the points of the trajectory; `from_mapping` reads both."""

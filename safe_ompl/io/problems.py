@@ -134,9 +134,6 @@ class Problem(NamedTuple):
         return cls(robot, scene, carried.get("danger"))
 
 
-# -------------------------------------------------------------------------------------- robots with meshes
-
-
 def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
     """Return a robot as `carried_robot` does, with the meshes of its URDFs, which `unpacked_robot` builds anywhere.
 

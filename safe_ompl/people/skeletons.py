@@ -259,8 +259,7 @@ class TrackedBody:
     def radii(self, ends: FloatArray) -> FloatArray:
         """Return the radii (M,) of the limbs with these ends (M, 2, 3); a hand without a length is a ball [m]."""
         short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) == 0
-        radii: FloatArray = self._radii + np.where(short, self._spans, 0.0)
-        return radii
+        return np.asarray(self._radii + np.where(short, self._spans, 0.0))
 
     @cached_property
     def _radii(self) -> FloatArray:
@@ -278,8 +277,7 @@ class TrackedBody:
 
     def ends(self, keypoints: FloatArray) -> FloatArray:
         """Return the ends (M, 2, 3) of the limbs, `keypoints: (18, 3)` all known but the pelvis [m]."""
-        ends: FloatArray = self.weights @ keypoints[: len(STANDING)]
-        return ends
+        return np.asarray(self.weights @ keypoints[: len(STANDING)])
 
     def completed(self, keypoints: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return the key points (18, 3) with those that are NaN assumed, and on which one each rests (18,).
@@ -305,8 +303,7 @@ class TrackedBody:
 
     def pelvis(self, keypoints: FloatArray) -> FloatArray:
         """Return the middle (3,) of the hips of completed key points (18, 3) [m]."""
-        middle: FloatArray = 0.5 * (keypoints[_INDEX["left_hip"]] + keypoints[_INDEX["right_hip"]])
-        return middle
+        return np.asarray(0.5 * (keypoints[_INDEX["left_hip"]] + keypoints[_INDEX["right_hip"]]))
 
 
 _INDEX = {name: k for k, name in enumerate(KEYPOINTS)}

@@ -147,19 +147,9 @@ class PersonTrack:
         ends, rates = body.ends(self._completed), body.ends(velocities)
         arms = [KEYPOINTS.index(f"{side}_shoulder") for side in ("left", "right")]
         old = np.where(used, ages[: len(STANDING)], 0.0).max(axis=(1, 2))
-        return Measured(
-            self.name,
-            body.limbs,
-            ends,
-            rates,
-            body.radii(ends),
-            old,
-            baseline,
-            self._completed[arms],
-            ages[arms],
-            body.height,
-            self.tracker.noise,
-        )
+        limbs = ends, rates, body.radii(ends), old
+        arms_known = self._completed[arms], ages[arms]
+        return Measured(self.name, body.limbs, *limbs, baseline, *arms_known, body.height, self.tracker.noise)
 
 
 class ObjectTrack:
@@ -211,20 +201,7 @@ class ObjectTrack:
 
 
 class Surroundings:
-    """All people and objects that move around a robot, each with its track.
-
-    Parameters
-    ----------
-    scene : Scene
-        All obstacles.
-    trackers : mapping of str to Tracker
-        People that are tracked.
-    objects : mapping of str to float
-        Obstacles that move, and bounds of their speeds [m/s].
-    people : People
-        How fast people may move.
-    reach : ReachModel, optional
-        The assumption about their motion; default: `SpeedReach`.
+    """All people and objects that move around a robot, each with its track; parameters as of `Replanner`.
 
     Attributes
     ----------
@@ -301,11 +278,7 @@ class Surroundings:
         for name, track in self._tracks.items():
             age = time - self.time + track.age
             if age > lost_after:
-                return (
-                    f"{name!r} was not seen yet"
-                    if np.isinf(age)
-                    else f"{name!r} was not seen for {age:.2f} s"
-                )
+                return f"{name!r} was not seen " + ("yet" if np.isinf(age) else f"for {age:.2f} s")
         return str(self._violations[0]) if self._violations else None
 
 

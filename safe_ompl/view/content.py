@@ -261,7 +261,12 @@ class Proof:
             for item in proven:
                 end = min(1.0, item["centre"] + item["half_length"])
                 q = path[edge] + item["centre"] * steps[edge]
-                intervals.append(_interval(edge, reached, end, pairs, q, np.array(item["margins"])))
+                margins, nearest = np.array(item["margins"]), (("", ""), np.inf, 0.0)
+                if len(margins):
+                    distances = pairs.distances(q)
+                    k = int(np.argmin(distances - margins))
+                    nearest = pairs.names[k], float(distances[k]), float(margins[k])
+                intervals.append(ProvenInterval(edge, reached, end, *nearest))
                 stops.append(before[edge] + reached * arcs[edge])
                 reached = end
         total = float(before[-1]) or 1.0
@@ -273,18 +278,6 @@ class Proof:
             return None
         number = int(np.searchsorted(self.stops, share, side="right")) - 1
         return self.intervals[min(max(number, 0), len(self.intervals) - 1)]
-
-
-def _interval(
-    edge: int, start: float, end: float, pairs: Pairs, q: FloatArray, margins: FloatArray
-) -> ProvenInterval:
-    if not len(margins):
-        return ProvenInterval(edge, start, end, ("", ""), np.inf, 0.0)
-    distances = pairs.distances(q)
-    least = int(np.argmin(distances - margins))
-    return ProvenInterval(
-        edge, start, end, pairs.names[least], float(distances[least]), float(margins[least])
-    )
 
 
 @dataclass(frozen=True)
@@ -342,19 +335,7 @@ def read_recording(
 ) -> ViewerContent:
     """Return what a file of ticks shows: robot and people in motion, with the robot's state and its reason.
 
-    Parameters
-    ----------
-    file : path-like
-        The file.
-    robot : Robot, optional
-        The robot, where it is known; default: built from what the file carries.
-    package_dirs : sequence of Path, optional
-        Folders that hold the packages, or the meshes, that its URDF names and that do not travel.
-
-    Raises
-    ------
-    InputError, CertificateError
-        If it cannot be read or has another form; if robot and scene cannot be built.
+    The robot is by default built from what the file carries; parameters and errors as of `safe_ompl.load`.
     """
     header, ticks = read_ticks(file)
     with document.within(str(file), ": "):
@@ -379,7 +360,13 @@ def read_recording(
             times - times[0],
             {name: float(document.require(person, "height")) for name, person in people.items()},
             [_keypoints(tick.get("people") or {}) for tick in ticks],
-            [_places(tick.get("objects") or {}) for tick in ticks],
+            [
+                {
+                    name: Pose(tuple(place["position"]), tuple(place["quaternion_xyzw"]))
+                    for name, place in (tick.get("objects") or {}).items()
+                }
+                for tick in ticks
+            ],
         )
     return ViewerContent(
         robot, scene, danger=None, motions={motion.name: motion}, movers=movers, title=Path(file).stem
@@ -391,13 +378,6 @@ def _keypoints(people: Mapping[str, Any]) -> dict[str, Keypoints]:
     return {
         name: {point: place for point, place in points.items() if point in STANDING}
         for name, points in people.items()
-    }
-
-
-def _places(objects: Mapping[str, Any]) -> dict[str, Pose]:
-    return {
-        name: Pose(tuple(place["position"]), tuple(place["quaternion_xyzw"]))
-        for name, place in objects.items()
     }
 
 

@@ -37,8 +37,8 @@ _OTHER_DASHES = ((4.0, 1.5), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
 def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     """Return the looks of planners by name.
 
-    Safe planners get a strong colour and a solid line, "Classic…" ones a pale tone of the same hue and
-    dashes, those as printed ("Paper…") the same colours with dots, and all others slate greys in their order.
+    Safe planners get a strong colour and a solid line, "Classic…" ones a pale tone of the same hue and dashes, those as
+    printed ("Paper…") the same colours with dots, and all others slate greys in their order.
     """
     styles: dict[str, PlannerStyle] = {}
     others = 0

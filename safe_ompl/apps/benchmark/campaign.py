@@ -135,9 +135,6 @@ def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) 
     return PlanResult(status, None, None, planner, seed, joint_names, planning_time=0.0)
 
 
-# ------------------------------------------------------------------------------------------------ summaries
-
-
 @dataclass(frozen=True)
 class Summary:
     """Statistics over the runs of one planner, of which S are solved."""

@@ -100,9 +100,6 @@ def summarised_measures(result: PlanResult) -> dict[str, float]:
     }
 
 
-# ---------------------------------------------------------------------------------------- measured runs
-
-
 @dataclass
 class RunLimits:
     """Limits of a run in time and memory, and whether its path is simplified; as in `ot.Request`."""

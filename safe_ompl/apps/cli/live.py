@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ from safe_ompl.view import read_recording, save_page
 _PLANNER = "SafeRRTConnect"
 
 
-def add_command(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add `live` to the commands."""
     parser = add_parser(
         commands,
@@ -152,46 +153,40 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         options=ReplanningOptions(tick=options.tick),
         motion=setup.certified_motion,
     )
-    return Live(scenario, setup, replanner, found, faults, options)
+    return partial(_drive, scenario, setup, replanner=replanner, actors=found, faults=faults, options=options)
 
 
-@dataclass(frozen=True)
-class Live:
-    """The job of `safe-ompl live`."""
-
-    scenario: Scenario
-    setup: SafeSetup
-    replanner: Replanner
-    actors: Actors
-    faults: Faults
-    options: argparse.Namespace
-
-    def __call__(self) -> int:
-        """Plan, simulate, and write ticks and summary."""
-        options, folder = self.options, Path(self.options.out)
-        result = self.setup.plan(_PLANNER, **run_options(options, self.scenario, _PLANNER))
-        if result.path is None:
-            error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
-            return 1
-        ways, actors = there_and_back(result.path, self.replanner, self.scenario), self.actors
-        simulation = Simulation(self.replanner, ways, actors.people, actors.objects, faults=self.faults)
-        ticks = _with_progress(simulation, options.seconds, options.tick)
-        write_ticks(folder / "ticks.jsonl", self._header(simulation), ticks)
-        summary = simulation.summary
-        write_json(str(folder / "summary.json"), summary.as_dict())
-        output_console().print(describe(summary))
-        error_console().print(f"ticks and summary in {folder}")
-        if options.html is None:
-            error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
-        else:
-            save_page(read_recording(folder / "ticks.jsonl", self.setup.robot), options.html)
-            error_console().print(f"view in {options.html}")
-        return 0
-
-    def _header(self, simulation: Simulation) -> dict[str, Any]:
-        replanner = self.replanner
-        scene, moving = replanner.surroundings.scene, simulation.world.description()
-        return ticks_header(replanner.tick, replanner.robot, scene, moving)
+def _drive(
+    scenario: Scenario,
+    setup: SafeSetup,
+    replanner: Replanner,
+    actors: Actors,
+    faults: Faults,
+    options: argparse.Namespace,
+) -> int:
+    """Plan, simulate, and write ticks and summary."""
+    folder = Path(options.out)
+    result = setup.plan(_PLANNER, **run_options(options, scenario, _PLANNER))
+    if result.path is None:
+        error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
+        return 1
+    ways = there_and_back(result.path, replanner, scenario)
+    simulation = Simulation(replanner, ways, actors.people, actors.objects, faults=faults)
+    around, moving = replanner.surroundings.scene, simulation.world.description()
+    header = ticks_header(replanner.tick, replanner.robot, around, moving)
+    with progress_bar(error_console()) as bar:
+        ticks, number = simulation.ticks(options.seconds), round(options.seconds / options.tick)
+        write_ticks(folder / "ticks.jsonl", header, bar.track(ticks, total=number, description="live"))
+    summary = simulation.summary
+    write_json(str(folder / "summary.json"), summary.as_dict())
+    output_console().print(describe(summary))
+    error_console().print(f"ticks and summary in {folder}")
+    if options.html is None:
+        error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
+    else:
+        save_page(read_recording(folder / "ticks.jsonl", setup.robot), options.html)
+        error_console().print(f"view in {options.html}")
+    return 0
 
 
 def there_and_back(path: FloatArray, replanner: Replanner, scenario: Scenario) -> list[Trajectory]:
@@ -219,11 +214,6 @@ def describe(summary: Summary) -> str:
         f"{summary.contacts_at_rest}; model obeyed {100 * summary.model_obeyed:.1f} % of the time; reaction "
         f"{median:.1f} ms (99 %: {late:.1f}); deadlines missed {summary.deadlines_missed}"
     )
-
-
-def _with_progress(simulation: Simulation, seconds: float, tick: float) -> Iterator[dict[str, Any]]:
-    with progress_bar(error_console()) as bar:
-        yield from bar.track(simulation.ticks(seconds), total=round(seconds / tick), description="live")
 
 
 def _place(text: str) -> Pose:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -168,7 +169,10 @@ def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> 
         if folders:
             spec = spec.with_package_dirs(folders)
     if locked:
-        spec = dataclasses.replace(spec, locked={**_usually_locked(spec), **locked})
+        usually = spec.locked or {}
+        if spec.locked is None and spec.example is not None:
+            usually = find_example(spec.example).locked
+        spec = dataclasses.replace(spec, locked={**usually, **locked})
     return dataclasses.replace(spec, **chosen) if chosen else spec
 
 
@@ -176,12 +180,6 @@ def scenario_robot(options: argparse.Namespace, scenario: Scenario) -> tuple[Rob
     """Return the robot that the options ask for instead of the scenario's, or else the scenario's."""
     spec = given_robot(options, lambda: scenario.robot)
     return spec, scenario.build_robot() if spec is scenario.robot else spec.build()
-
-
-def _usually_locked(spec: RobotSpec) -> Mapping[str, float]:
-    if spec.locked is None and spec.example is not None:
-        return find_example(spec.example).locked
-    return spec.locked or {}
 
 
 def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
@@ -273,12 +271,10 @@ def _reader(
     """Return a function that reads a number from text; `what` says in errors which numbers fit."""
 
     def read(text: str) -> _Number:
-        try:
+        with suppress(ValueError):
             value = kind(text)
             if fits(value):
                 return value
-        except ValueError:
-            pass
         raise argparse.ArgumentTypeError(f"must be {what}, not {text!r}")
 
     return read
@@ -325,10 +321,8 @@ def parameter(text: str) -> tuple[str, Any]:
     """Read ``name=value`` with a number, true, yes, on, false, no, off, or else text."""
     name, value = _assignment(text, "name=value")
     for kind in (int, float):
-        try:
+        with suppress(ValueError):
             return name, kind(value)
-        except ValueError:
-            pass
     return name, _BOOLEANS.get(value.lower(), value)
 
 

@@ -29,10 +29,8 @@ from safe_ompl.paths import ClearanceReport, DangerReport
 from safe_ompl.planning import PlanResult
 
 STANDARD_OUTPUT = "-"
-EXTRAS = {
-    "plots": ("matplotlib", "pictures"),
-    "viewer": ("viser", "the viewer"),
-}  # module, and what it is for
+# Module, and what it is for.
+EXTRAS = {"plots": ("matplotlib", "pictures"), "viewer": ("viser", "the viewer")}
 _WIDTH = 120  # of tables that go to a file or pipe
 
 
@@ -304,13 +302,9 @@ def durations_table(planners: Sequence[str], durations: Sequence[float | None]) 
     for planner in dict.fromkeys(planners):
         rows = zip(planners, durations, strict=True)
         found = [duration for name, duration in rows if name == planner and duration is not None]
-        middle = statistics.median(found) if found else math.nan
-        table.add_row(
-            planner,
-            written_number(middle, 2),
-            written_number(min(found, default=math.nan), 2),
-            f"{sum(map(math.isinf, found))} of {len(found)}",
-        )
+        middle, least = statistics.median(found or [math.nan]), min(found, default=math.nan)
+        still = f"{sum(map(math.isinf, found))} of {len(found)}"
+        table.add_row(planner, written_number(middle, 2), written_number(least, 2), still)
     return table
 
 
@@ -363,16 +357,11 @@ def _moving_cell(speeds: Mapping[str, float], time: float) -> str:
 
 
 def _danger_cell(danger: DangerReport) -> str:
-    return (
-        f"mean {danger.mean:.3f}, {_peak(danger)}, integral {danger.integral:.2f}, "
-        f"avoidable {danger.avoidable:.3f}"
-    )
-
-
-def _peak(danger: DangerReport) -> str:
-    if danger.max_bound is None or not math.isfinite(danger.max_bound):
-        return f"peak at least {danger.max:.3f}"
-    return f"peak between {danger.max:.3f} and {danger.max_bound:.3f}"
+    peak = f"at least {danger.max:.3f}"
+    if danger.max_bound is not None and math.isfinite(danger.max_bound):
+        peak = f"between {danger.max:.3f} and {danger.max_bound:.3f}"
+    sums = f"integral {danger.integral:.2f}, avoidable {danger.avoidable:.3f}"
+    return f"mean {danger.mean:.3f}, peak {peak}, {sums}"
 
 
 def _clearance_cell(clearance: ClearanceReport) -> str:

@@ -100,8 +100,7 @@ class PlainDanger:
         arms = keypoints[:, None] - np.array([joint.translation for joint in joints])  # (K, n, 3)
         across = arms - (arms * axes).sum(axis=2)[..., None] * axes
         radii = np.where(robot.joint_prismatic, 1.0, _norm(across)) * robot.joint_keypoint_support
-        moved: FloatArray = radii @ robot.coupling.reach(steps)
-        return moved
+        return np.asarray(radii @ robot.coupling.reach(steps))
 
     def aggregated(self, fields: FloatArray) -> float:
         """Return the danger where the robot's field at all danger points is `fields: (M,)`, without k₁ and weights."""
@@ -278,5 +277,4 @@ def _static(
 
 
 def _norm(vectors: FloatArray) -> FloatArray:
-    norm: FloatArray = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
-    return norm
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))

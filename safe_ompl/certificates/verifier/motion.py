@@ -121,9 +121,8 @@ class PlainMotion:
         stops = {self._grid_point(self.starts[k]) for k in corners} | {0, len(self.edges) - 1}
         for j in sorted(stops):
             if self.squares[j] != 0:
-                raise CertificateError(
-                    f"trajectory: it does not stand at {self.edges[j]:.6f} rad, where it must"
-                )
+                where = f"{self.edges[j]:.6f} rad"
+                raise CertificateError(f"trajectory: it does not stand at {where}, where it must")
         self.ends = np.array([min(j for j in stops if j > cell) for cell in range(len(self.of))])
 
     @property
@@ -163,10 +162,8 @@ class PlainMotion:
 
     def _check_joined(self, corners: list[int], robot: Robot, path: FloatArray) -> None:
         first, last = self.pieces[0], self.pieces[-1]
-        for name, q, wanted in (
-            ("begin", first.start, path[0]),
-            ("end", last.at(last.length), path[-1]),
-        ):
+        ends = ("begin", first.start, path[0]), ("end", last.at(last.length), path[-1])
+        for name, q, wanted in ends:
             if np.abs(robot.difference(q, wanted)).max() > _SAME:
                 raise CertificateError(f"trajectory: the curve does not {name} where the path does")
         for k in range(1, len(self.pieces)):
@@ -201,8 +198,6 @@ class PlainMotion:
 
     def _grid_point(self, s: float) -> int:
         return int(np.abs(self.edges - s).argmin())
-
-    # -------------------------------------------------------------------------------------------------- limits
 
     def exceeded(
         self, squares: FloatArray, pushes: FloatArray, velocity: FloatArray, acceleration: FloatArray

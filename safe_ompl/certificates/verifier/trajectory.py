@@ -38,10 +38,9 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
     if claim is None:
         return
     motion = PlainMotion(claim, robot, claims.path)
-    if abs(motion.duration - claim.duration) > _ROUNDING * motion.duration:
-        raise CertificateError(
-            f"trajectory: it takes {motion.duration:.6f} s, {claim.duration} s are claimed"
-        )
+    takes = motion.duration
+    if abs(takes - claim.duration) > _ROUNDING * takes:
+        raise CertificateError(f"trajectory: it takes {takes:.6f} s, {claim.duration} s are claimed")
     sizes, squares = np.diff(motion.edges), motion.squares
     limits = claim.velocity, claim.acceleration
     for pushes in motion.pushes:
@@ -154,8 +153,7 @@ def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
     speeds = np.sqrt(left)
     both = speeds[:, :-1] + speeds[:, 1:]
     spans = np.where(both > 0, 2 * sizes / np.where(both > 0, both, 1.0), 0.0)
-    found: FloatArray = np.tril(spans).sum(axis=1)
-    return found
+    return np.asarray(np.tril(spans).sum(axis=1))
 
 
 class Required:

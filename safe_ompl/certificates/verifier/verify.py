@@ -90,9 +90,8 @@ def verify(
             with document.within("robot"):
                 robot = built_robot(claims.robot, urdf=urdf, package_dirs=package_dirs)
                 if robot.name != claims.robot.name:
-                    raise InputError(
-                        f"is {claims.robot.name!r}, but what it carries is {robot.name!r}", "name"
-                    )
+                    words = f"is {claims.robot.name!r}, but what it carries is {robot.name!r}"
+                    raise InputError(words, "name")
         scene = carried if scene is None else scene
         _check_origin(claims, robot, scene)
         if terms is not None:
@@ -104,15 +103,7 @@ def verify(
                 "every interval holds, but the file is not as it was written: its digest differs"
             )
         return found
-    except (
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        MemoryError,
-        RecursionError,
-        TypeError,
-        ValueError,
-    ) as error:
+    except schema.MALFORMED as error:
         if isinstance(error, InputError):
             raise
         raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
@@ -139,23 +130,19 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
     check_trajectory(claims, robot, scene, separations)
     lacking = links_without_collision(robot)
     about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
+    not_covered = [f"links without collision geometry: {', '.join(lacking)}"] if lacking else []
+    not_covered += [] if claims.also_sampled is None else [claims.also_sampled]
     return Verified(
         edges=len(ends),
         intervals=intervals,
         distances=intervals * len(separations.names),
         claims=claims.sentences(about),
         not_claimed=claims.not_claimed,
-        not_covered=(
-            *([f"links without collision geometry: {', '.join(lacking)}"] if lacking else []),
-            *([] if claims.also_sampled is None else [claims.also_sampled]),
-        ),
+        not_covered=tuple(not_covered),
         robot=robot.name,
         obstacles=scene.names,
         own=own,
     )
-
-
-# ------------------------------------------------------------------------------------------- what is it about
 
 
 def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
@@ -184,14 +171,11 @@ def _check_limits(robot: Robot, path: FloatArray) -> None:
         raise CertificateError(f"the path has {path.shape[1]} joints, the robot {robot.n}")
     for k, q in enumerate(path):
         for i in range(robot.n):
+            place = f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g}"
             if robot.continuous[i] and abs(q[i]) > _FARTHEST:
-                raise CertificateError(
-                    f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g} is more than {_FARTHEST:g} rad"
-                )
+                raise CertificateError(f"{place} is more than {_FARTHEST:g} rad")
             if not robot.continuous[i] and not robot.lower[i] - 1e-9 <= q[i] <= robot.upper[i] + 1e-9:
-                raise CertificateError(
-                    f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits"
-                )
+                raise CertificateError(f"{place} is outside its limits")
 
 
 def _check_cover(edge: int, intervals: tuple[Interval, ...]) -> None:
@@ -247,9 +231,8 @@ def _check_danger_and_tool(claims: Certificate, robot: Robot, scene: Scene, ends
             bound = claims.danger.bound
             high = danger.exceeded(start, delta, bound)
             if high is not None:
-                raise CertificateError(
-                    f"edge {k}: danger {high[1]:.4f} near {high[0]:.6f} of it, {bound:.4f} is claimed"
-                )
+                words = f"danger {high[1]:.4f} near {high[0]:.6f} of it, {bound:.4f} is claimed"
+                raise CertificateError(f"edge {k}: {words}")
         lost = None if tool is None else tool.exceeded(start, delta)
         if lost is not None:
             raise CertificateError(

@@ -66,16 +66,7 @@ class Roadmap:
 
     An edge is proven free of still obstacles once, when it is first needed; the proof holds for ever. An estimate of
     how long it takes beside people holds for the least time T = (distance − what a full-speed stop needs)/v in which
-    anyone can come near enough to slow it down.
-
-    Parameters
-    ----------
-    motion : CertifiedMotion
-        Proves edges; its scene holds the still obstacles.
-    limits : PathLimits
-        The limits that paths keep, until `keep_to`.
-    milestones, seed : int
-        How many are drawn around each new trajectory, and the seed of the generator that draws them.
+    anyone can come near enough to slow it down. So many milestones are drawn around each new trajectory.
     """
 
     def __init__(
@@ -143,8 +134,7 @@ class Roadmap:
     def _full_times(self, q: FloatArray) -> FloatArray:
         """Return how long (N,) the straight motions to all milestones take at full speed [s]."""
         moves = np.abs(self._robot.difference(self.milestones, q))
-        times: FloatArray = (moves / self.limits.joints.velocity).max(axis=1, initial=0.0)
-        return times
+        return np.asarray((moves / self.limits.joints.velocity).max(axis=1, initial=0.0))
 
     # ------------------------------------------------------------------------------------------------------ edges
 
@@ -178,9 +168,8 @@ class Roadmap:
         found = self._paths.pop(key, None)
         if found is None:
             start, end = self.milestones[key[0]], self.milestones[key[1]]
-            found = GuardedPath.along(
-                self._bodies, _line(self._robot.difference(start, end), start), self.limits, _STEP
-            )
+            line = _line(self._robot.difference(start, end), start)
+            found = GuardedPath.along(self._bodies, line, self.limits, _STEP)
         self._paths[key] = found
         while len(self._paths) > _KEPT:
             self._paths.popitem(last=False)
@@ -208,7 +197,8 @@ class Roadmap:
             if None in times:
                 return None
             if budget.left == before:  # nothing was learnt, so the best path is final
-                return [self.milestones[k] for k in path], self._cost_of(path, people.time)
+                cost = sum(self._cost(a, b, people.time) for a, b in pairwise(path))
+                return [self.milestones[k] for k in path], cost
 
     def _end(self, which: str, q: FloatArray) -> int:
         """Return the milestone at q; if there is none, the one for a start or a goal is moved there."""
@@ -242,9 +232,6 @@ class Roadmap:
             full = self._full[key] = float((np.abs(move) / self.limits.joints.velocity).max())
         known = self._estimates.get(key)
         return full if known is None or now > known.until else max(full, known.time)
-
-    def _cost_of(self, path: list[int], now: float) -> float:
-        return sum(self._cost(a, b, now) for a, b in pairwise(path))
 
     def _best(self, first: int, last: int, now: float, ahead: FloatArray, within: float) -> list[int] | None:
         """Return the best path by what is known, or None if it takes longer than wanted."""
@@ -320,10 +307,8 @@ class Detours:
         times, left = rough.pace(people.sets, people.clearance, people.reaction)
         self._undisturbed = path, now + left
         ahead = rough.edges[1:] > rest
-        stay, alone = (
-            float(times[ahead].sum()),
-            float((np.diff(rough.edges) / np.sqrt(rough.squares))[ahead].sum()),
-        )
+        stay = float(times[ahead].sum())
+        alone = float((np.diff(rough.edges) / np.sqrt(rough.squares))[ahead].sum())
         if stay < _SLOW * alone + _WORTH:
             return None
         start, goal = path.curve.at(np.array([rest, path.length])).q
@@ -332,11 +317,8 @@ class Detours:
         if found is None:
             return None
         points = self._shortened(found[0], people, budget)
-        way = GuardedPath.along(
-            self._bodies,
-            blended(np.array(points), self._motion.checker.robot, _TOLERANCE, self._motion),
-            self._limits,
-        )
+        curve = blended(np.array(points), self._motion.checker.robot, _TOLERANCE, self._motion)
+        way = GuardedPath.along(self._bodies, curve, self._limits)
         takes = self._remaining(way, 0.0, people)
         if takes > within:
             return None

@@ -174,8 +174,7 @@ class RobotBodies:
 
     def frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rotations (B, m, 3, 3) and origins (B, m, 3) of the joints at `Q: (B, n)`."""
-        rotations, origins, _ = self._joints.frames(Q)
-        return rotations, origins
+        return self._joints.frames(Q)[:2]
 
     def speeds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
         """Return the bounds of `BodySpeeds` (N, all bodies and the tip) [m/rad]."""
@@ -183,8 +182,7 @@ class RobotBodies:
 
     def travel(self, speeds: FloatArray, cells: Cells) -> FloatArray:
         """Return how far (N, G) the moving bodies get from where they are at the centres of cells, at most [m]."""
-        found: FloatArray = np.ascontiguousarray(speeds[:, self._moving] * cells.sizes[:, None] / 2)
-        return found
+        return np.asarray(np.ascontiguousarray(speeds[:, self._moving] * cells.sizes[:, None] / 2))
 
 
 @dataclass(frozen=True)
@@ -236,14 +234,9 @@ class GuardedPath:
         Its time law is not kept: the robot is as fast as limits, caps and people let it.
         """
         path = cls.along(bodies, trajectory.curve, PathLimits.of(trajectory))
-        squares = path.squares
-        middles = 0.5 * (trajectory.law.edges[1:] + trajectory.law.edges[:-1])
-        begin = np.clip(
-            np.searchsorted(trajectory.law.edges, path.edges[:-1], side="right") - 1, 0, len(middles) - 1
-        )
-        end = np.clip(
-            np.searchsorted(trajectory.law.edges, path.edges[1:], side="left"), begin + 1, len(middles)
-        )
+        squares, edges = path.squares, trajectory.law.edges
+        begin = np.clip(np.searchsorted(edges, path.edges[:-1], side="right") - 1, 0, len(edges) - 2)
+        end = np.clip(np.searchsorted(edges, path.edges[1:], side="left"), begin + 1, len(edges) - 1)
         for cap in own_caps(trajectory):
             least = [cap.speeds[a:b].min() for a, b in zip(begin, end, strict=True)]
             squares = np.minimum(squares, np.square(least))
@@ -283,8 +276,7 @@ class GuardedPath:
     @cached_property
     def ceiling(self) -> FloatArray:
         """The largest ṡ² (N + 1,) at the ends of the cells from which all stops are reached."""
-        found: FloatArray = ceilings(np.diff(self.edges), self.squares, self.brakes, self.stops)
-        return found
+        return np.asarray(ceilings(np.diff(self.edges), self.squares, self.brakes, self.stops))
 
     @cached_property
     def coarse(self) -> GuardedPath:
@@ -304,27 +296,15 @@ class GuardedPath:
     def margin(
         self, motion: StopMotion, sets: ReachSets, since: float, clearance: float, *, exact: bool = False
     ) -> Margin:
-        """Return the smallest margin along a motion; see `safe_ompl.geometry.kernels.gaps`.
+        """Return the smallest margin along a motion on this path; see `safe_ompl.geometry.kernels.gaps`.
 
-        Parameters
-        ----------
-        motion : StopMotion
-            A motion along this path.
-        sets : ReachSets
-            Where people and objects may be.
-        since : float
-            From the measurement of the sets to the beginning of the motion [s], ≥ 0.
-        clearance : float
-            Distance that must be left [m].
-        exact : bool
-            Whether to find the smallest margin, to 0.1 mm. If not, only its sign is right: a negative margin is the
-            first one that is found.
+        It begins `since` the measurement of the sets [s], ≥ 0, and must leave the clearance [m]. An exact margin is
+        right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found.
         """
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
-        margin, _, body, who = gaps(
-            motion.cells, times[:-1], times[1:], *self._arrays(sets, clearance, enough, close, not exact)
-        )
+        around = self._arrays(sets, clearance, enough, close, not exact)
+        margin, _, body, who = gaps(motion.cells, times[:-1], times[1:], *around)
         if body < 0:
             return Margin(np.inf)
         return Margin(float(margin), self.bodies.links[body], sets.names[who])
@@ -355,10 +335,8 @@ class GuardedPath:
         if len(sets):
             fastest = max(float(sets.growth[:, 1].max()), _SLOWEST)
             needed = reaction + full / self.brakes
-            margins = cell_gaps(
-                np.arange(len(self.brakes)),
-                *self._arrays(sets, clearance, fastest * (float(needed.max()) + _AHEAD), _ROUGH),
-            )
+            far = fastest * (float(needed.max()) + _AHEAD)
+            margins = cell_gaps(np.arange(len(self.brakes)), *self._arrays(sets, clearance, far, _ROUGH))
             left = max(0.0, float((margins / fastest - needed).min()))
             speeds = np.minimum(full, self.brakes * (margins / fastest - reaction))
         barred = speeds < _BARRED * full
@@ -390,6 +368,7 @@ class GuardedPath:
     def then(self, other: GuardedPath) -> GuardedPath:
         """Return this path and, after a stop at its end, another one that begins there."""
         count, pieces = len(self.brakes), len(self.curve.pieces)
+        rotations, origins = (np.concatenate(pair) for pair in zip(self.frames, other.frames, strict=True))
         stops = [*self.curve.stops, pieces, *(pieces + k for k in other.curve.stops)]
         return replace(
             self,
@@ -398,10 +377,7 @@ class GuardedPath:
             squares=np.concatenate([self.squares, other.squares]),
             brakes=np.concatenate([self.brakes, other.brakes]),
             stops=np.concatenate([self.stops, [count], count + other.stops]).astype(np.intp),
-            frames=(
-                np.concatenate([self.frames[0], other.frames[0]]),
-                np.concatenate([self.frames[1], other.frames[1]]),
-            ),
+            frames=(rotations, origins),
             travel=np.concatenate([self.travel, other.travel]),
         )
 

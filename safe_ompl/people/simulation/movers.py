@@ -59,18 +59,9 @@ class Playback:
 
 
 class Drifting:
-    """An object that moves straight on, and is reflected at the surface of a ball and at a ball inside.
+    """An object that moves straight on, and is reflected at the surface of a ball around it and of one inside.
 
-    Parameters
-    ----------
-    start, velocity : ndarray, shape (3,)
-        Where it is at first [m], and its velocity [m/s].
-    centre, radius : ndarray, float
-        The ball that it does not leave [m].
-    inner : (ndarray, float), optional
-        A ball that it does not enter.
-    step : float
-        Time between two reflections at least [s].
+    Places are (3,) [m], the velocity (3,) [m/s]; between two reflections is a step [s] at least.
     """
 
     def __init__(
@@ -91,17 +82,14 @@ class Drifting:
         return pin.SE3(np.eye(3), self._places.at(time))
 
     def _after(self, place: FloatArray) -> FloatArray:
-        for centre, radius, outwards in ((self._centre, self._radius, 1.0), *self._walls()):
+        walls = [] if self._inner is None else [(*self._inner, -1.0)]
+        for centre, radius, outwards in ((self._centre, self._radius, 1.0), *walls):
             away = place + self._step * self._velocity - centre
             length = float(np.linalg.norm(away))
             normal = outwards * away / max(length, 1e-12)
             if outwards * (length - radius) > 0 and self._velocity @ normal > 0:
                 self._velocity = self._velocity - 2 * (self._velocity @ normal) * normal
-        after: FloatArray = place + self._step * self._velocity
-        return after
-
-    def _walls(self) -> list[tuple[FloatArray, float, float]]:
-        return [] if self._inner is None else [(*self._inner, -1.0)]
+        return np.asarray(place + self._step * self._velocity)
 
 
 class Resting:
@@ -133,8 +121,7 @@ class Stepwise:
         if kept > _FORGOTTEN:
             del self._known[:kept]
             self._first, k = self._first + kept, k - kept
-        found: FloatArray = (1 - share) * self._known[k] + share * self._known[k + 1]
-        return found
+        return np.asarray((1 - share) * self._known[k] + share * self._known[k + 1])
 
 
 class Solid(NamedTuple):
@@ -217,10 +204,8 @@ class World:
             name: dict(zip(KEYPOINTS, points.tolist(), strict=True))
             for name, points in self.keypoints(time).items()
         }
-        return {
-            "people": people,
-            "objects": {name: _pose(mover.at(time)) for name, mover in self.objects.items()},
-        }
+        objects = {name: _pose(mover.at(time)) for name, mover in self.objects.items()}
+        return {"people": people, "objects": objects}
 
     def _body(self, name: str) -> TrackedBody:
         return self.people[name].tracker.body
@@ -256,23 +241,17 @@ class _Stance:
 class Walker:
     """A person who walks about at random, turns, and reaches out with both arms.
 
-    No end of a limb is ever faster than `People.speed_of` it, so that `SpeedReach` holds. The person stays in a sector
-    of a ring about a centre, and walks through obstacles and the robot.
+    No end of a limb is ever faster than `People.speed_of` it times `speed`, so that `SpeedReach` holds at 1. The person
+    stays in a sector of a ring about a centre, and walks through obstacles and the robot.
 
     Parameters
     ----------
-    people : People
-        How fast limbs may move.
     centre : ndarray, shape (3,)
         Centre of the ring, at the height of the floor [m].
     start : ndarray, shape (2,)
         Where the person stands at first [m]; the nearest place in the ring is taken.
     tracker : Tracker, optional
-        How the person is tracked: size, limbs and errors; the skeleton must be `ALL_KEYPOINTS`, in the world's frame.
-    speed : float
-        How many times as fast as promised the person moves.
-    seed : int
-        Seed of the generator that draws where the person goes.
+        Size, limbs and errors; its skeleton must be `ALL_KEYPOINTS`, in the world's frame.
 
     Raises
     ------
@@ -313,8 +292,7 @@ class Walker:
         c, s = np.cos(stance.yaw), np.sin(stance.yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         at = self._centre + np.array([far * np.cos(angle), far * np.sin(angle), 0.0])
-        points: FloatArray = self.tracker.body.height * _posture(stance.arms) @ turn.T + at
-        return points
+        return np.asarray(self.tracker.body.height * _posture(stance.arms) @ turn.T + at)
 
     def _after(self, before: FloatArray) -> FloatArray:
         """Go a step on, the longest one in which no key point is too fast, and return the key points there."""
@@ -343,8 +321,7 @@ class Walker:
 
     def _way(self) -> FloatArray:
         """Return the rest of the way (2,), outwards and about the centre [m]."""
-        way: FloatArray = (self._goal.place - self._stance.place) * [1.0, self._stance.place[0]]
-        return way
+        return np.asarray((self._goal.place - self._stance.place) * [1.0, self._stance.place[0]])
 
     def _wanted(self) -> _Stance:
         """Return the stance a step later if no limb had a bound of its speed."""
@@ -363,8 +340,7 @@ def _keypoint_speeds(body: TrackedBody, people: People) -> FloatArray:
     """Return how fast each key point (17,) may be: as the slowest of the limbs whose ends depend on it [m/s]."""
     used = (body.weights > 0).any(axis=1)  # (M, 17)
     speeds = np.array([people.speed_of(limb) for limb in body.limbs])
-    found: FloatArray = np.where(used, speeds[:, None], np.inf).min(axis=0)
-    return found
+    return np.asarray(np.where(used, speeds[:, None], np.inf).min(axis=0))
 
 
 def _posture(arms: FloatArray) -> FloatArray:

@@ -198,11 +198,6 @@ class Simulation:
         self._promised: dict[float, ReachSets] = {}
         self.reactions: list[float] = []
 
-    def _obeyed(self, ends: list[FloatArray], time: float, measured: float) -> bool:
-        """Return whether everybody is where the reach model has them after a measurement."""
-        sets = self._promised.get(measured)
-        return sets is None or bool((sets.excess(ends, time - measured) <= _ROUNDING).all())
-
     def run(self, seconds: float) -> Summary:
         """Run for a time [s], and return the result."""
         for _ in self.ticks(seconds):
@@ -295,8 +290,7 @@ class Simulation:
         directions = self._rng.normal(size=shape)
         directions /= np.maximum(np.linalg.norm(directions, axis=-1, keepdims=True), 1e-12)
         radii = self.faults.noise * self._rng.random((*shape[:-1], 1)) ** (1 / 3)
-        found: FloatArray = directions * radii
-        return found
+        return np.asarray(directions * radii)
 
     def _observe(self, now: float, old: Command | None, new: Command) -> tuple[float, float, Nearest]:
         """Return the shares of a tick in which all obeyed and the robot moved, and what was nearest as it began."""
@@ -310,22 +304,21 @@ class Simulation:
             moving = bool(np.abs(state.qd).max() > _STILL)
             keypoints = self.world.keypoints(time)
             ends = self.world.ends(keypoints, time)
-            good = self._obeyed(ends, time, command.measured)
+            sets = self._promised.get(command.measured)
+            # Whether everybody is where the reach model has them after the measurement.
+            good = sets is None or bool((sets.excess(ends, time - command.measured) <= _ROUNDING).all())
             obeyed, moves = obeyed + good, moves + moving
             if self.monitor is None:
                 continue
             if i:
                 way = float(np.abs(state.q - first_q) @ robot.bounds.displacement_radii.max(axis=0))
-                way += max(
-                    (float(np.linalg.norm(a - b, axis=1).max()) for a, b in zip(ends, first, strict=True)),
-                    default=0.0,
-                )
+                moved = (np.linalg.norm(a - b, axis=1).max() for a, b in zip(ends, first, strict=True))
+                way += max(map(float, moved), default=0.0)
                 if way < here.distance:
                     self.monitor.clear()
                     continue
-            nearest = self.monitor.observe(
-                time, state.q, self.world.solids(keypoints, time), moving=moving, obeyed=good
-            )
+            solids = self.world.solids(keypoints, time)
+            nearest = self.monitor.observe(time, state.q, solids, moving=moving, obeyed=good)
             if not i:
                 here, first_q, first = nearest, state.q, ends
             if moving and good:

@@ -79,11 +79,6 @@ class BrowserView:
         The server; its `scene` may be added to.
     share : float
         Where on the paths the robots are, as a fraction of their length.
-
-    Raises
-    ------
-    SafeOmplError
-        If viser is not installed.
     """
 
     def __init__(self, content: ViewerContent, *, port: int = PORT, side_by_side: bool = True) -> None:
@@ -214,10 +209,6 @@ def save_page(content: ViewerContent, file: str | Path, *, slice_at: float | Non
 
     Parameters
     ----------
-    content : ViewerContent
-        What is shown.
-    file : path-like
-        Where the page goes.
     slice_at : float, optional
         Height [m] of a level slice through the danger field, where there is one.
 

@@ -1,9 +1,10 @@
-"""Pictures of a robot along a path, and of planners side by side."""
+"""Pictures of a robot along a path, and of planners side by side, still or animated (WebP, GIF)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,13 @@ from safe_ompl.paths import PROFILE_POINTS, Curve
 from safe_ompl.planning import PlanResult, SafeSetup
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
+from safe_ompl.view.content import Nearest, ViewerContent
 from safe_ompl.view.pictures.camera import Camera
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
-from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tube
+from safe_ompl.view.pictures.surface import ColouredSurface, Surface, obstacle_surfaces, tube
 from safe_ompl.view.plots.paths import plot_plan
-from safe_ompl.view.style import Colour, as_bytes, grid_columns, mixed, planner_styles
+from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
 
 Image = NDArray[np.uint8]
 """Rows of pixels in sRGB: (height, width, 3)."""
@@ -64,10 +66,6 @@ def render_path(
 
     Parameters
     ----------
-    robot : Robot
-        Who moves.
-    scene : Scene
-        What stands around it.
     path : (N, n) array or DrawnPath
         Way points [rad or m]; between them the joints move on straight lines.
     size : (int, int)
@@ -175,13 +173,8 @@ def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
         dpi=_QUICK_DPI,
     )
     right = np.asarray(curves.canvas.buffer_rgba())[..., :3]
-    height = len(right)
-    left = render_path(
-        setup.robot,
-        setup.scene,
-        drawn_path(result),
-        size=(height * 5 // 4, height),
-    )
+    size = len(right) * 5 // 4, len(right)
+    left = render_path(setup.robot, setup.scene, drawn_path(result), size=size)
     save_png(np.hstack([left, right]), file)
 
 
@@ -231,25 +224,14 @@ def render_comparison(
     camera: Camera | None = None,
     ghosts: int = GHOSTS,
 ) -> None:
-    """Draw the paths of several planners, one panel each, and save the picture as a PNG file.
+    """Draw the paths of several planners, one panel each, and save the picture as a PNG file; see `render_path`.
 
     Parameters
     ----------
-    robot : Robot
-        Who moves.
-    scene : Scene
-        What stands around it.
     paths : mapping of str to (N, n) array or DrawnPath
-        Planner name → way points [rad or m], or a path with its looks and subtitle; without an accent it has the
-        planner's colour.
-    file : path-like
-        Where the picture goes.
+        Planner name → way points [rad or m]; without an accent a path has the planner's colour.
     panel : (int, int), optional
         Width and height of a panel [px]; by default smaller the more panels there are.
-    camera : Camera, optional
-        Where from; by default the direction that shows most of robot and people on all paths.
-    ghosts : int
-        How many postures are shown between start and goal.
 
     Raises
     ------
@@ -262,7 +244,7 @@ def render_comparison(
         raise InputError("no path to draw; give at least one")
     styles = planner_styles(paths)
     shown = {name: path if isinstance(path, DrawnPath) else DrawnPath(path) for name, path in paths.items()}
-    size = panel or _panel_size(len(paths))
+    size = panel or {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(len(paths), (620, 520))
     drawn = DrawnScene(robot, scene, [path.path for path in shown.values()])
     renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
     images = [
@@ -316,5 +298,109 @@ def _write(figure: Any, x: float, y: float, text: str, points: float, colour: st
     figure.text(x / width, 1.0 - y / height, text, fontsize=points, color=colour, va="baseline", **style)
 
 
-def _panel_size(count: int) -> tuple[int, int]:
-    return {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(count, (620, 520))
+ANIMATION_ENDINGS = (".webp", ".gif")
+PANEL = (420, 380)
+RATE = 12.5  # [Hz]
+FEWEST_FRAMES = 40
+_CAPTIONED, _BETWEEN = 46, 8  # [px] above panels, and between them
+_REST = 1.2  # [s] that the last frame stays
+_QUALITY = 80  # of WebP, from 0 to 100
+_TINT = 0.45  # share of the planner's colour in its robot
+
+
+def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RATE) -> None:
+    """Write the motions of what a view shows, side by side, as one animated picture (.webp or .gif).
+
+    A motion in time is shown in real time, with the people and things that move meanwhile. Captions say the danger and
+    how far people are; of a motion in time its speed and what bounds it. The rate is in frames per second.
+
+    Raises
+    ------
+    InputError
+        If there is no path, or the file has another ending.
+    SafeOmplError
+        If Pillow is not installed.
+    """
+    if not content.paths:
+        raise InputError("there is no path to show in motion")
+    ending = Path(file).suffix.lower()
+    if ending not in ANIMATION_ENDINGS:
+        raise InputError(f"must end in {' or '.join(ANIMATION_ENDINGS)}, got {str(file)!r}", "animation")
+    pillow = _pillow("Image")
+    shares = np.linspace(0.0, 1.0, max(FEWEST_FRAMES, round(rate * content.playing_time) + 1))
+    frames = _Frames(content, shares)
+    captions = [_captions(content, name, way, shares) for name, way in frames.paths.items()]
+    pages = [
+        pillow.fromarray(_titled(frames.frame(k), [words[k] for words in captions], list(frames.paths)))
+        for k in range(len(shares))
+    ]
+    duration = round(1e3 * content.playing_time / (len(shares) - 1))  # [ms] of a frame
+    stays = [duration] * (len(shares) - 1) + [round(1e3 * _REST)]
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    options = {"quality": _QUALITY, "method": 5} if ending == ".webp" else {"optimize": True}
+    pages[0].save(file, save_all=True, append_images=pages[1:], duration=stays, loop=0, **options)
+
+
+class _Frames:
+    """What all frames share: robot and scene, camera and light; `paths` holds (F, n) configurations by planner."""
+
+    def __init__(self, content: ViewerContent, shares: FloatArray) -> None:
+        self.paths = {name: content.along(name, shares) for name in content.paths}
+        styles = planner_styles(self.paths)
+        self._colours = [styles[name].colour for name in self.paths]
+        self._drawn = DrawnScene(content.robot, content.scene_at_start, list(self.paths.values()))
+        self._renderer = Renderer(self._drawn.floor, best_view(self._drawn, PANEL), PANEL)
+        times = shares * content.playing_time
+        movers = content.movers
+        self._moving = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
+        self._still = self._drawn.surroundings_without(
+            {mover.name for there in self._moving for mover in there}
+        )
+
+    def frame(self, k: int) -> list[Image]:
+        """Return the pictures of all paths in a frame."""
+        moving = [surface for mover in self._moving[k] for surface in obstacle_surfaces(mover)]
+        images = []
+        for path, colour in zip(self.paths.values(), self._colours, strict=True):
+            body = self._drawn.body.posed(path[k])
+            robot = ColouredSurface(body, mixed(NEUTRAL, colour, _TINT), glossy=True)
+            way = ColouredSurface(trace(self._drawn, path[: k + 1], TRACE), colour)
+            images.append(as_bytes(tone_mapped(self._renderer.render([robot, way, *self._still, *moving]))))
+        return images
+
+
+def _titled(images: Sequence[Image], captions: Sequence[str], names: Sequence[str]) -> Image:
+    """Return panels beside each other with name and caption above each."""
+    pillow, draw, fonts = (_pillow(part) for part in ("Image", "ImageDraw", "ImageFont"))
+    height, width = images[0].shape[:2]
+    page = pillow.new("RGB", (len(images) * (width + _BETWEEN) - _BETWEEN, height + _CAPTIONED), "white")
+    pen = draw.Draw(page)
+    for k, (image, caption, name) in enumerate(zip(images, captions, names, strict=True)):
+        left = k * (width + _BETWEEN)
+        page.paste(pillow.fromarray(image), (left, _CAPTIONED))
+        pen.text((left + 2, 3), name, fill="black", font=fonts.load_default(16))
+        pen.text((left + 2, 25), caption, fill=(90, 90, 90), font=fonts.load_default(13))
+    return np.asarray(page)
+
+
+def _pillow(part: str) -> Any:
+    try:
+        return import_module(f"PIL.{part}")
+    except ImportError as missing:
+        raise SafeOmplError("animations need Pillow: pip install 'safe-ompl[plots]'") from missing
+
+
+def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatArray) -> Sequence[str]:
+    """Return what is written above each frame of one path."""
+    if name in content.motions:
+        return [content.motions[name].remark(float(share) * content.playing_time) for share in shares]
+    field = content.danger_field
+    dangers = None if field is None else field.values(way)
+    nearest = Nearest(content.robot, [obstacle for obstacle in content.scene if obstacle.weight > 0])
+    captions = []
+    for k, q in enumerate(way):
+        found = nearest.at(q)
+        facts = [] if dangers is None else [f"danger {dangers[k]:.1f}"]
+        facts += [] if found is None else [f"{1e3 * found.distance:.0f} mm to {found.obstacle}"]
+        captions.append(", ".join(facts))
+    return captions

@@ -153,7 +153,7 @@ class Renderer:
         paint: FloatArray,
         glossy: FloatArray,
     ) -> FloatArray:
-        """Return the colours (P, 3) of obstacle_surfaces triangles where pixels see them."""
+        """Return the colours (P, 3) of triangles where pixels see them."""
         places = self._interpolated(solid.vertices, solid, faces, pixels)
         normals = self._interpolated(solid.normals, solid, faces, pixels)
         to_eye = self.camera.eye - places
@@ -174,12 +174,8 @@ class _Light:
     def __init__(self, solid: Surface, floor: float, key: FloatArray) -> None:
         self._floor = floor
         self._directions = np.vstack([_sky(), _cone(key)])
-        self._shares = np.concatenate(
-            [
-                np.full(_SKY_LIGHTS, _SKY_SHARE / _SKY_LIGHTS),
-                np.full(_KEY_LIGHTS, (1.0 - _SKY_SHARE) / _KEY_LIGHTS),
-            ]
-        )
+        shares = [_SKY_SHARE / _SKY_LIGHTS, (1.0 - _SKY_SHARE) / _KEY_LIGHTS]
+        self._shares = np.repeat(shares, [_SKY_LIGHTS, _KEY_LIGHTS])
         points = solid.vertices if len(solid.vertices) else np.zeros((1, 3))
         low, high = points.min(axis=0), points.max(axis=0)
         reach = 0.8 * (high[2] - floor) + 0.05
@@ -217,12 +213,9 @@ class _Light:
     def on(self, places: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the light (P,) at places (P, 3) of surfaces with normals (P, 3), and the share of the key light."""
         texels, heights = self._on_map(places + 1.5 * self._texel * normals)
-        lights = np.column_stack(
-            [
-                self._directions * (self._shares / self._directions[:, 2])[:, None],
-                np.repeat([0.0, 1.0 / _KEY_LIGHTS], [_SKY_LIGHTS, _KEY_LIGHTS]),
-            ]
-        )
+        sent = self._directions * (self._shares / self._directions[:, 2])[:, None]
+        counted = np.repeat([0.0, 1.0 / _KEY_LIGHTS], [_SKY_LIGHTS, _KEY_LIGHTS])
+        lights = np.column_stack([sent, counted])
         raised = np.column_stack([texels, heights])
         light, key = light_at(raised, normals, self._slants, lights, self._maps, self._texel)
         return light + _BOUNCE * (0.5 - 0.5 * normals[:, 2]), key

@@ -92,9 +92,8 @@ class DrawnScene:
     def landmarks(self) -> FloatArray:
         """Return the points (P, 3) that a picture must show: the robot's motion, and the scene near it."""
         centre = (self._actors.min(axis=0) + self._actors.max(axis=0)) / 2
-        around = (
-            np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in self.surroundings]) - centre
-        )
+        vertices = [np.empty((0, 3)), *(thing.surface.vertices for thing in self.surroundings)]
+        around = np.vstack(vertices) - centre
         far = np.linalg.norm(around, axis=1, keepdims=True) / (_NEARBY * self.size)
         return np.vstack([self._actors, centre + around / np.maximum(far, 1.0)])
 
@@ -106,9 +105,8 @@ class DrawnScene:
         """Sort the scene into what is dangerous, what is not, and the ground, on which all else stands."""
         marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in scene.obstacles)
         groups = [obstacle_surfaces(obstacle, marked) for obstacle in scene.obstacles]
-        lowest = min(
-            [float(self._actors[:, 2].min())] + [_lowest(thing) for group in groups for thing in group]
-        )
+        lows = [_lowest(thing) for group in groups for thing in group]
+        lowest = min([float(self._actors[:, 2].min()), *lows])
         self.floor = lowest
         self.hazards: list[ColouredSurface] = []
         self.things: list[ColouredSurface] = []
@@ -162,9 +160,8 @@ def _carries(thing: ColouredSurface, centre: FloatArray, bottom: float, gap: flo
 
 
 def _dots(points: FloatArray, radius: float) -> Surface:
-    ball = Surface.from_triangles(
-        *surfaces.revolved_triangles(surfaces.sphere_profile(radius, radius / 2), 12)
-    )
+    sphere = surfaces.sphere_profile(radius, radius / 2)
+    ball = Surface.from_triangles(*surfaces.revolved_triangles(sphere, 12))
     return Surface.merged(ball.moved(np.eye(3), point) for point in points)
 
 

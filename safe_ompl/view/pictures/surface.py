@@ -248,9 +248,8 @@ class RobotBody:
         for part in robot.shared.collision_model.geometryObjects:
             if part.parentJoint not in shown:  # else the arm would be drawn in pieces
                 self._geometry.addGeometryObject(part)
-        self.links = [
-            Surface.coarsened(*tessellate(part.geometry), detail) for part in self._geometry.geometryObjects
-        ]
+        parts = self._geometry.geometryObjects
+        self.links = [Surface.coarsened(*tessellate(part.geometry), detail) for part in parts]
 
     def posed(self, q: FloatArray, moved_from: FloatArray | None = None) -> Surface:
         """Return the body at `q: (n,)` in the world frame, without what stands as at `moved_from: (n,)`."""
@@ -280,9 +279,8 @@ class RobotBody:
         """Return where each of the links is in the world at `q: (n,)`."""
         model, data = self._robot.shared.model, self._robot.shared.model.createData()
         bodies = self._geometry.createData()
-        pin.updateGeometryPlacements(
-            model, data, self._geometry, bodies, self._robot.pinocchio_configuration(q)
-        )
+        full = self._robot.pinocchio_configuration(q)
+        pin.updateGeometryPlacements(model, data, self._geometry, bodies, full)
         return [pin.SE3(place) for place in bodies.oMg]
 
     def _skeleton(self, q: FloatArray) -> Surface:

@@ -207,9 +207,8 @@ def _draw_speed(axes: Any, trajectory: Trajectory) -> None:
             axes.plot(s, line, color=colours[cap.name], linewidth=3.4, solid_capstyle="butt", label=cap.name)
     for corner in trajectory.curve.stops:
         axes.axvline(trajectory.curve.starts[corner], color=GREY, linewidth=0.8, linestyle=(0, (2.0, 2.0)))
-    axes.set(
-        xlabel="arc length [rad]", ylabel="speed along the path [rad/s]", xlim=_span(s[-1]), ylim=(0.0, top)
-    )
+    axes.set(xlabel="arc length [rad]", ylabel="speed along the path [rad/s]")
+    axes.set(xlim=_span(s[-1]), ylim=(0.0, top))
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=9, borderaxespad=0.2)
 
 

@@ -61,9 +61,8 @@ def plot_bubbles(
         left.locator_params(nbins=6)
         grid, free = _plane(checker)
         right.contourf(*grid, np.where(free, 0.0, 1.0), [0.5, 1.5], colors=[_IN_COLLISION])
-        right.set(
-            aspect="equal", xlim=(robot.lower[0], robot.upper[0]), ylim=(robot.lower[1], robot.upper[1])
-        )
+        right.set(aspect="equal", xlim=(robot.lower[0], robot.upper[0]))
+        right.set_ylim(robot.lower[1], robot.upper[1])
         for axes, words in ((left, "workspace"), (right, "configuration space")):
             axes.set_title(words, weight="normal")
         right.set(xlabel=f"{robot.joint_names[0]} [rad]", ylabel=f"{robot.joint_names[1]} [rad]")
@@ -78,9 +77,8 @@ def _draw_bubble(axes: Any, checker: CollisionChecker, q: FloatArray, colour: st
     radii, distances = radii[bounded], distances[bounded]
     line = np.linspace(-np.pi, np.pi, 721)
     dx, dy = np.meshgrid(line, line)
-    reach = np.max(
-        [(r[0] * abs(dx) + r[1] * abs(dy)) / d for r, d in zip(radii, distances, strict=True)], axis=0
-    )
+    levels = [(r[0] * abs(dx) + r[1] * abs(dy)) / d for r, d in zip(radii, distances, strict=True)]
+    reach = np.max(levels, axis=0)
     axes.contourf(q[0] + dx, q[1] + dy, reach, [-1.0, 1.0], colors=[colour], alpha=_SHADE)
     link = bubbles.link_diamond(radii, distances)
     paper = bubbles.common_diamond(checker.robot.bounds.displacement_radii_at(q), distances)
@@ -297,9 +295,8 @@ def _draw_solid(axes: Any, corners: FloatArray) -> None:
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     shade = 0.55 + 0.35 * np.abs(normals @ _LIGHT)
     colours = np.column_stack([shade, shade, 1.03 * shade, np.full_like(shade, 0.5)])
-    axes.add_collection3d(
-        Poly3DCollection(corners, facecolors=np.clip(colours, 0, 1), linewidths=0, zorder=1)
-    )
+    solid = Poly3DCollection(corners, facecolors=np.clip(colours, 0, 1), linewidths=0, zorder=1)
+    axes.add_collection3d(solid)
 
 
 Grid = TypeVar("Grid", FloatArray, BoolArray)
@@ -309,21 +306,10 @@ _EDGES = tuple((i, j) for i, j in combinations(range(8), 2) if (i ^ j).bit_count
 
 
 def isosurface(values: FloatArray, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the surface between negative and other values, as quadrilaterals (naive surface nets [1]_).
+    """Return the surface between negative and other values (A, B, C), as quadrilaterals (naive surface nets [1]_).
 
-    Where negative values reach the border of the grid, the border closes the surface.
-
-    Parameters
-    ----------
-    values : ndarray, shape (A, B, C)
-        Values at equal steps along each axis.
-    lower, upper : ndarray, shape (3,)
-        Where the first and the last values of each axis are.
-
-    Returns
-    -------
-    ndarray, shape (V, 3), and ndarray of int, shape (F, 4)
-        Vertices, and the corners of each quadrilateral in order, either way round.
+    Where negative values reach the border of the grid, whose corners are `lower` and `upper: (3,)`, the border closes
+    the surface. Returned are vertices (V, 3), and the corners (F, 4) of each quadrilateral in order, either way round.
 
     References
     ----------

@@ -333,11 +333,12 @@ def test_a_scenarios_limits_reach_the_replanner(tmp_path):
     ]
     options = command_line().parse_args(words)
     job = options.prepare(options)
-    assert job.replanner.people.clearance == 0.04
-    kept = job.replanner.motion.separation.min_clearance
+    replanner = job.keywords["replanner"]
+    assert replanner.people.clearance == 0.04
+    kept = replanner.motion.separation.min_clearance
     assert (kept.distance, kept.obstacles) == (0.04, ("table",))
-    assert job.replanner.surroundings.objects["parcel"].speed == 0.1
-    assert "parcel" not in job.replanner.still.names
+    assert replanner.surroundings.objects["parcel"].speed == 0.1
+    assert "parcel" not in replanner.still.names
     assert job() == 0
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["contacts_while_moving"] == 0
 
@@ -348,4 +349,5 @@ def test_limits_of_danger_hold_for_what_stands_still_and_are_said_not_to_for_who
     assert "max_danger counts obstacles that stand still only" in " ".join(capsys.readouterr().err.split())
     options = command_line().parse_args(["live", *words, "--movers", "1"])
     job = options.prepare(options)
-    assert [limit.limit for limit in job.replanner.motion.limits] == [50.0]
+    replanner = job.keywords["replanner"]
+    assert [limit.limit for limit in replanner.motion.limits] == [50.0]
