@@ -39,8 +39,7 @@ from _judge import Judge, carried
 from _timing import print_table
 
 from safe_ompl.certificates.issue import certificate, terms_of
-from safe_ompl.certificates.terms import Terms
-from safe_ompl.certificates.verifier.verify import Verified, verify
+from safe_ompl.certificates.verifier.verify import Terms, Verified, verify
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.common.errors import SafeOmplError

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 from _timing import print_table
 
-from safe_ompl.certificates.verifier.distances import corners
+from safe_ompl.certificates.verifier.bodies import corners
 from safe_ompl.collision.broad_phase import fresh_data
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion

@@ -69,8 +69,6 @@ class JointPath:
             raise InputError(f"{result.planner} found no path: {result.status}")
         return cls(result.joint_names, result.path)
 
-    # ---------------------------------------------------------------------------------------------------- CSV
-
     @classmethod
     def from_csv(cls, file: str | Path) -> JointPath:
         """Read a path from CSV: a line with the names of the joints, then one line for each way point.
@@ -90,8 +88,6 @@ class JointPath:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(self.joint_names)
             writer.writerows(self.points.tolist())
-
-    # ------------------------------------------------------------------------------------------- other shapes
 
     def to_joint_trajectory(self) -> dict[str, Any]:
         """Return the path in the shape of ROS's trajectory_msgs/JointTrajectory, without times.
@@ -142,37 +138,13 @@ def _numbers(row: Iterable[str], count: int, place: str) -> list[float]:
     return values
 
 
-# ---------------------------------------------------------------------------------------------------- motions in time
-
-
 ACCELERATION = "joint acceleration"
 """What bounds the speed where no cap is reached."""
 
 
 @dataclass(frozen=True, eq=False)
 class TimedMotion:
-    """Samples of a trajectory, the speed along its path, and what bounds that speed.
-
-    Parameters
-    ----------
-    robot, scene : Robot, Scene
-        Who moves, and among what.
-    times : array_like, shape (T,)
-        Instants, increasing from 0 [s].
-    configurations : array_like, shape (T, n)
-        Joint values [rad or m].
-    speeds : array_like, shape (T,)
-        Speed ṡ along the path [rad/s].
-    bounds : mapping of str to (T,) array
-        Name of a cap → the largest ṡ that it allows [rad/s]; +inf where it allows any.
-    binding : sequence of str or None
-        T names: the cap that the speed reaches; None where accelerations bind.
-    danger : mapping, optional
-        Options of the danger field.
-    name : str, optional
-        Who planned it.
-    remarks : sequence of str, optional
-        T lines, what there is to say of each sample; by default how fast it is, and what bounds that.
+    """T samples of a trajectory, the speed along its path, and what bounds that speed.
 
     Raises
     ------
@@ -180,15 +152,18 @@ class TimedMotion:
         If lengths differ, a value is not finite, or times do not increase from 0.
     """
 
-    robot: Robot
+    robot: Robot  # Who moves, and among what
     scene: Scene
-    times: FloatArray
-    configurations: FloatArray
-    speeds: FloatArray
+    times: FloatArray  # (T,), instants, increasing from 0 [s]
+    configurations: FloatArray  # (T, n), joint values [rad or m]
+    speeds: FloatArray  # (T,), speed ṡ along the path [rad/s]
+    # Name of a cap → the largest ṡ that it allows [rad/s]; +inf where it allows any
     bounds: Mapping[str, FloatArray] = field(default_factory=dict)
+    # T names: the cap that the speed reaches; None where accelerations bind
     binding: tuple[str | None, ...] = ()
-    danger: Mapping[str, Any] | None = None
-    name: str = ""
+    danger: Mapping[str, Any] | None = None  # Options of the danger field
+    name: str = ""  # Who planned it
+    # T lines, what there is to say of each sample; by default how fast it is, and what bounds that
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -265,8 +240,6 @@ class TimedMotion:
         bound = self.binding[sample] or ACCELERATION
         return f"{min(time, self.duration):.2f} s: {self.speeds[sample]:.2f} rad/s, bounded by {bound}"
 
-    # ---------------------------------------------------------------------------------------------- files
-
     def to_mapping(self) -> dict[str, Any]:
         """Return what a file holds besides the points of the trajectory; `from_mapping` reads both."""
         return {
@@ -281,22 +254,7 @@ class TimedMotion:
     def from_mapping(
         cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
     ) -> TimedMotion:
-        """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it.
-
-        Parameters
-        ----------
-        data : mapping
-            What it holds.
-        robot : Robot, optional
-            The robot, where it does not travel (one of `Robot.from_models`).
-        package_dirs : sequence of Path, optional
-            Folders that hold the packages, or the meshes, that its URDF names and that do not travel.
-
-        Raises
-        ------
-        InputError, CertificateError
-            If a key is missing or has no meaning, or robot and scene cannot be built.
-        """
+        """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it; see `load`."""
         about = Problem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
         bounds = document.mapping("bounds", document.require(data, "bounds"))

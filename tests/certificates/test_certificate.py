@@ -24,7 +24,7 @@ from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.basic import Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.scene_document import carried_scene
+from safe_ompl.io.problems import carried_scene
 from safe_ompl.io.schema import digest, record
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot

@@ -20,8 +20,8 @@ from safe_ompl.geometry.mesh import Mesh
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.person import Person
 from safe_ompl.geometry.pose import Pose
+from safe_ompl.io.problems import built_scene, carried_scene, unpack
 from safe_ompl.io.robot_document import built_robot, carried_robot
-from safe_ompl.io.scene_document import built_scene, carried_scene, unpack
 from safe_ompl.io.schema import digest
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.robot import Robot

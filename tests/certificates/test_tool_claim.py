@@ -8,7 +8,7 @@ import pytest
 
 from safe_ompl.certificates.claims import Tool
 from safe_ompl.certificates.issue import certificate
-from safe_ompl.certificates.verifier.tool import PlainTool
+from safe_ompl.certificates.verifier.bodies import PlainTool
 from safe_ompl.certificates.verifier.verify import verify
 from safe_ompl.common.errors import CertificateError, InputError, PlanningError
 from safe_ompl.io.schema import digest, record

@@ -10,7 +10,7 @@ import pytest
 
 from safe_ompl.certificates.claims import at_most
 from safe_ompl.certificates.issue import certificate, terms_of_field
-from safe_ompl.certificates.verifier.distances import corners
+from safe_ompl.certificates.verifier.bodies import corners
 from safe_ompl.certificates.verifier.verify import verify
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion

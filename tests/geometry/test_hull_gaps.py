@@ -6,8 +6,7 @@ import pytest
 
 from safe_ompl.geometry.kernels.hull_gaps import hull_gap
 from safe_ompl.people.reach import ReachSets
-from safe_ompl.people.replanning.command import StopMotion
-from safe_ompl.people.replanning.guarded_path import GuardedPath, RobotBodies
+from safe_ompl.people.replanning.guarded_path import GuardedPath, RobotBodies, StopMotion
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path
 

@@ -83,22 +83,12 @@ def _cosines(begin: float, end: float) -> tuple[float, float]:
 
 
 class PlainMotion:
-    """A curve and where on it the robot is when, as claimed; checked for being one motion.
-
-    Parameters
-    ----------
-    claim : TimedMotion
-        The claim.
-    robot : Robot
-        The robot.
-    path : ndarray, shape (N, n)
-        Where it leads: from the first way point to the last one.
+    """A curve and where on it the robot is when, as claimed; checked for being one motion along a path (N, n).
 
     Attributes
     ----------
-    pieces : list of PlainPiece
     starts : list of float
-        Arc lengths where they begin.
+        Arc lengths where the pieces begin.
     edges, squares : ndarray, shape (C + 1,)
         Grid points, and ṡ² there.
     of : list of int
@@ -131,9 +121,8 @@ class PlainMotion:
         stops = {self._grid_point(self.starts[k]) for k in corners} | {0, len(self.edges) - 1}
         for j in sorted(stops):
             if self.squares[j] != 0:
-                raise CertificateError(
-                    f"trajectory: it does not stand at {self.edges[j]:.6f} rad, where it must"
-                )
+                where = f"{self.edges[j]:.6f} rad"
+                raise CertificateError(f"trajectory: it does not stand at {where}, where it must")
         self.ends = np.array([min(j for j in stops if j > cell) for cell in range(len(self.of))])
 
     @property
@@ -173,10 +162,8 @@ class PlainMotion:
 
     def _check_joined(self, corners: list[int], robot: Robot, path: FloatArray) -> None:
         first, last = self.pieces[0], self.pieces[-1]
-        for name, q, wanted in (
-            ("begin", first.start, path[0]),
-            ("end", last.at(last.length), path[-1]),
-        ):
+        ends = ("begin", first.start, path[0]), ("end", last.at(last.length), path[-1])
+        for name, q, wanted in ends:
             if np.abs(robot.difference(q, wanted)).max() > _SAME:
                 raise CertificateError(f"trajectory: the curve does not {name} where the path does")
         for k in range(1, len(self.pieces)):
@@ -212,21 +199,12 @@ class PlainMotion:
     def _grid_point(self, s: float) -> int:
         return int(np.abs(self.edges - s).argmin())
 
-    # -------------------------------------------------------------------------------------------------- limits
-
     def exceeded(
         self, squares: FloatArray, pushes: FloatArray, velocity: FloatArray, acceleration: FloatArray
     ) -> str | None:
-        """Return which joint exceeds its limits where, if any does.
+        """Return which joint exceeds its limits (n,) where, if any does.
 
-        Parameters
-        ----------
-        squares : ndarray, shape (C, 2)
-            ṡ² at both ends of the cells, linear between.
-        pushes : ndarray, shape (C,)
-            s̈ in the cells.
-        velocity, acceleration : ndarray, shape (n,)
-            Limits of the joints.
+        In the cells ṡ² is linear between the `squares: (C, 2)` at their ends, and s̈ is `pushes: (C,)`.
         """
         for j, (x, a) in enumerate(zip(squares.tolist(), pushes.tolist(), strict=True)):
             piece, start = self.pieces[self.of[j]], self.starts[self.of[j]]
@@ -279,14 +257,7 @@ class _State(NamedTuple):
 
 
 class PlainPhases:
-    """Where on its curve the robot is when; from rest to rest.
-
-    Parameters
-    ----------
-    claim : ndarray, shape (P, 2)
-        Duration [s] and s⃛ [rad/s³] of each phase.
-    length : float
-        Of the curve [rad].
+    """Where on its curve, of a length [rad], the robot is when; from rest to rest in phases (P, 2) of duration and s⃛.
 
     Raises
     ------

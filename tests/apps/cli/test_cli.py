@@ -19,9 +19,8 @@ from safe_ompl.apps.cli import compare, output
 from safe_ompl.apps.cli.program import main
 from safe_ompl.planning.planners.registry import planner_names
 from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.view.pictures import results
-from safe_ompl.view.pictures.path import render_path
-from safe_ompl.view.pictures.results import render_comparison
+from safe_ompl.view.pictures import path as pictures
+from safe_ompl.view.pictures.path import render_comparison, render_path
 
 RECORD = [
     "scenario",
@@ -121,7 +120,7 @@ def quick_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     def coarse(draw: Callable[..., Any], **quality: Any) -> Callable[..., Any]:
         return lambda *arguments, **options: draw(*arguments, **{**options, **quality})
 
-    monkeypatch.setattr(results, "render_path", coarse(render_path, ghosts=0))
+    monkeypatch.setattr(pictures, "render_path", coarse(render_path, ghosts=0))
     monkeypatch.setattr(compare, "render_comparison", coarse(render_comparison, panel=(60, 50)))
 
 

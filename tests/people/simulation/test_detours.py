@@ -13,10 +13,9 @@ from safe_ompl.common.errors import InputError
 from safe_ompl.geometry.basic import Box
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.people.replanning.command import Doing
-from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies
+from safe_ompl.people.replanning.detours import Budget, PeopleNow, Roadmap
+from safe_ompl.people.replanning.guarded_path import Doing, GuardedPath, PathLimits, RobotBodies
 from safe_ompl.people.replanning.replanner import Replanner
-from safe_ompl.people.replanning.roadmap import Budget, PeopleNow, Roadmap
 from safe_ompl.scene.scene import Scene
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import time_path

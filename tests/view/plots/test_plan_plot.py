@@ -9,7 +9,7 @@ pytest.importorskip("matplotlib")
 
 from safe_ompl import Box, Obstacle, Person, Pose, SafeSetup, Scene
 from safe_ompl.common.errors import InputError
-from safe_ompl.view.pictures.results import _clearances
+from safe_ompl.view.pictures.path import _clearances
 from safe_ompl.view.plots.paths import plot_plan
 
 

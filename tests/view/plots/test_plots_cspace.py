@@ -10,15 +10,14 @@ import pytest
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.common.errors import InputError
 from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.view.plots import cspace, planar
-from safe_ompl.view.plots.cspace import isosurface, plot_cspace_path
-from safe_ompl.view.plots.planar import plot_bubbles, plot_field
+from safe_ompl.view.plots import planar
+from safe_ompl.view.plots.planar import isosurface, plot_bubbles, plot_cspace_path, plot_field
 
 
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planar, "_GRID_PIXELS", 31)
-    monkeypatch.setattr(cspace, "_VOXELS", 13)
+    monkeypatch.setattr(planar, "_VOXELS", 13)
 
 
 def checker_of(name: str) -> CollisionChecker:

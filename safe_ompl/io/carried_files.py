@@ -1,4 +1,4 @@
-"""Meshes of robots that travel: found in given folders, or compressed inside the document."""
+"""Files that travel inside documents: in base 64, meshes of robots compressed, or found in given folders."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from typing import Any
 
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
+from safe_ompl.io.schema import by_name
 from safe_ompl.robot.loading import PackageFolders, parsed, robots_folder
 
+_FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+_MOST_BYTES = 200_000_000  # of all files that travel in one document
 _PACKAGE = "package://"
 _LARGEST = 500_000_000  # bytes of one mesh that is unpacked
 
@@ -100,3 +103,38 @@ def unpacked_file(name: str, packed: Any) -> bytes:
         if not unpacking.eof:
             raise InputError(f"is cut, or larger than {_LARGEST} bytes", name)
     return content
+
+
+def _file_content(name: str, value: Any) -> str:
+    if not _FILE_NAME.fullmatch(name):
+        raise InputError("is not the name of a file", repr(name))
+    return document.text(name, value)
+
+
+carried_files = by_name(_file_content)
+
+
+def encoded(path: Path) -> str:
+    """Return the content of a file in base 64, or raise InputError."""
+    try:
+        return b64encode(path.read_bytes()).decode("ascii")
+    except OSError as error:
+        raise InputError(f"cannot be carried in a certificate ({error.strerror})", str(path)) from None
+
+
+def unpack(files: Mapping[str, str], folder: Path) -> None:
+    """Write files into a folder; names that lead out of it are none, see `carried_files`."""
+    total = 3 * sum(map(len, files.values())) // 4
+    if total > _MOST_BYTES:
+        raise InputError(f"have {total} bytes, {_MOST_BYTES} are the most", "files")
+    for name, data in files.items():
+        try:
+            content = b64decode(data, validate=True)
+        except ValueError as error:
+            raise InputError(f"not in base 64: {error}", name) from None
+        (folder / name).write_bytes(_self_contained(content) if name.lower().endswith(".obj") else content)
+
+
+def _self_contained(obj: bytes) -> bytes:
+    """Return an OBJ file without the names of other files, which would be read."""
+    return re.sub(rb"(?im)^[ \t]*mtllib.*$", b"", re.sub(rb"\\[ \t]*\r?\n", b" ", obj))
