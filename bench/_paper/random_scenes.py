@@ -15,7 +15,7 @@ from _paper.studies import Pair, with_crossed
 from _paper.tables import markdown_table
 from safe_ompl.apps.benchmark.campaign import Campaign
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.geometry.basic import Box, Shape, Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose

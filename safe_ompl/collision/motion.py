@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision.bounds import BoundsProof
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
-from safe_ompl.common import FloatArray, InputError, positive, unchecked
+from safe_ompl.common import FloatArray, InputError, positive, shaped_configuration
 from safe_ompl.robot import JointLimits
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
@@ -259,7 +259,9 @@ class CertifiedMotion:
 
     def _edge(self, start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
         n = self._checker.robot.n
-        return unchecked(start, n, "start of a motion"), unchecked(end, n, "end of a motion")
+        ends = (start, "start of a motion"), (end, "end of a motion")
+        first, last = (shaped_configuration(q, n, name) for q, name in ends)
+        return first, last
 
     def _check_finite(self, start: FloatArray, end: FloatArray) -> None:
         if not (np.isfinite(start).all() and np.isfinite(end).all()):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision.motion import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, edge, finite_array, float_array, number
+from safe_ompl.common import FloatArray, InputError, finite_array, float_array, motion_ends, number
 from safe_ompl.robot import Hull, Robot
 
 TOOL_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
@@ -74,7 +74,7 @@ class ToolLimit(ABC):
         InputError
             If a configuration has the wrong shape or is not finite.
         """
-        first, last = edge(start, end, self.robot.n)
+        first, last = motion_ends(start, end, self.robot.n)
         delta = self.robot.difference(first, last)
         change = float(self.rates @ np.abs(delta))
         witness = (self.name, "its limit")

@@ -141,16 +141,10 @@ def kind_of(value: Any) -> str:
 
 @contextmanager
 def reading(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the mapping that the YAML file `path` holds; put file and line before the key of InputErrors inside.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not YAML, or holds no mapping.
-    """
+    """Yield the mapping that a YAML file holds; put file and line before the key of every InputError meanwhile."""
     content = ""
     try:
-        content = _file_text(path)
+        content = file_text(path)
         yield parse_document(content)
     except InputError as error:
         message = str(error)
@@ -161,7 +155,8 @@ def reading(path: Path) -> Iterator[dict[str, Any]]:
         raise
 
 
-def _file_text(path: Path) -> str:
+def file_text(path: Path) -> str:
+    """Return the text of a file, or raise InputError where it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -209,13 +204,7 @@ def _after_name(item: yaml.Node, rest: str) -> str:
 
 
 def parse_document(content: str) -> dict[str, Any]:
-    """Return the mapping that YAML text holds; nothing at all is an empty mapping.
-
-    Raises
-    ------
-    InputError
-        If it is not YAML (the message names the line) or holds no mapping.
-    """
+    """Return the mapping that YAML text holds, empty where there is none; raise InputError for anything else."""
     _check_depth(content)
     try:
         data = yaml.load(content, Loader=_StrictLoader)

@@ -12,7 +12,7 @@ from math import inf
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import InputError, edge, positive
+from safe_ompl.common import InputError, motion_ends, positive
 from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.search import PeakSearch
 
@@ -80,7 +80,7 @@ class CertifiedDanger:
 
     def of_edge(self, start: ArrayLike, end: ArrayLike) -> DangerBounds:
         """Return bounds of the peak danger of the straight motion between two configurations (n,)."""
-        return self.of_path(edge(start, end, self.field.robot.n))
+        return self.of_path(motion_ends(start, end, self.field.robot.n))
 
     def of_path(self, path: ArrayLike) -> DangerBounds:
         """Return bounds of the peak danger of a path (N, n) of straight motions.
@@ -154,7 +154,7 @@ class DangerLimit:
             As `CertifiedDanger.of_path`.
         """
         bounds = self._bounds
-        ends = edge(start, end, bounds.field.robot.n)
+        ends = motion_ends(start, end, bounds.field.robot.n)
         search = PeakSearch(
             bounds.field, ends, bounds.floor, lambda lower: inf if lower > self.limit else self.limit
         )

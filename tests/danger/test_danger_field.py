@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.common.counts import Counts
+from safe_ompl.common import Counts
 from safe_ompl.common.errors import InputError
 from safe_ompl.danger.evaluation import AGGREGATES
 from safe_ompl.danger.field import DangerField
