@@ -24,7 +24,7 @@ class InputError(SafeOmplError, ValueError):
 
 
 class UnknownNameError(InputError):
-    """A `name` of a `kind` ("joint", "link", …) that does not exist, with the `known` ones; `source` as of `InputError`."""
+    """A `name` of a `kind` ("joint") that does not exist, with the `known` ones; `source` as for `InputError`."""
 
     def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
         known = tuple(known)

@@ -1,8 +1,4 @@
-"""Certified danger: proven bounds of the peak danger of an edge and of a path, from few evaluations.
-
-Samples give a lower bound of the peak, and `maths.bounds` an upper one for everything between two samples. The
-interval with the highest bound is halved until both agree within a tolerance.
-"""
+"""Certified danger: proven bounds of the peak danger of an edge and of a path, from few evaluations."""
 
 from __future__ import annotations
 
@@ -60,9 +56,10 @@ class CertifiedDanger:
 
     Notes
     -----
-    Speed and acceleration of the key points at the ends of an interval are computed exactly, and the proven bounds of
-    `KeypointRates` say how far they can grow between. From that `maths.bounds.chords` bounds the field of every link at
-    every danger point. Aggregates are monotone and convex in the fields, so that they inherit the bounds.
+    Samples give a lower bound of the peak. Between two of them speed and acceleration of the key points are known at
+    the ends, and `KeypointRates` bounds how far they can grow; from that `danger.kernels.danger.chords` bounds the
+    field of every link at every danger point from above. Aggregates are monotone and convex in the fields, so that they
+    inherit the bounds. The interval with the highest bound is halved until both agree within the tolerance.
     """
 
     def __init__(self, field: DangerField, tolerance: float = 0.05, floor: float = 1e-4) -> None:
@@ -88,8 +85,7 @@ class CertifiedDanger:
         Raises
         ------
         InputError
-            If the path is empty, not finite, or leaves the limits of a prismatic joint (their strokes bound
-            the radii).
+            If it is empty, not finite, or leaves the limits of a prismatic joint (their strokes bound the radii).
         """
         search = PeakSearch(self.field, path, self.floor, lambda lower: (1 + self.tolerance) * lower)
         search.narrow()
@@ -140,18 +136,13 @@ class DangerLimit:
         return self.check(start, end).verdict is Verdict.FREE
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
-        """Check the straight motion between two configurations (n,).
+        """Check the straight motion between two configurations (n,); errors as `CertifiedDanger.of_path`.
 
         Returns
         -------
         MotionVerdict
             FREE: no configuration is more dangerous, proven. BLOCKED: the one at `at` is. UNDECIDED: near `at` the
             danger is too near to the limit to tell. The `pair` is "danger" and "its limit".
-
-        Raises
-        ------
-        InputError
-            As `CertifiedDanger.of_path`.
         """
         bounds = self._bounds
         ends = motion_ends(start, end, bounds.field.robot.n)

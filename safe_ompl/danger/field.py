@@ -9,12 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, number, positive
-from safe_ompl.danger import link_field as maths
-from safe_ompl.danger.evaluation import AGGREGATES, Aggregate, Evaluation, PointGroups
+from safe_ompl.danger.kernels.groups import Points
 from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
-from safe_ompl.danger.link_field import Weighting
-from safe_ompl.danger.points import DangerousObstacles, DangerPoints, PointSource
-from safe_ompl.danger.robot_field import RobotField
+from safe_ompl.danger.link_field import RobotField, Weighting, segment_distances, segment_fields
+from safe_ompl.danger.points import (
+    AGGREGATES,
+    Aggregate,
+    DangerousObstacles,
+    DangerPoints,
+    Evaluation,
+    PointSource,
+)
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -55,8 +60,6 @@ class DangerField(RobotField):
 
     Attributes
     ----------
-    robot, aggregate, weighting, k1, k2, gamma, sharpness, tolerance, counts
-        As given.
     revision : int
         How often obstacles have moved. What was computed at another revision is of another scene.
 
@@ -113,7 +116,7 @@ class DangerField(RobotField):
         self._evaluation = Evaluation(
             robot,
             self._segments,
-            by_length=weighting == "length",
+            by_length=self._by_length,
             aggregate=aggregate,
             sharpness=self.sharpness,
             tolerance=self.tolerance,
@@ -156,13 +159,11 @@ class DangerField(RobotField):
         InputError
             If anything else differs, or the field was not made by `of_scene`. Then it stays as it was.
         """
-        if self._of_known_scene.move(scene):
-            self._take_obstacles()
+        self._follow(self._of_known_scene.move(scene))
 
     def stand_in(self, scene: Scene) -> None:
         """Take the danger points of any other scene; errors as `move`."""
-        if self._of_known_scene.replace(scene):
-            self._take_obstacles()
+        self._follow(self._of_known_scene.replace(scene))
 
     @property
     def _of_known_scene(self) -> DangerousObstacles:
@@ -172,9 +173,10 @@ class DangerField(RobotField):
             )
         return self._obstacles
 
-    def _take_obstacles(self) -> None:
-        self._take_points(DangerPoints(*self._of_known_scene.points, self.k1))
-        self.revision += 1
+    def _follow(self, moved: bool) -> None:
+        if moved:
+            self._take_points(DangerPoints(*self._of_known_scene.points, self.k1))
+            self.revision += 1
 
     def _take_points(self, points: DangerPoints) -> None:
         """Take danger points and what follows from them, at once, as other threads may ask."""
@@ -246,16 +248,13 @@ class DangerField(RobotField):
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` at the cost of the gradients."""
         Q = self._batch(Q)
-        field = self.frozen()
-        points, charges = field._prepared(Q)
-        if not points.size:
+        points = self.frozen()._points_for(Q)
+        if not points.columns.size:
             return np.zeros(len(Q)), np.zeros(Q.shape)
-        if field._groups is not None:
-            return self._evaluation.grouped_values_and_gradients(Q, field._groups)
-        return self._evaluation.values_and_gradients(Q, points, charges)
+        return self._evaluation.values_and_gradients(Q, points)
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the terms of the danger that are above a level at `Q: (B, n)`.
+        """Return the terms of the danger that are above a level at `Q: (B, n)`; errors as `gradient`.
 
         Where the danger is the maximum over danger points, its terms are w_m CDF(p_m); else it is its own only term.
 
@@ -266,23 +265,19 @@ class DangerField(RobotField):
         values : ndarray, shape (C,)
         gradients : ndarray, shape (C, n)
             [danger/rad or danger/m]
-
-        Raises
-        ------
-        InputError
-            If `Q` has the wrong shape or is not finite.
         """
         Q = self._batch(Q)
         if self.aggregate != "max":
             values, gradients = self.values_and_gradients(Q)
             above = np.flatnonzero(values > level)
             return above, values[above], gradients[above]
-        points, charges = self._prepared(Q)
-        levels = self._evaluation.levels(Q, points, charges)
+        points = self._every_point(Q)
+        levels = self._evaluation.levels(Q, points)
         rows, terms = np.nonzero(levels > level)
-        alone = points[rows % len(points), :, terms][..., None]  # each term is the danger of its point alone
-        _, gradients = self._evaluation.values_and_gradients(Q[rows], alone, charges[0, terms][:, None])
-        return rows, levels[rows, terms], gradients
+        # Each term is the danger of its point alone.
+        alone = points.columns[rows % len(points.columns), :, terms][..., None]
+        own = points._replace(columns=alone, charges=points.charges[0, terms][:, None])
+        return rows, levels[rows, terms], self._evaluation.values_and_gradients(Q[rows], own)[1]
 
     def most_dangerous_point(self, q: ArrayLike) -> int:
         """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`.
@@ -293,7 +288,7 @@ class DangerField(RobotField):
             If `q` has the wrong shape or is not finite, or there are no danger points.
         """
         Q = self._single(q)
-        levels = self._evaluation.levels(Q, *self._prepared(Q))[0]
+        levels = self._evaluation.levels(Q, self._every_point(Q))[0]
         if not len(levels):
             raise InputError("there are no danger points; give an obstacle a weight > 0")
         return int(levels.argmax())
@@ -346,8 +341,8 @@ class DangerField(RobotField):
         if not len(points):
             nothing = np.zeros((len(keypoints), len(self._segments.pairs), 0))
             return nothing, nothing
-        fields = maths.segment_fields(keypoints, self._segments, points, k1=self.k1)
-        return fields, maths.segment_distances(keypoints, self._segments, points)
+        fields = self.k1 * segment_fields(keypoints, self._segments, points)
+        return fields, segment_distances(keypoints, self._segments, points)
 
     def aggregated(self, fields: FloatArray) -> FloatArray:
         """Return the danger (B,) where the robot's field at the danger points is `fields: (B, M)`, unweighted."""
@@ -369,11 +364,11 @@ class DangerField(RobotField):
         if points is None or not len(points) or self.aggregate != "max":
             return self
         Q = self._batch(Q)
-        levels = self._evaluation.levels(Q, *field._prepared(Q))
+        levels = self._evaluation.levels(Q, field._every_point(Q))
         near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
-        return (
-            self if near.all() else self.with_points(points[near], None if weights is None else weights[near])
-        )
+        if near.all():
+            return self
+        return self.with_points(points[near], None if weights is None else weights[near])
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""
@@ -418,27 +413,23 @@ class DangerField(RobotField):
         return points, shares if self.weights is None else shares * self.weights
 
     def _danger(self, Q: FloatArray) -> FloatArray:
-        field = self.frozen()
-        points, charges = field._prepared(Q)
-        if not points.size:
-            return np.zeros(len(Q))
-        if field._groups is not None:
-            return self._evaluation.grouped_values(Q, field._groups)
-        return self._evaluation.values(Q, points, charges)
+        points = self.frozen()._points_for(Q)
+        return self._evaluation.values(Q, points) if points.columns.size else np.zeros(len(Q))
 
     @property
-    def groups(self) -> PointGroups | None:
+    def groups(self) -> Points | None:
         """The danger points in groups, where there are many of which a maximum is sought; else None."""
-        return self._groups if self.aggregate == "max" else None
+        return self._danger_points.groups if self.aggregate == "max" else None
 
-    @property
-    def _groups(self) -> PointGroups | None:
-        """The danger points in groups, where not all of them need be looked at."""
+    def _every_point(self, Q: FloatArray) -> Points:
+        """Return the danger points for kernels, without groups, and count an evaluation."""
+        points = self._danger_points.prepared(Q)
+        self.count(Q, points.columns.transpose(0, 2, 1))
+        return points
+
+    def _points_for(self, Q: FloatArray) -> Points:
+        """Return the same, in groups where not all of them need be looked at."""
+        points = self._every_point(Q)
         exact = self.aggregate != "max" and self.tolerance == 0.0
-        return None if exact else self._danger_points.groups
-
-    def _prepared(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return danger points (1 or B, 3, M) and charges (1, M) for kernels, and count an evaluation."""
-        points, charges = self._danger_points.prepared(Q)
-        self._count(len(Q), points.shape[2])
-        return points, charges
+        groups = None if exact else self._danger_points.groups
+        return points if groups is None else groups
