@@ -21,8 +21,7 @@ from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene.scenario import Goal, Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
 
 SCENES, SEED = 30, 2013

@@ -23,16 +23,9 @@ _REACH = 0.05  # [m]
 
 @dataclass(frozen=True)
 class Clearance:
-    """The smallest distance between the robot and the obstacles at one configuration.
+    """The smallest distance [m] between the robot and the obstacles at one configuration; between which two.
 
-    Attributes
-    ----------
-    distance : float
-        [m]; zero or negative in contact, infinity where there is no obstacle.
-    link : str or None
-        Link that is nearest.
-    obstacle : str or None
-        Obstacle that is nearest.
+    It is zero or negative in contact, and infinite where there is no obstacle.
     """
 
     distance: float
@@ -143,11 +136,6 @@ class CollisionChecker:
         """Take the places of another scene, in which nothing but the places of movable obstacles differs.
 
         Verdicts, distances and proofs are those of a checker made anew for that scene, from here on.
-
-        Parameters
-        ----------
-        scene : Scene
-            Such as `Scene.moved` makes.
 
         Raises
         ------

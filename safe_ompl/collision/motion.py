@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.bounds import BoundsProof
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.pairs import BoundsProof
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
 from safe_ompl.common import FloatArray, InputError, positive, shaped_configuration
 from safe_ompl.robot import JointLimits
@@ -166,10 +166,8 @@ class CertifiedMotion:
 
         Raises
         ------
-        UnknownNameError
-            If the scene has no obstacle of such a name.
         InputError
-            If a speed or the time is negative or not finite.
+            If the scene has no obstacle of such a name, or a speed or the time is negative or not finite.
         """
         return self.with_separation(replace(self._separation, speeds=speeds, time=time))
 
@@ -179,7 +177,7 @@ class CertifiedMotion:
 
     def with_separation(self, separation: Separation) -> CertifiedMotion:
         """Return the same that proves another separation."""
-        return CertifiedMotion(self._checker, self._floor, separation=separation, limits=self._limits)
+        return self.with_checker(self._checker, separation)
 
     def with_limits(self, limits: Sequence[MotionLimit]) -> CertifiedMotion:
         """Return the same that proves other limits besides."""
@@ -259,9 +257,8 @@ class CertifiedMotion:
 
     def _edge(self, start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
         n = self._checker.robot.n
-        ends = (start, "start of a motion"), (end, "end of a motion")
-        first, last = (shaped_configuration(q, n, name) for q, name in ends)
-        return first, last
+        first = shaped_configuration(start, n, "start of a motion")
+        return first, shaped_configuration(end, n, "end of a motion")
 
     def _check_finite(self, start: FloatArray, end: FloatArray) -> None:
         if not (np.isfinite(start).all() and np.isfinite(end).all()):

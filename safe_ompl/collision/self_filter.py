@@ -71,10 +71,7 @@ def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Sc
 def robot_points(points: ArrayLike, robot: Robot, q: ArrayLike, margin: float) -> BoolArray:
     """Return which of `points: (M, 3)`, in the world frame [m], are within `margin` of the robot's bodies at `q`.
 
-    Raises
-    ------
-    InputError
-        If points or `q` have the wrong shape or are not finite, or the margin is negative.
+    Raises InputError if points or `q` have the wrong shape or are not finite, or the margin is negative.
     """
     places = finite_array(points, (None, 3), "points")
     configuration = finite_array(q, (robot.n,), "q")

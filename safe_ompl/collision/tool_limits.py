@@ -21,23 +21,10 @@ _LEAST_LENGTH = 1e-9  # of a direction
 class ToolLimit(ABC):
     """A requirement on the tool at every configuration, such as a largest tilt; a `MotionLimit` of `CertifiedMotion`.
 
-    While the joints move by Δ, its `excess` changes by at most Σ_i r_i·|Δ_i| with constant rates r. If the excess at
-    the centre of an interval of half-length s (a fraction of the edge) is below −s·Σ_i r_i·|Δ_i|, the whole interval
-    keeps to the limit; an interval that fails is halved.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot; its tip is the tool.
-    rates : ndarray, shape (n,)
-        The rates r.
-    floor : float
-        [rad or m] Intervals in which the excess may change by less are not divided any more.
-
-    Attributes
-    ----------
-    name : str
-        What it limits, for reports.
+    While the joints move by Δ, its `excess` changes by at most Σ_i r_i·|Δ_i| with constant rates r (n,). If the excess
+    at the centre of an interval of half-length s (a fraction of the edge) is below −s·Σ_i r_i·|Δ_i|, the whole interval
+    keeps to the limit; an interval that fails is halved, down to a change of `floor` [rad or m]. The `name` says what
+    it limits, for reports.
     """
 
     name: str

@@ -19,7 +19,7 @@ _Placed: TypeAlias = tuple[coal.CollisionGeometry, pin.SE3]
 
 
 class TreeDistances:
-    """Exact distances of pairs of which one body is a `coal.OcTree`.
+    """Exact distances of those pairs of a geometry model of which one body is a `coal.OcTree`.
 
     Coal skips branches of a tree whose axis-aligned box is farther away than the best leaf so far. A long oblique link
     has a large box, and nearly every leaf is measured. Here both bodies are turned to a frame with one axis along the
@@ -27,11 +27,6 @@ class TreeDistances:
     it is now, an upper bound. The leaves that are skipped are farther than that, so that the result is the same up to
     rounding. If the bound does not hold, because the tree is another one, coal finds nothing below it; then it is
     asked once more without it.
-
-    Parameters
-    ----------
-    geometry : pin.GeometryModel
-        Bodies and pairs.
     """
 
     def __init__(self, geometry: pin.GeometryModel) -> None:

@@ -182,13 +182,6 @@ class RegionPlace(Place):
     """A region of the tip as a place to go to: its error is that to the nearest pose of the region.
 
     ½‖Δx‖² has the gradient −JᵀΔx, as for a place: the way to the nearest pose is the steepest one.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    region : GoalRegion
-        The region.
     """
 
     def __init__(self, robot: Robot, region: GoalRegion) -> None:

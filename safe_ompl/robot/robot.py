@@ -18,9 +18,10 @@ from safe_ompl.geometry import Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 from safe_ompl.robot.joint_tables import Mimic
-from safe_ompl.robot.loading.attachment import Attachment, as_pose
+from safe_ompl.robot.loading import CollisionSource
 from safe_ompl.robot.loading.blueprint import (
     Attached,
+    Attachment,
     Blueprint,
     Combined,
     OnBase,
@@ -28,12 +29,12 @@ from safe_ompl.robot.loading.blueprint import (
     RangeByJoint,
     Ranges,
     WithAccelerations,
+    as_pose,
     check_prefixes,
     standing,
 )
 from safe_ompl.robot.loading.packages import find_example, robots_folder
 from safe_ompl.robot.loading.parts import GuardedCopy, RobotParts, independent
-from safe_ompl.robot.loading.shapes import CollisionSource
 from safe_ompl.robot.loading.sources import ModelsBlueprint, UrdfBlueprint, check_models, owned
 from safe_ompl.robot.loading.urdf import existing_file
 from safe_ompl.robot.reach import JointChain
@@ -58,9 +59,7 @@ class Robot(ForwardKinematics):
     tip : str
         The frame at the end of the arm.
     segments : ndarray, shape (L, 2)
-        Link segments of the skeleton as pairs of key points.
-    segment_names : tuple of str
-        For each segment the frame at its distal end.
+        Link segments of the skeleton as pairs of key points; `segment_names` has the frame at the distal end of each.
     coupling : Coupling
         How the joints of Pinocchio's model follow the planned ones.
     shared : RobotParts
@@ -69,13 +68,6 @@ class Robot(ForwardKinematics):
         Joints that are held, with their values [rad or m].
     links_without_collision : tuple of str
         Moving links that have visual but no collision shapes: nothing is proven of them.
-
-    Parameters
-    ----------
-    blueprint : Blueprint
-        How to build the robot, in this process or another.
-    parts : RobotParts, optional
-        What the blueprint builds, where that is known.
     """
 
     def __init__(self, blueprint: Blueprint, parts: RobotParts | None = None) -> None:

@@ -10,9 +10,8 @@ from typing import Any
 from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
-from safe_ompl.robot.loading.attachment import Attachment, as_pose, attachments
-from safe_ompl.robot.loading.blueprint import mobile_ranges
-from safe_ompl.robot.loading.shapes import CollisionSource, check_source
+from safe_ompl.robot.loading.blueprint import Attachment, as_pose, attachments, mobile_ranges
+from safe_ompl.robot.loading.collision import CollisionSource, check_source
 from safe_ompl.robot.robot import Robot
 
 

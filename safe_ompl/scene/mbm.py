@@ -17,7 +17,7 @@ import numpy as np
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.robot import Robot
-from safe_ompl.scene.goal import configuration_for
+from safe_ompl.scene.scenario import configuration_for
 from safe_ompl.scene.scene import Scene
 
 WHERE_FROM = (

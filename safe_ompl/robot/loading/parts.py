@@ -13,8 +13,8 @@ import pinocchio as pin
 
 from safe_ompl.common import InputError
 from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.loading.collision import warn_of_unchecked
 from safe_ompl.robot.loading.reduction import joint_limits
-from safe_ompl.robot.loading.shapes import warn_of_unchecked
 from safe_ompl.robot.reach import JointChain
 
 _log = logging.getLogger(__name__)
@@ -84,13 +84,7 @@ class RobotParts:
         return self._on(pin.Model(), 0, pose)
 
     def on_mobile_base(self, ranges: tuple[tuple[float, float], tuple[float, float]]) -> RobotParts:
-        """Return the robot on a base that slides along the world's x and y, and turns about z.
-
-        Parameters
-        ----------
-        ranges : pair of (float, float)
-            Limits of the base in x and in y [m].
-        """
+        """Return the robot on a base that slides along the world's x and y within ranges [m], and turns about z."""
         taken = sorted(set(BASE_JOINTS) & set(self.model.names))
         if taken:
             raise InputError(f"it has a joint {taken[0]!r} already: is it on a mobile base?", self.source)
@@ -122,17 +116,7 @@ class RobotParts:
 
 
 def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotParts:
-    """Return several robots in one cell as one robot.
-
-    Parameters
-    ----------
-    name : str
-        Name for reports.
-    robots : mapping of str to RobotParts
-        What their joints, links and frames get as prefix, and the robots.
-    tip : str
-        Prefix of the robot whose tip comes first.
-    """
+    """Return several robots, by the prefixes that their joints, links and frames get, as one; `tip` is a prefix."""
     model = pin.Model()
     model.name = name
     grafts = {
@@ -184,16 +168,9 @@ def independent(geometry: pin.GeometryModel) -> pin.GeometryModel:
 class Graft:
     """Where the joints and frames of a model are in one that it was appended to.
 
-    Written out, because Pinocchio's appendModel also adds collision pairs and reorders.
-
-    Attributes
-    ----------
-    joints, frames : list of int
-        New numbers by the old ones; what was fixed to the world is fixed to joint `joints[0]`.
-    pose : pin.SE3
-        Of the old world in the frame of that joint.
-    prefix : str
-        Put before every name.
+    Written out, because Pinocchio's appendModel also adds collision pairs and reorders. New numbers are listed by the
+    old ones; what was fixed to the world is fixed to joint `joints[0]`, with the old world at `pose` in its frame. The
+    prefix is put before every name.
     """
 
     joints: list[int]
@@ -281,16 +258,7 @@ class GuardedCopy:
 
     The copy is kept: working memory made from a model (GeometryData, broad-phase managers) points into it, and
     Pinocchio does not keep it alive. A new copy for each access would crash who makes such memory in one line and
-    uses it in the next.
-
-    Parameters
-    ----------
-    original : pin.Model or pin.GeometryModel
-        Never changed by anybody.
-    duplicate : callable
-        Returns a copy that shares nothing with its argument.
-    name : str
-        What it is, for the log.
+    uses it in the next. `duplicate` returns a copy that shares nothing with its argument; the name is for the log.
     """
 
     def __init__(self, original: Any, duplicate: Callable[[Any], Any], name: str) -> None:
