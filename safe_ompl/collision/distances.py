@@ -137,22 +137,12 @@ class Witnesses:
     offsets: FloatArray
 
     def hinge_costs(self, Q: FloatArray, hinges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² of the distances d at `Q: (B, n)`, near where the witnesses were found.
+        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,) of the distances d at `Q: (B, n)`, near where witnesses were found.
 
         The link's witness moves with the link, the obstacle stays behind the plane at its own: exact to the first
-        order where the witnesses were found, and for moves in which they remain the nearest points.
-
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-        hinges : ndarray, shape (H, 2)
-            D > 0 [m] and w.
-
-        Returns
-        -------
-        costs, gradients : ndarray, shape (B,) and (B, n)
-        bends : ndarray, shape (C, n)
-            Vectors v: the costs bend like Σ vvᵀ (Gauss-Newton).
+        order where the witnesses were found, and for moves in which they remain the nearest points. `hinges: (H, 2)`
+        are D > 0 [m] and w. Besides the costs there are their gradients (B, n), and vectors v (C, n): the costs bend
+        like Σ vvᵀ (Gauss-Newton).
         """
         coupling = self.robot.coupling
         joints, pairs = (self.robot.kinematics.joints, plain(coupling.values(Q))), (self.rows, self.joints)

@@ -57,17 +57,8 @@ class ObstaclePart:
 class SceneGeometry:
     """The bodies of a robot and, after them, the parts of the obstacles of a scene, of which some may move.
 
-    Attributes
-    ----------
-    names : list of str
-        Link or obstacle of each body.
-    self_pairs : list of (int, int)
-        Pairs of the robot's own bodies that are checked, by their indices.
-
-    Raises
-    ------
-    InputError
-        If the scene has no movable obstacle of a name, or the names are no list.
+    `names` has the link or obstacle of each body, `self_pairs` the pairs of the robot's own bodies that are checked, by
+    their indices. Raises InputError if the scene has no movable obstacle of a name, or the names are no list.
     """
 
     def __init__(self, bodies: pin.GeometryModel, scene: Scene, movable: Sequence[str]) -> None:

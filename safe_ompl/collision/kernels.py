@@ -41,21 +41,12 @@ _ROUNDING = 1e-12  # of the length of an interval, and of rates
 def near_boxes(
     places: FloatArray, boxes: FloatArray, pairs: IntArray, margins: FloatArray, near: IntArray
 ) -> int:
-    """Write which pairs may be no farther apart than their margins, and return how many these are.
+    """Write which of the pairs (P, 2) may be no farther apart than their margins (P,) [m]; return how many they are.
 
     Two boxes are apart if their shadows on some axis are. Looked at are the axes of the world, and of both boxes.
-
-    Parameters
-    ----------
-    places : ndarray, shape (G, 12)
-        Rotation of each box, column by column, and where its frame is [m].
-    boxes : ndarray, shape (G, 6)
-        Its centre and half its sides in that frame [m]. One with sides that are infinite, or no numbers, is near all.
-    pairs : ndarray of int, shape (P, 2)
-    margins : ndarray, shape (P,)
-        [m]
-    near : ndarray of int, shape (P,)
-        Takes the indices of these pairs, in order.
+    `places: (G, 12)` is the rotation of each box, column by column, and where its frame is [m]; `boxes: (G, 6)` its
+    centre and half its sides in that frame [m]. One with sides that are infinite, or no numbers, is near all. `near:
+    (P,)` takes the indices of these pairs, in order.
     """
     G, number = len(boxes), 0
     centres, halves, gap = np.empty((G, 3)), np.empty((G, 3)), np.empty(3)
@@ -253,23 +244,13 @@ def prove_edge(
     least: float,
     left: FloatArray,
 ) -> tuple[int, float, int]:
-    """Try to prove an edge, and stop where that fails.
+    """Try to prove an edge (2, m): values of the joints at the start, and how they change; stop where that fails.
 
-    Parameters
-    ----------
-    joints : (m,)
-        The joints (`safe_ompl.robot.kernels.kinematics`).
-    bodies, starts, vertices, pairs
-        The bodies as in `Shapes`, which would take Python a microsecond more to hand over, and the pairs of them.
-    edge : (2, m)
-        Values of the joints at the start, and how they change.
-    required, growth : (P,)
-        c_p with all allowances, and g_p; `growth` is empty where nothing grows.
-    least : float
-        [m] Intervals in whose halves no two bodies approach each other by more are given up.
-    left : (M, 2)
-        Intervals that are not proven are written here; more than M cannot wait. (An array that is returned would be
-        made by Python code, where a Ctrl-C becomes a SystemError.)
+    The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`), the bodies as in `Shapes`, which would take
+    Python a microsecond more to hand over. Of pair p (P,) is required c_p with all allowances, and g_p more, `growth`,
+    which is empty where nothing grows. Intervals in whose halves no two bodies approach each other by more than `least`
+    [m] are given up. Those that are not proven are written to `left: (M, 2)`; more than M cannot wait. (An array that
+    is returned would be made by Python code, where a Ctrl-C becomes a SystemError.)
 
     Returns
     -------

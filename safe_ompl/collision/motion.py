@@ -77,20 +77,13 @@ class CertifiedMotion:
     checker : CollisionChecker
         Answers the queries.
     floor : float
-        [m] Give up on an interval in which the bodies move less than this: an edge with less clearance than
+        [m] > 0 Give up on an interval in which the bodies move less than this: an edge with less clearance than
         about half the floor stays undecided.
     separation : Separation
-        What the robot must keep from obstacles. By default it must not touch them; see also `with_margin`,
+        What the robot must keep from obstacles of the scene. By default it must not touch them; see also `with_margin`,
         `with_min_clearance` and `with_moving_obstacles`.
     limits : sequence of MotionLimit
         What else must be proven of a motion that is free, such as a `DangerLimit`.
-
-    Raises
-    ------
-    InputError
-        If the floor is not positive.
-    UnknownNameError
-        If the scene has no obstacle of a name in the separation.
     """
 
     def __init__(
@@ -202,10 +195,7 @@ class CertifiedMotion:
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.
 
-        Raises
-        ------
-        InputError
-            If a configuration has the wrong shape or is not finite.
+        Raises InputError if a configuration has the wrong shape or is not finite.
         """
         return self._check(*self._edge(start, end), self._required)
 
@@ -219,7 +209,7 @@ class CertifiedMotion:
         """Check a motion among obstacles that move, however they do, no faster than their speeds.
 
         See `docs/mathematics.md` §3. At time 0 obstacles are where the scene has them; at time t an obstacle has moved
-        by no more than speed·t.
+        by no more than speed·t. Errors as `check`; also for unknown obstacles, and speeds or spans that are none.
 
         Parameters
         ----------
@@ -234,13 +224,6 @@ class CertifiedMotion:
         -------
         MotionVerdict
             FREE: proven whatever the obstacles do. BLOCKED: at `at` an obstacle may have come to the robot.
-
-        Raises
-        ------
-        UnknownNameError
-            If the scene has no obstacle of such a name.
-        InputError
-            If a speed is negative or not finite, or the span is not one; and as `check`.
         """
         required = self._separation.required_during(self._checker, speeds, span)
         return self._check(*self._edge(start, end), required)
@@ -280,10 +263,6 @@ class CertifiedMotion:
         refused = (found for found in verdicts if found.verdict is not Verdict.FREE)
         return next(refused, MotionVerdict(Verdict.FREE))
 
-    def _refused(self, q: FloatArray, t: float, required: RequiredDistances) -> bool:
-        """Return whether the robot touches something, or is nearer than it must be, at the fraction t of an edge."""
-        return self._checker.touches(q) or required.violated(q, t)
-
     def _decided(
         self, start: FloatArray, end: FloatArray, required: RequiredDistances
     ) -> tuple[Verdict, float | None]:
@@ -304,8 +283,10 @@ class CertifiedMotion:
         known = pairs.bounds.prove(start, delta, required.allowed_for, required.growth, self._floor)
         if known.proven:
             return Verdict.FREE, None
-        if known.at >= 0 and self._refused(start + known.at * delta, known.at, required):
-            return Verdict.BLOCKED, known.at
+        if known.at >= 0:
+            q = start + known.at * delta
+            if checker.touches(q) or required.violated(q, known.at):
+                return Verdict.BLOCKED, known.at
         approach = pairs.radii @ np.abs(delta)
         if required.growth is not None:
             approach = approach + required.growth

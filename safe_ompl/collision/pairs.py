@@ -123,15 +123,9 @@ class PairTable:
     It knows which pairs can come near each other at all: bounds by balls decide most of them; coal decides the rest,
     once, when it is asked for. The robot's own pairs always count as near, and so do those of obstacles that may move.
 
-    Attributes
-    ----------
-    bodies : ndarray of int, shape (T, 2)
-        Indices of the bodies in the geometry, the smaller one first.
-    with_obstacle : ndarray of int
-        Rows of the pairs of a link and an obstacle.
-    obstacle_radii : ndarray, shape (G, m)
-        [m] How far each of the G bodies is from the axes of the model's m ≥ n joints at most, where obstacles are now;
-        infinite for the robot's own.
+    `bodies: (T, 2)` are their indices in the geometry, the smaller one first; `with_obstacle` the rows of pairs of a
+    link and an obstacle. `obstacle_radii: (G, m)` say how far each of the G bodies is from the axes of the model's m ≥
+    n joints at most [m], where obstacles are now; infinite for the robot's own.
     """
 
     def __init__(self, robot: Robot, geometry: SceneGeometry) -> None:
@@ -229,10 +223,8 @@ class PairSet:
     ----------
     geometry : pin.GeometryModel
         The robot's bodies and, after them, the parts of the obstacles, with the pairs.
-    names : tuple of (str, str)
-        Names of the pairs: link and obstacle, or link and link.
-    bodies : ndarray of int, shape (P, 2)
-        Their indices in the geometry, the smaller one first.
+    names, bodies : tuple of (str, str), ndarray of int, shape (P, 2)
+        Names of the pairs, link and obstacle, or link and link; their indices in the geometry, the smaller one first.
     revision : int
         How often obstacles have moved.
     radii : ndarray, shape (P, n)

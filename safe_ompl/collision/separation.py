@@ -34,23 +34,12 @@ class MinClearance:
         scene: Scene,
         links: Sequence[str],
     ) -> MinClearance | None:
-        """Return what is asked for; None where the distance is 0.
+        """Return what is asked for; None where the distance [m] is 0.
 
-        Parameters
-        ----------
-        distance : float
-            [m] 0 requires nothing.
-        obstacles : sequence of str or None
-            Keep it from these; None: from those with a danger weight, such as people.
-        exempt : sequence of (str, str)
-            Pairs of a link and an obstacle that need not keep it, only not touch.
-        scene, links : Scene, sequence of str
-            The obstacles, and the links that have bodies.
-
-        Raises
-        ------
-        InputError
-            If the distance is not a finite number ≥ 0, there is nothing to keep it from, or no such obstacle or link.
+        It is kept from these obstacles, by default from those of the scene with a danger weight, such as people. Pairs
+        of a link and an obstacle that are exempt must only not touch. `links` are those that have bodies. Raises
+        InputError if the distance is not a finite number ≥ 0, there is nothing to keep it from, or no such obstacle or
+        link.
         """
         distance = number("min clearance", distance, at_least=0.0, kind="length [m]")
         if isinstance(obstacles, str) or not (obstacles is None or isinstance(obstacles, Sequence)):

@@ -48,18 +48,10 @@ class ToolLimit(ABC):
         return self.excess(q) <= 0.0
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
-        """Check the straight motion between two configurations (n,).
+        """Check the straight motion between two configurations (n,); raise InputError for others.
 
-        Returns
-        -------
-        MotionVerdict
-            FREE: every configuration keeps to the limit, proven. BLOCKED: the one at `at` does not. UNDECIDED: near
-            `at` the limit is too near to tell. The `pair` is the limit's name and "its limit".
-
-        Raises
-        ------
-        InputError
-            If a configuration has the wrong shape or is not finite.
+        FREE: every configuration keeps to the limit, proven. BLOCKED: the one at `at` does not. UNDECIDED: near `at`
+        the limit is too near to tell. The `pair` is the limit's name and "its limit".
         """
         first, last = motion_ends(start, end, self.robot.n)
         delta = self.robot.difference(first, last)
@@ -85,31 +77,23 @@ class ToolLimit(ABC):
 class ToolOrientation(ToolLimit):
     """Keeps an axis of the tool within an angle of a direction: a cup upright, a torch towards the wall.
 
-    A joint that turns by Δ turns the axis by at most |Δ|·sin β, with β the largest angle (up to 90°) that its own axis
-    can have with it: nothing where a wrist turns about the axis itself.
-
     Parameters
     ----------
     robot : Robot
         The robot; the axis is fixed to its tip.
-    axis : array_like, shape (3,)
-        The axis, in the frame of the tip; of any length.
-    direction : array_like, shape (3,)
-        Where it is to point, in the world frame; of any length.
+    axis, direction : array_like, shape (3,)
+        The axis, in the frame of the tip, and where it is to point, in the world frame; of any length but 0.
     angle : float
         [rad] The largest angle between the two, in (0, π].
     floor : float
         [rad] A motion that keeps less than about this from the limit stays undecided.
 
-    Raises
-    ------
-    InputError
-        Wrong shape, not finite, a direction of no length, an angle out of range.
-
     Notes
     -----
     The axis a moves with ω × a, where ω = Σ_j z_j·dq_j sums over the joints that turn the tip: |ω × a| ≤ Σ_j sin β_j
-    |dq_j|. Joints that slide turn nothing; mimic joints count with their multipliers. No joint limit is used.
+    |dq_j|, with β_j the largest angle (up to 90°) that the axis of joint j can have with it: nothing where a wrist
+    turns about the axis itself. Joints that slide turn nothing; mimic joints count with their multipliers. No joint
+    limit is used.
     """
 
     name = "tool orientation"
@@ -161,14 +145,9 @@ class TipBounds(ToolLimit):
     robot : Robot
         The robot.
     lower, upper : array_like, shape (3,)
-        Opposite corners of the box [m]; infinite where there is no wall.
+        Opposite corners of the box [m], the lower one below the upper one; infinite where there is no wall.
     floor : float
         [m] A motion that keeps less than about this from a wall stays undecided.
-
-    Raises
-    ------
-    InputError
-        Wrong shape, NaN, or a lower corner that is not below the upper one.
     """
 
     name = "tip position"

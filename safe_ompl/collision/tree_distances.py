@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import coal
 import numpy as np
@@ -140,13 +140,12 @@ def _measured(first: _Placed, second: _Placed, frame: pin.SE3, seed: float) -> c
     result = coal.DistanceResult()
     if seed < np.inf:
         result.min_distance = seed
-    placed = [x for shape, place in (first, second) for x in (shape, _transform(frame.actInv(place)))]
+    placed: list[Any] = []
+    for shape, place in (first, second):
+        here = frame.actInv(place)
+        placed += [shape, coal.Transform3s(here.rotation, here.translation)]
     coal.distance(*placed, _REQUEST, result)
     return result
-
-
-def _transform(placement: pin.SE3) -> coal.Transform3s:
-    return coal.Transform3s(placement.rotation, placement.translation)
 
 
 def _along(direction: FloatArray) -> FloatArray:

@@ -21,13 +21,9 @@ class PerThread(threading.local, Generic[_Memory]):
 class Changes:
     """Counts the changes of a model, so that a query notices one that another thread makes meanwhile.
 
-    A query reads `done` when it begins. Where `begun` is still the same when it ends, nothing has changed in between;
-    otherwise its answer may mix two scenes: it waits for the change to end, and asks again.
-
-    Attributes
-    ----------
-    begun, done : int
-        How many changes have begun, and how many of them have ended.
+    A query reads `done`, how many have ended, when it begins. Where `begun`, how many have begun, is still the same
+    when it ends, nothing has changed in between; otherwise its answer may mix two scenes: it waits for the change to
+    end, and asks again.
     """
 
     def __init__(self) -> None:

@@ -19,16 +19,8 @@ _WITNESS = ("danger", "its limit")
 class DangerBounds:
     """What is proven of the peak danger of a motion: lower ≤ peak ≤ upper.
 
-    Attributes
-    ----------
-    lower : float
-        The largest danger found.
-    upper : float
-        No configuration of the motion is more dangerous; +inf where it cannot be kept from a danger point.
-    edge : int
-        The edge where `lower` was found,
-    at : float
-        and at which fraction of it.
+    The largest danger found, `lower`, is on the edge `edge`, at the fraction `at` of it. No configuration of the motion
+    is more dangerous than `upper`, +inf where it cannot be kept from a danger point.
     """
 
     lower: float
@@ -101,14 +93,9 @@ class DangerLimit:
     field : DangerField
         The danger; its danger points must be fixed.
     limit : float
-        The largest danger that is allowed.
+        The largest danger that is allowed, > 0.
     floor : float
         [m] A motion that is nearer to the limit than about what the danger changes over this stays undecided.
-
-    Raises
-    ------
-    InputError
-        If the limit is not positive; and as `CertifiedDanger`.
     """
 
     def __init__(self, field: DangerField, limit: float, floor: float = 1e-4) -> None:

@@ -66,9 +66,7 @@ class DangerField(RobotField):
     Raises
     ------
     InputError
-        If the robot has no links; if points or weights have the wrong shape, are not finite,
-        or weights are not positive; if `aggregate` or `weighting` is unknown; if `k1` or `sharpness` is not positive,
-        or `tolerance` is not in [0, 0.1].
+        If the robot has no links, or a value is out of range, of the wrong shape, not finite or unknown.
 
     Notes
     -----
@@ -76,9 +74,7 @@ class DangerField(RobotField):
     this leaves out (∂CDF/∂p)·(dp/dq). It vanishes where a point stays (on a corner, say) and where it is the
     point of its obstacle at which the field is greatest (envelope theorem). The point *nearest* to the robot
     is close to that one but not the same: there the gradient is an approximation, the better the smaller the
-    obstacle. Values are exact for the points used.
-
-    With "max" the gradient is that of the most dangerous point: one of the subgradients where two points tie.
+    obstacle. With "max" the gradient is that of the most dangerous point: one of the subgradients where two points tie.
 
     More than 400 fixed points are kept in groups of neighbours. The maximum over them is exact: groups that cannot
     hold it are left out. In a mean or a softmax far groups count by their centre, as many as have proven errors that
@@ -115,7 +111,7 @@ class DangerField(RobotField):
         self.tolerance = number("tolerance", tolerance, at_least=0.0, at_most=0.1)
         self._evaluation = Evaluation(
             robot,
-            self._segments,
+            self.segments,
             by_length=self._by_length,
             aggregate=aggregate,
             sharpness=self.sharpness,
@@ -132,16 +128,7 @@ class DangerField(RobotField):
     ) -> DangerField:
         """Return the field at the danger points of a scene (`Scene.danger_points`); it can `move` with them.
 
-        Parameters
-        ----------
-        robot : Robot
-            The robot.
-        scene : Scene
-            The obstacles.
-        spacing : float, optional
-            Distance between danger points [m]; default: the scene's own.
-        **options
-            As of the class.
+        `spacing` is the distance between danger points [m], by default the scene's own; options are those of the class.
         """
         obstacles = DangerousObstacles(scene, spacing)
         field = cls(robot, *obstacles.points, **options)
@@ -152,12 +139,8 @@ class DangerField(RobotField):
     def move(self, scene: Scene) -> None:
         """Take the danger points of a scene in which nothing but places of obstacles differs, such as `Scene.moved`.
 
-        From here on the danger is that of a field made anew for that scene.
-
-        Raises
-        ------
-        InputError
-            If anything else differs, or the field was not made by `of_scene`. Then it stays as it was.
+        From here on the danger is that of a field made anew for that scene. Raises InputError if anything else differs,
+        or the field was not made by `of_scene`. Then it stays as it was.
         """
         self._follow(self._of_known_scene.move(scene))
 
@@ -219,10 +202,7 @@ class DangerField(RobotField):
     def value(self, q: ArrayLike) -> float:
         """Return the danger CDF(q) at `q: (n,)`; +inf where a segment passes through a danger point.
 
-        Raises
-        ------
-        InputError
-            If `q` has the wrong shape or is not finite.
+        Raises InputError if `q` has the wrong shape or is not finite.
         """
         return float(self._danger(self._single(q))[0])
 
@@ -231,13 +211,7 @@ class DangerField(RobotField):
         return self._danger(self._batch(Q))
 
     def gradient(self, q: ArrayLike) -> FloatArray:
-        """Return ∇CDF(q), (n,), at `q: (n,)` [danger/rad or danger/m]; see the Notes of the class.
-
-        Raises
-        ------
-        InputError
-            If `q` has the wrong shape or is not finite.
-        """
+        """Return ∇CDF(q), (n,), at `q: (n,)` [danger/rad or danger/m]; see the Notes of the class. Errors: `value`."""
         gradient: FloatArray = self.gradients(self._single(q))[0]
         return gradient
 
@@ -254,17 +228,10 @@ class DangerField(RobotField):
         return self._evaluation.values_and_gradients(Q, points)
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the terms of the danger that are above a level at `Q: (B, n)`; errors as `gradient`.
+        """Return rows (C,), values (C,) and gradients (C, n) of the terms of the danger above a level at `Q: (B, n)`.
 
         Where the danger is the maximum over danger points, its terms are w_m CDF(p_m); else it is its own only term.
-
-        Returns
-        -------
-        rows : ndarray of int, shape (C,)
-            Configuration of each of them.
-        values : ndarray, shape (C,)
-        gradients : ndarray, shape (C, n)
-            [danger/rad or danger/m]
+        Gradients are in danger/rad or danger/m, errors as `value`.
         """
         Q = self._batch(Q)
         if self.aggregate != "max":
@@ -282,10 +249,7 @@ class DangerField(RobotField):
     def most_dangerous_point(self, q: ArrayLike) -> int:
         """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`.
 
-        Raises
-        ------
-        InputError
-            If `q` has the wrong shape or is not finite, or there are no danger points.
+        Errors as `value`; also if there are no danger points.
         """
         Q = self._single(q)
         levels = self._evaluation.levels(Q, self._every_point(Q))[0]
@@ -306,58 +270,39 @@ class DangerField(RobotField):
     def _minimum(self) -> float:
         if self.points is None or not len(self.points):
             return 0.0
-        if self.weighting == "length" and self._segments.lengths is None:
+        if self.weighting == "length" and self.segments.lengths is None:
             return 0.0
         ends = self.robot.bounds.keypoint_reaches(self.points)[self.robot.segments]
         farthest = ends.max(axis=1)  # (L, M): no point of a segment is farther away than both of its ends
-        lengths = self._segments.lengths if self.weighting == "length" else None
+        lengths = self.segments.lengths if self.weighting == "length" else None
         charges = np.ones(len(farthest)) if lengths is None else lengths
         return float(self.aggregated(self.k1 * (charges @ (1.0 / farthest))[None])[0])
 
     def link_fields(self, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the field of every link at the danger points, and the points' distances from the links.
+        """Return the field of every link at the danger points, and their distances from the links [m], (B, L, M) each.
 
-        Parameters
-        ----------
-        keypoints : ndarray, shape (B, K, 3)
-            Key points of the skeleton at B configurations [m].
-
-        Returns
-        -------
-        fields : ndarray, shape (B, L, M)
-            φ_l(p_m) with unit weighting (4), unweighted; +inf on a segment.
-        distances : ndarray, shape (B, L, M)
-            [m]
-
-        Raises
-        ------
-        InputError
-            If a callable gives the danger points.
+        `keypoints: (B, K, 3)` are those of the skeleton at B configurations [m]. The fields are φ_l(p_m) with unit
+        weighting (4), unweighted; +inf on a segment. Raises InputError if a callable gives the danger points.
         """
         points = self.points
         if points is None:
             raise InputError("the danger points depend on the configuration; fields of links need fixed ones")
         self.count(keypoints, points)
         if not len(points):
-            nothing = np.zeros((len(keypoints), len(self._segments.pairs), 0))
+            nothing = np.zeros((len(keypoints), len(self.segments.pairs), 0))
             return nothing, nothing
-        fields = self.k1 * segment_fields(keypoints, self._segments, points)
-        return fields, segment_distances(keypoints, self._segments, points)
+        fields = self.k1 * segment_fields(keypoints, self.segments, points)
+        return fields, segment_distances(keypoints, self.segments, points)
 
     def aggregated(self, fields: FloatArray) -> FloatArray:
         """Return the danger (B,) where the robot's field at the danger points is `fields: (B, M)`, unweighted."""
         return self._evaluation.aggregated(fields if self.weights is None else fields * self.weights)
 
     def active(self, Q: ArrayLike, share: float) -> DangerField:
-        """Return the field of those danger points that matter near the configurations `Q: (B, n)`.
+        """Return the field of those danger points that matter near the configurations `Q: (B, n)`; errors as `value`.
 
         These are the points whose w_m CDF(p_m) reaches the given share of the maximum at one of them, at least. Where
         the danger is a mean, or a callable gives the points, all of them matter, and the field itself is returned.
-
-        Raises
-        ------
-        InputError
-            If `Q` has the wrong shape or is not finite.
         """
         field = self.frozen()
         points, weights = field.points, field.weights

@@ -108,11 +108,6 @@ class KinetostaticField:
     gamma : float, optional
         γ ≥ 0; default: the field's own. With γ ≥ 1 motion never makes the danger less than at rest; with 0 it is the
         danger predicted k₂/k₁ ahead.
-
-    Raises
-    ------
-    InputError
-        If k₂ or γ is negative or not finite.
     """
 
     def __init__(self, field: DangerField, k2: float | None = None, gamma: float | None = None) -> None:
@@ -131,10 +126,7 @@ class KinetostaticField:
     def value(self, q: ArrayLike, qd: ArrayLike) -> float:
         """Return the danger at `q: (n,)` while the joints move at `qd: (n,)` [rad/s or m/s].
 
-        Raises
-        ------
-        InputError
-            If an array has the wrong shape or is not finite; so do the other methods.
+        Raises InputError if an array has the wrong shape or is not finite; so do the other methods.
         """
         n = self.field.robot.n
         rates = finite_array(qd, (n,), "joint velocities")

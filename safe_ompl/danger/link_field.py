@@ -42,21 +42,11 @@ WEIGHTINGS: tuple[Weighting, ...] = ("unit", "length")
 
 
 class Segments:
-    """Link segments as pairs of key points.
+    """Link segments as pairs (L, 2) of key points, which together form a tree, or several.
 
-    Parameters
-    ----------
-    pairs : array_like of int, shape (L, 2)
-        Key points at the two ends of each segment; together they form a tree, or several.
-    lengths : array_like, shape (L,), optional
-        The lengths of the segments [m] where they are the same at every configuration, as on a robot without
-        prismatic joints.
-
-    Raises
-    ------
-    InputError
-        If the pairs are not an (L ≥ 1, 2) array of integers ≥ 0, or are more than their key points; if the
-        lengths are not L numbers ≥ 0.
+    Their lengths (L,) [m] are given where they are the same at every configuration, as on a robot without prismatic
+    joints. Raises InputError if the pairs are not an (L ≥ 1, 2) array of integers ≥ 0, or are more than their key
+    points; if the lengths are not L numbers ≥ 0.
     """
 
     __slots__ = ("lengths", "pairs")
@@ -104,7 +94,7 @@ def field(
     weighting: Weighting = "unit",
     k1: float = 1.0,
 ) -> FloatArray:
-    """Return the danger field of the robot at points, CDF(p) = Σ_l φ_l(p), eq. (5).
+    """Return the danger field of the robot at points, CDF(p) = Σ_l φ_l(p), eq. (5), (B, M).
 
     Parameters
     ----------
@@ -115,14 +105,9 @@ def field(
     points : ndarray, shape (M, 3) or (B, M, 3)
         Field points, the same or others for every configuration [m].
     weighting : {"unit", "length"}
-        Integrate each link over t ∈ [0, 1] (eq. 4) or over its arc length (eq. 1).
+        Integrate each link over t ∈ [0, 1] (eq. 4), in k₁/m, or over its arc length (eq. 1), in k₁; +inf on a segment.
     k1 : float
         Constant k₁ > 0 of the elementary field (6).
-
-    Returns
-    -------
-    ndarray, shape (B, M)
-        The field in k₁/m (`"unit"`) or k₁ (`"length"`); +inf on a segment.
     """
     total: FloatArray = kernel.fields(*_arrays(keypoints, segments, points), by_length(weighting))
     return total if k1 == 1.0 else k1 * total
@@ -147,23 +132,13 @@ def segment_distances(keypoints: FloatArray, segments: Segments, points: FloatAr
 
 
 def segment_bounds(fields: FloatArray, distances: FloatArray, displacement: FloatArray | float) -> FloatArray:
-    """Return a proven upper bound of each segment's field after a motion, φ_l(q') ≤ φ_l(q) D_l/(D_l − δ_l).
+    """Return a proven upper bound of each segment's field after a motion, φ_l(q') ≤ φ_l(q) D_l/(D_l − δ_l), (B, L, M).
 
     A point of the segment at distance ρ ≥ D from p that moves by at most δ < D stays at least ρ − δ away, and
     1/(ρ − δ) ≤ (1/ρ) D/(D − δ); the integral (4) inherits the bound. With `weighting="length"` it holds for
-    segments that keep their length.
-
-    Parameters
-    ----------
-    fields, distances : ndarray, shape (B, L, M)
-        From `segment_fields` and `segment_distances` [m].
-    displacement : ndarray or float, broadcastable to (B, L, M)
-        δ_l ≥ 0: neither end of the segment moves farther than this [m].
-
-    Returns
-    -------
-    ndarray, shape (B, L, M)
-        +inf where the segment may reach the point, δ_l ≥ D_l.
+    segments that keep their length. Fields and distances [m] are those of `segment_fields` and `segment_distances`;
+    neither end of a segment moves farther than the displacement δ_l ≥ 0 [m]. +inf where the segment may reach the
+    point, δ_l ≥ D_l.
     """
     room = distances - displacement
     apart = room > 0
@@ -211,21 +186,8 @@ def vector_field(field: FloatArray, gradient: FloatArray) -> FloatArray:
 class RobotField:
     """The field of a robot's link segments at any points of its workspace, CDF(p; q) = Σ_l k₁ ∫ dt/‖p − r_t‖.
 
-    Parameters
-    ----------
-    robot : Robot
-        Gives the key points and segments of the skeleton.
-    weighting : {"unit", "length"}
-        Every link weighs the same (eq. 4), or in proportion to its length (eq. 1).
-    k1 : float
-        k₁ > 0 of the elementary field (6).
-    counts : Counts, optional
-        Where evaluations are counted.
-
-    Raises
-    ------
-    InputError
-        If the robot has no links; if `weighting` is unknown; if `k1` is not positive.
+    Weighting and k₁ are those of `field`; evaluations are counted in `counts`. Raises InputError if the robot has no
+    links, `weighting` is unknown, or `k1` is not positive.
     """
 
     def __init__(
@@ -240,12 +202,8 @@ class RobotField:
         self.weighting = weighting
         self.k1 = positive(k1, "k1")
         self.counts = Counts() if counts is None else counts
-        self._segments = Segments(robot.segments, _constant_lengths(robot))
-
-    @property
-    def segments(self) -> Segments:
-        """The link segments; their lengths are None where a prismatic joint may change them."""
-        return self._segments
+        # The lengths are None where a prismatic joint may change them.
+        self.segments = Segments(robot.segments, _constant_lengths(robot))
 
     def field(self, q: ArrayLike, points: ArrayLike) -> FloatArray:
         """Return the field CDF(p), (M,), of the robot at `q: (n,)` at any `points: (M, 3)` [m], unweighted.
@@ -285,10 +243,10 @@ class RobotField:
         return keypoints, checked
 
     def _field(self, keypoints: FloatArray, points: FloatArray) -> FloatArray:
-        return field(keypoints, self._segments, points, weighting=self.weighting, k1=self.k1)
+        return field(keypoints, self.segments, points, weighting=self.weighting, k1=self.k1)
 
     def _workspace_gradient(self, keypoints: FloatArray, points: FloatArray) -> FloatArray:
-        gradient = workspace_gradient(keypoints, self._segments, points, weighting=self.weighting)
+        gradient = workspace_gradient(keypoints, self.segments, points, weighting=self.weighting)
         return (self.k1 * gradient).reshape(-1, 3)
 
     def _vector(self, keypoints: FloatArray, points: FloatArray) -> FloatArray:

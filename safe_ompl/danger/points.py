@@ -32,21 +32,10 @@ PointSource: TypeAlias = Callable[[FloatArray], ArrayLike]
 
 
 class DangerPoints:
-    """Danger points that are fixed, or given by a callable for every configuration, with their weights.
+    """Danger points with weights (M,) > 0, 1 by default; k₁ of the field scales their charges.
 
-    Parameters
-    ----------
-    source : array_like, shape (M, 3), or callable
-        The points [m], or what maps a configuration (n,) to them, always equally many.
-    weights : array_like, shape (M,), optional
-        w > 0; 1 by default.
-    k1 : float
-        k₁ of the field, by which the charges are scaled.
-
-    Raises
-    ------
-    InputError
-        If points or weights have the wrong shape, are not finite, or weights are not positive.
+    The source is an array (M, 3) [m], or a callable that maps a configuration (n,) to one, always of equally many.
+    Raises InputError if points or weights have the wrong shape, are not finite, or weights are not positive.
     """
 
     def __init__(self, source: ArrayLike | PointSource, weights: ArrayLike | None, k1: float) -> None:
@@ -64,10 +53,7 @@ class DangerPoints:
     def at(self, Q: FloatArray) -> FloatArray:
         """Return the points, (M, 3) or, where they depend on the configuration, (B, M, 3), at `Q: (B, n)`.
 
-        Raises
-        ------
-        InputError
-            If the callable gives other numbers of points, or points that are none.
+        Raises InputError if the callable gives other numbers of points, or points that are none.
         """
         if isinstance(self.source, np.ndarray):
             return self.source
@@ -139,10 +125,7 @@ class DangerousObstacles:
     def move(self, scene: Scene) -> bool:
         """Take the places of another scene; return whether a dangerous obstacle is elsewhere.
 
-        Raises
-        ------
-        InputError
-            If anything but places differs. Then all stays as it was.
+        Raises InputError if anything but places differs. Then all stays as it was.
         """
         before = self._scene
         if scene.names != before.names or scene.spacing != before.spacing:
@@ -232,18 +215,7 @@ def _places_on_curve(points: FloatArray) -> IntArray:
 
 
 class Evaluation:
-    """Danger of a robot at points that are given as kernels read them; nothing is checked.
-
-    Parameters
-    ----------
-    robot, segments
-        The robot, and the link segments of its skeleton.
-    by_length : bool
-        Whether links weigh in proportion to their lengths.
-    aggregate : {"max", "mean", "softmax"}
-    sharpness, tolerance : float
-        β of the softmax, and the relative error that a mean or a softmax over groups of points may have.
-    """
+    """Danger of a robot at points given as kernels read them; nothing is checked. Arguments as of `DangerField`."""
 
     def __init__(
         self,

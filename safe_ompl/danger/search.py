@@ -48,16 +48,9 @@ class _Interval:
 class PeakSearch:
     """Halves the intervals of a path that may be the most dangerous ones; `best` is the most dangerous sample found.
 
-    Parameters
-    ----------
-    field : DangerField
-        The danger; its danger points must be fixed.
-    path : array_like, shape (N, n)
-        Way points.
-    floor : float
-        [m] Intervals in which the robot moves less are not halved any more.
-    ceiling : callable
-        Maps the largest danger found to the bound that is good enough. It must not fall as more is found.
+    The field has fixed danger points, the path way points (N, n). Intervals in which the robot moves less than the
+    floor [m] are not halved any more. The ceiling maps the largest danger found to the bound that is good enough; it
+    must not fall as more is found.
     """
 
     best: Sample

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -82,18 +82,14 @@ class Shape(ABC):
 
         Raises InputError, which starts with the key, if one is unknown or missing, or its value cannot be used.
         """
-        document.check_keys(data, [field.name for field in fields(cls)])
-        for field in fields(cls):
-            if _default(field) is MISSING:
-                document.require(data, field.name)
+        document.check_fields(cls, data)
         if isinstance(data.get("file"), str):
             data = {**data, "file": folder / data["file"]}
         return cls(**data)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the fields that differ from their defaults."""
-        values = ((field, getattr(self, field.name)) for field in fields(self))
-        return {field.name: value for field, value in values if value != _default(field)}
+        return document.changed_fields(self)
 
     def canonical(self) -> dict[str, Any]:
         """Return what decides how the shape collides and looks, free of file names."""
@@ -105,10 +101,6 @@ class Shape(ABC):
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
-
-
-def _default(field: Field[Any]) -> Any:
-    return field.default if field.default_factory is MISSING else field.default_factory()
 
 
 @dataclass(frozen=True)

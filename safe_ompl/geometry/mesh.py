@@ -145,23 +145,10 @@ _CORNERS = (2000, 1000, 500, 250, 120)  # how many directions pick the corners o
 def convex_hull(mesh: coal.BVHModelBase, name: str, thickness: float = 0.0) -> coal.ConvexBase:
     """Return the convex hull of a triangle mesh; a hardly larger body where coal cannot keep the hull itself.
 
-    Parameters
-    ----------
-    mesh : coal.BVHModelBase
-        Vertices and triangles.
-    name : str
-        For messages.
-    thickness : float
-        What to give flat meshes [m], the vertices in the middle; 0: refuse them.
+    The name is for messages. Flat meshes get a `thickness` [m], the vertices in the middle. Raises InputError if the
+    mesh has no vertices, or such that are not finite; or is flat (coal's managers drop such shapes in silence) and no
+    thickness is given.
 
-    Raises
-    ------
-    InputError
-        If the mesh has no vertices, or such that are not finite; or is flat (coal's managers drop such shapes in
-        silence) and no thickness is given.
-
-    Notes
-    -----
     coal keeps the number of neighbours of each corner of a convex body in one byte, and refuses a hull in which a
     corner has more than 254: the end of a cylinder of 260 sides, triangulated, or the tip of a cone. Then the hull of
     fewer, or of slightly moved corners is taken, and blown up about its centre until it holds every vertex of the mesh,

@@ -19,8 +19,8 @@ from safe_ompl.common import (
     configuration,
     finite_array,
 )
-from safe_ompl.robot.joint_tables import Coupling, KinematicTree, Skeleton, frame_index
-from safe_ompl.robot.kernels.kinematics import within
+from safe_ompl.robot.joint_tables import Coupling, KinematicTree, Skeleton, frame_index, plain
+from safe_ompl.robot.kernels import kinematics as kernel
 from safe_ompl.robot.loading.parts import RobotParts
 
 _FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: asking for it costs least
@@ -83,6 +83,7 @@ class ForwardKinematics:
             skeleton.joints,
             skeleton.offsets,
         )
+        self._tables = self.kinematics.joints, self.kinematics.keypoints
         self.joint_prismatic: BoolArray = self._sliding
         self.joint_keypoint_support = self.supporting_joints(skeleton.joints)
         self._scratch = PerThread(model.createData)
@@ -157,16 +158,16 @@ class ForwardKinematics:
 
     def keypoints(self, q: ArrayLike) -> FloatArray:
         """Return the key points of the skeleton (K, 3) [m] in the world frame at `q: (n,)`."""
-        points: FloatArray = self.kinematics.places(self.coupling.values(self._checked(q)[None]))[0]
-        return points
+        return self.keypoints_batch(self._checked(q)[None])[0]  # type: ignore[no-any-return]
 
     def keypoints_batch(self, Q: ArrayLike) -> FloatArray:
         """Return the key points (B, K, 3) [m] for a batch of configurations `Q: (B, n)`."""
-        return self.kinematics.places(self.model_values(Q))
+        return kernel.keypoints(*self._tables, plain(self.model_values(Q)))
 
     def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
         """Map gradients (B, K, 3) by the key points at `Q: (B, n)` to gradients (B, n) by the joints, Σ_k J_kᵀ g_k."""
-        return self.coupling.columns(self.kinematics.pull_back(self.model_values(Q), gradients))
+        values = plain(self.model_values(Q))
+        return self.coupling.columns(kernel.pull_back(*self._tables, values, plain(gradients)))
 
     def keypoint_jacobians(self, q: ArrayLike) -> FloatArray:
         """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
@@ -181,7 +182,8 @@ class ForwardKinematics:
 
         The rates `delta: (B, n)` are such as the Δ of an edge q₁ + tΔ.
         """
-        return self.kinematics.motions(self.model_values(Q), self.coupling.motions(delta))
+        values, rates = plain(self.model_values(Q)), plain(self.coupling.motions(delta))
+        return kernel.keypoint_motions(*self._tables, values, rates)
 
     def body_points(
         self, Q: FloatArray, rows: IntArray, joints: IntArray, points: FloatArray
@@ -243,4 +245,4 @@ class JointLimits:
 
     def hold(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
-        return bool(within(q, self._bounds))
+        return bool(kernel.within(q, self._bounds))

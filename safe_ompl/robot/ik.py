@@ -174,22 +174,9 @@ def limited_step(
 ) -> FloatArray:
     """Return a joint motion Δq (n,) that brings the tip nearer to a place and stays within limits.
 
-    Joints that would pass a limit stop at it, and the others take over what the tip would lose by that.
-
-    Parameters
-    ----------
-    rule : Rule
-        `pseudoinverse_step`, `transpose_step` or `cautious_step`.
-    place : Place
-        Where the tip is to go.
-    q : ndarray, shape (n,)
-        Where the arm is, within its limits [rad or m].
-    limits : StepLimits
-        The limits.
-    largest : float
-        The step is shortened to this norm [rad or m].
-    drift : ndarray, shape (n,), optional
-        Δq₀, posture motion wanted besides.
+    Joints that would pass a limit stop at it, and the others take over what the tip would lose by that. The rule is
+    `pseudoinverse_step`, `transpose_step` or `cautious_step`; the arm is at `q: (n,)`, within its limits [rad or m].
+    The step is shortened to the norm `largest` [rad or m]; the `drift: (n,)` is Δq₀, posture motion wanted besides.
     """
     jacobian, error = place.jacobian(q), place.error(q)
     posture = np.zeros(len(q)) if drift is None else drift
@@ -324,25 +311,17 @@ def inverse_kinematics(
     ----------
     robot : Robot
         The robot.
-    position : array_like, shape (3,), or pin.SE3
-        Of the tip in the world frame [m]; or its whole pose.
-    rotation : array_like, shape (3, 3) or (4,), or pin.Quaternion, optional
-        A matrix or a quaternion x, y, z, w; without it any orientation will do.
+    position, rotation
+        As for `place_of`; without a rotation any orientation will do.
     near : array_like, shape (n,), optional
         Where the first search begins [rad or m]; with it, of the solutions the one nearest to it is returned.
-    seeds : int
-        From how many configurations to search, `near` included.
-    seed : int
-        Of the random numbers that the others come from: the same one gives the same solution.
+    seeds, seed : int
+        From how many configurations to search, `near` included, and what the random numbers come from: the same seed
+        gives the same solution.
     tolerance : float
         Largest distance left between tip and place [m]; a radian counts as 0.25 m.
     valid : callable, optional
         From a configuration (n,) to whether it will do: ``lambda q: not checker.in_collision(q)``.
-
-    Returns
-    -------
-    ndarray, shape (n,), or None
-        [rad or m]
 
     Raises
     ------

@@ -48,18 +48,6 @@ class KinematicTree:
         """Return rotations (B, m, 3, 3), origins and axes (B, m, 3) of the joints in the world at `values: (B, m)`."""
         return kernel.joint_frames(self.joints, plain(values))
 
-    def places(self, values: FloatArray) -> FloatArray:
-        """Return the key points (B, K, 3) [m] at `values: (B, m)`."""
-        return kernel.keypoints(self.joints, self.keypoints, plain(values))
-
-    def pull_back(self, values: FloatArray, forces: FloatArray) -> FloatArray:
-        """Return Σ_k J_kᵀ f_k (B, m) of `forces: (B, K, 3)` at the key points at `values: (B, m)`."""
-        return kernel.pull_back(self.joints, self.keypoints, plain(values), plain(forces))
-
-    def motions(self, values: FloatArray, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return places, velocities and accelerations (B, K, 3) of the key points at steady `rates: (B, m)`."""
-        return kernel.keypoint_motions(self.joints, self.keypoints, plain(values), plain(rates))
-
     def point_jacobians(
         self, values: FloatArray, rows: IntArray, carriers: IntArray, points: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
@@ -168,15 +156,12 @@ class Skeleton:
 
     Attributes
     ----------
-    joints : ndarray, shape (K,)
-        For each key point the index of the Pinocchio joint that carries it (0: the fixed base).
-    offsets : ndarray, shape (K, 3)
-        Its position in the frame of that joint [m].
-    segments : ndarray, shape (L, 2)
-        Proximal and distal key point of each link segment. Segments of zero length, and those that no joint
-        moves, are left out. The last key point is the robot's tip.
-    names : tuple of str
-        For each segment the frame at its distal end.
+    joints, offsets : ndarray, shape (K,) and (K, 3)
+        For each key point the index of the Pinocchio joint that carries it (0: the fixed base), and its position in the
+        frame of that joint [m]. The last one is the robot's tip.
+    segments, names : ndarray, shape (L, 2), and tuple of str
+        Proximal and distal key point of each link segment, and the frame at its distal end. Segments of zero length,
+        and those that no joint moves, are left out.
     frames : tuple of int
         For each key point the frame that it is the origin of.
     """

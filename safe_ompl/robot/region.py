@@ -111,10 +111,9 @@ class GoalRegion:
         return any(getattr(self, key) is not None for key in _ANGLES)
 
     def nearest(self, pose: pin.SE3) -> tuple[FloatArray, FloatArray | None]:
-        """Return the position (3,) and the orientation (3, 3) of the region that are nearest to a pose.
+        """Return the position (3,) and the orientation (3, 3) of the region nearest to a pose, all in the world frame.
 
-        Both in the world frame; the orientation is None where any will do. The nearest orientation is that with the
-        least angle to the pose's own.
+        The orientation is None where any will do, else that with the least angle to the pose's own.
         """
         frame = self.frame.se3
         here = frame.rotation.T @ (pose.translation - frame.translation)

@@ -11,7 +11,6 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
-from safe_ompl.common import documents as yaml_documents
 from safe_ompl.geometry import Pose
 from safe_ompl.robot import GoalRegion, Robot, RobotSpec
 from safe_ompl.scene.constraints import MotionLimits, PathLimits
@@ -106,9 +105,7 @@ class Goal:
             turn = Pose.from_mapping(data).quaternion_xyzw
         region = None
         if "region" in data:
-            bounds = document.mapping("region", data["region"])
-            with document.within("region"):
-                region = GoalRegion.from_mapping(bounds)
+            region = document.section("region", data["region"], GoalRegion.from_mapping)
         return cls(tuple(configurations), data.get("position"), turn, data.get("tolerance"), region)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -128,13 +125,7 @@ class Goal:
         return data
 
     def configuration_array(self, robot: Robot) -> FloatArray:
-        """Return the goal configurations as an array (G, n); errors as `configuration_for`.
-
-        Raises
-        ------
-        InputError
-            If the goal is a place only.
-        """
+        """Return the goal configurations as an array (G, n); errors as `configuration_for`, also if there is none."""
         if not self.configurations:
             raise InputError("missing: this planner needs a goal configuration", "configuration")
         if len(self.configurations) == 1:
@@ -154,21 +145,8 @@ def read_configuration(key: str, value: Any) -> Configuration:
 def configuration_for(robot: Robot, key: str, given: Configuration) -> FloatArray:
     """Return a configuration as joint values (n,) in the order of the robot's joints [rad or m].
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    key : str
-        What the configuration is called, for errors.
-    given : Configuration
-        As the user wrote it.
-
-    Raises
-    ------
-    UnknownNameError
-        If it names a joint that the robot does not have (or that is locked).
-    InputError
-        If it has not one value for every joint, or a value is outside the joint's limits.
+    The `key` is what it is called, for errors: InputError, if it has not one value for every joint, or a value is
+    outside the joint's limits; UnknownNameError, if it names a joint that the robot does not have (or that is locked).
     """
     joints = robot.joint_names
     if isinstance(given, Mapping):
@@ -212,26 +190,18 @@ class Scenario:
 
     Parameters
     ----------
-    name : str
-        Name for reports.
-    robot : RobotSpec
-        Which robot.
-    scene : Scene
-        The obstacles.
+    name, description : str
+        Name for reports, and what happens here.
+    robot, scene : RobotSpec, Scene
+        Which robot, and the obstacles.
     start : sequence of float, or mapping of str to float
         Start configuration, in the order of the robot's joints or by joint name [rad or m].
     goal : Goal
         Where to go.
-    description : str, optional
-        What happens here.
-    danger : mapping, optional
-        Parameters of the danger field, by name.
-    planners : mapping, optional
-        For each planner's name its parameters, by name.
-    limits : PathLimits, optional
-        What every path must keep to.
-    motion : MotionLimits, optional
-        How fast the robot may move, for trajectories.
+    danger, planners : mapping, optional
+        Parameters of the danger field by name, and those of planners by the planner's name.
+    limits, motion : PathLimits, MotionLimits, optional
+        What every path must keep to, and how fast the robot may move, for trajectories.
     people : People, optional
         Who may come near it, for trajectories.
     time : float, optional
@@ -279,10 +249,7 @@ class Scenario:
     def load(cls, path: str | Path) -> Scenario:
         """Read a scenario from a YAML file; the files that it names are relative to it.
 
-        Raises
-        ------
-        InputError
-            If it cannot be read or is not valid; the message names file, key and value.
+        Raises InputError, which names file, key and value, if it cannot be read or is not valid.
         """
         file = Path(path)
         if file.suffix.lower() in (".urdf", ".xacro"):
@@ -290,7 +257,7 @@ class Scenario:
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it",
                 str(file),
             )
-        with yaml_documents.reading(file) as data:
+        with document.reading(file) as data:
             return cls._from_mapping(data, file)
 
     @classmethod
@@ -300,21 +267,14 @@ class Scenario:
         robot = robot if isinstance(robot, str) else document.mapping("robot", robot)
         with document.within("robot"):
             spec = RobotSpec.from_mapping(robot, file.parent)
-        scene_keys = document.mapping("scene", data.get("scene") or {})
-        with document.within("scene"):
-            scene = Scene.from_mapping(scene_keys, file.parent)
-        goal_keys = document.mapping("goal", document.require(data, "goal"))
-        with document.within("goal"):
-            goal = Goal.from_mapping(goal_keys)
-        limit_keys = document.mapping("limits", data.get("limits") or {})
-        with document.within("limits"):
-            limits = PathLimits.from_mapping(limit_keys)
-        with document.within("motion"):
-            motion = MotionLimits.from_mapping(document.mapping("motion", data.get("motion") or {}))
+        goal = document.section(
+            "goal", document.mapping("goal", document.require(data, "goal")), Goal.from_mapping
+        )
+        scene = document.section("scene", data.get("scene"), lambda d: Scene.from_mapping(d, file.parent))
         people = None
         if "people" in data:
+            people = document.section("people", data["people"], People.from_mapping)
             with document.within("people"):
-                people = People.from_mapping(document.mapping("people", data["people"] or {}))
                 people.names(scene)
         return cls(
             name=data.get("name", file.stem),
@@ -325,8 +285,8 @@ class Scenario:
             description=data.get("description", ""),
             danger=data.get("danger") or {},
             planners=data.get("planners") or {},
-            limits=limits,
-            motion=motion,
+            limits=document.section("limits", data.get("limits"), PathLimits.from_mapping),
+            motion=document.section("motion", data.get("motion"), MotionLimits.from_mapping),
             people=people,
             time=data.get("time", _TIME),
             file=file,
@@ -349,7 +309,7 @@ class Scenario:
             **({"people": self.people.to_mapping()} if self.people is not None else {}),
             "time": self.time,
         }
-        Path(path).write_text(yaml_documents.dump_document(data), encoding="utf-8")
+        Path(path).write_text(document.dump_document(data), encoding="utf-8")
 
     def build_robot(self) -> Robot:
         """Return the robot; an InputError names the scenario file."""
@@ -357,24 +317,12 @@ class Scenario:
             return self.robot.build()
 
     def start_configuration(self, robot: Robot) -> FloatArray:
-        """Return the start as joint values (n,) [rad or m].
-
-        Raises
-        ------
-        InputError
-            If it does not fit the robot: a wrong number of values, an unknown joint, a value outside limits.
-        """
+        """Return the start as joint values (n,) [rad or m]; errors as `configuration_for`."""
         with document.within(self._source, ": "):
             return configuration_for(robot, "start", self.start)
 
     def goal_configurations(self, robot: Robot) -> FloatArray:
-        """Return the goal configurations (G, n) [rad or m]; errors as `start_configuration`.
-
-        Raises
-        ------
-        InputError
-            Also if the goal is a place of the tip only.
-        """
+        """Return the goal configurations (G, n) [rad or m]; errors as `Goal.configuration_array`."""
         with document.within(f"{self._source}: goal"):
             return self.goal.configuration_array(robot)
 
@@ -395,10 +343,7 @@ def list_scenarios() -> dict[str, Path]:
 def find_scenario(name_or_path: str | Path) -> Path:
     """Return the scenario file of this path or, failing that, of this name; see `list_scenarios`.
 
-    Raises
-    ------
-    UnknownNameError
-        If there is none; the message lists those that exist.
+    Raises UnknownNameError, which lists those that exist, if there is none.
     """
     path = Path(name_or_path)
     if path.is_file():

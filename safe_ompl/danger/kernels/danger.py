@@ -86,21 +86,10 @@ def _shares(levels: FloatArray, kind: int, sharpness: float, out: FloatArray) ->
 def dangers(
     tables: Tables, values: FloatArray, points: Points, aggregate: Aggregate, gradients: FloatArray
 ) -> FloatArray:
-    """Return the danger (B,) at configurations, and write its gradients.
+    """Return the danger (B,) at `values: (B, m)` of the joints, and write its gradients (B or 0, m).
 
-    Parameters
-    ----------
-    tables : Tables
-        The skeleton.
-    values : ndarray, shape (B, m)
-        Values of the joints.
-    points : Points
-        With columns (1 or B, 3, M ≥ 1) and charges (1 or B, M), the same or others for every configuration. Without
-        balls every point is looked at.
-    aggregate : Aggregate
-        Which of the levels.
-    gradients : ndarray, shape (B, m) or (0, m)
-        Where ∂danger/∂q is written, unless there is no room; points on a link have none.
+    Points have columns (1 or B, 3, M ≥ 1) and charges (1 or B, M), the same or others for every configuration; without
+    balls every point is looked at. Gradients are not written where there is no room; points on a link have none.
     """
     B, m = values.shape
     joints, keys, links, balls, kind = tables.joints, tables.keys, tables.links, points.balls, aggregate.kind

@@ -299,13 +299,8 @@ def cell_bounds(
     and whatever the motion, φ′ + γI ≤ (1 + γ) U V/R. Most danger points of a scene are so far away that the last bound
     is enough, or even φ ≤ U ≤ 1/R: they take no closed forms.
 
-    Parameters
-    ----------
-    cells, links, points : CellMotions, (L, 2), (M, 3)
-    gamma, by_length : float, bool
-        γ, and whether links weigh in proportion to their lengths.
-    rates, enough : (N,), (M,)
-        ṡ, and the level: where φ + ṡ(φ′ + γI) is below it by a cheaper bound, this bound stands.
+    Links are (L, 2), points (M, 3), rates ṡ (N,). Where φ + ṡ(φ′ + γI) is no larger than `enough: (M,)` by a cheaper
+    bound, this bound stands.
     """
     keypoints, velocities = cells.keypoints, cells.velocities
     speeds, accelerations, strokes = cells.speeds, cells.accelerations, cells.strokes

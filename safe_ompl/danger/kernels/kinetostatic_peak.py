@@ -154,16 +154,8 @@ def highest(
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return the largest level charge·Σ(φ + ahead·φ̇ + spread·I) (B,), of which point, and key points (2, B, K, 3).
 
-    Parameters
-    ----------
-    tables : Tables
-        The skeleton.
-    values, rates : ndarray, shape (B, m)
-        Values of the joints and their rates; the key points have places and velocities.
-    points : Points
-        With columns (1, 3, ·) and charges (1, M), and the balls that hold the points.
-    ahead, spread : float
-        Factors [s].
+    Joints have `values` and `rates` (B, m), the key points places and velocities. Points have columns (1, 3, ·) and
+    charges (1, M), and the balls that hold the points; `ahead` and `spread` are in seconds.
     """
     B, m = values.shape
     joints, keys, links, balls = tables.joints, tables.keys, tables.links, points.balls

@@ -128,25 +128,11 @@ def gaps(
 ) -> tuple[float, int, int, int]:
     """Return the least that is left between a robot and what moves, over the windows of a motion, and where that is.
 
-    Parameters
-    ----------
-    at, times : (W,), (2, W)
-        Cells of a path, and the first and the last instant [s] in which the robot is in each.
-    cells, hulls, sets : CellFrames, Hulls, Sets
-        The path, the bodies of the robot, and what moves.
-    left, enough : float
-        Distance that must be left [m]; margins above `enough` need not be known [m].
-    close : float
-        How near to it the least margin is found [m]; 0: only whether it is negative.
-    stop_at_first : bool
-        Whether to return the first negative one.
-
-    Returns
-    -------
-    margin : float
-        min (distance − growth − travel − left) [m]: a lower bound; negative where nothing is proven.
-    window, body, owner : int
-        Where; −1 if there is nothing.
+    The margin min (distance − growth − travel − left) [m] is a lower bound, negative where nothing is proven; then come
+    the window, the body and the owner, −1 if there is nothing. The robot is in the cells `at: (W,)` of a path from the
+    first to the last of `times: (2, W)` [s]. The distance `left` must be left [m], margins above `enough` [m] need not
+    be known. The least is found within `close` [m]; 0: only whether it is negative, and then perhaps to `stop_at_first`
+    such one.
     """
     rotations, origins, travel = cells
     carriers, vertices, first_vertex, pads, middles, extents = hulls

@@ -36,10 +36,8 @@ class Attachment:
         Its name, different from those of links and frames.
     shape : Shape
         A shape of `safe_ompl.geometry`.
-    link : str
-        The link (or other frame) that it is fixed to.
-    pose : Pose
-        Where it is in the frame of the link.
+    link, pose : str, Pose
+        The link (or other frame) that it is fixed to, and where it is in its frame.
     touch_links : sequence of str
         Links that it may touch, besides those that are rigidly connected with `link`.
     danger : bool
@@ -93,11 +91,12 @@ class Attachment:
         for name in (self.link, *self.touch_links):
             if name not in links:
                 raise UnknownNameError(f"link for {self.name!r}", name, links, parts.name)
-        if self.name in [*links, *_links(parts.collision_model)]:
+        bodies = parts.collision_model.geometryObjects
+        if self.name in [*links, *(_link(body.name) for body in bodies)]:
             raise InputError(f"a link or frame is called {self.name!r}: give another name", parts.name)
         frame = frame_index(parts.model, self.link)
         collision_model = self._added(parts.collision_model, parts.model, frame)
-        self._add_pairs(collision_model, len(parts.collision_model.geometryObjects))
+        self._add_pairs(collision_model, len(bodies))
         model, tips = parts.model, parts.tips
         if self.danger:
             model = model.copy()
@@ -182,10 +181,6 @@ def as_pose(value: Pose | pin.SE3 | Mapping[str, Any] | Sequence[float] | None, 
             document.check_keys(value, ("position", "quaternion_xyzw", "rpy", "yaw"))
             return Pose.from_mapping(value)
         return Pose(tuple(document.numbers("position", value, 3)))
-
-
-def _links(geometry: pin.GeometryModel) -> list[str]:
-    return [_link(part.name) for part in geometry.geometryObjects]
 
 
 def _link(body: str) -> str:

@@ -33,7 +33,11 @@ class PackageFolders:
         for folder in self._by_name.get(package, ()):
             if (folder / file).is_file():
                 return folder / file
-        for folder in _ros_folders():  # a workspace names the folders of packages as these
+        shares = (prefix / "share" for prefix in _variable("AMENT_PREFIX_PATH"))
+        for folder in (
+            *_variable("ROS_PACKAGE_PATH"),
+            *shares,
+        ):  # workspaces name folders of packages as these
             for place in (folder / package, folder):
                 if _package_name(place / _MANIFEST) == package and (place / file).is_file():
                     return place / file
@@ -41,20 +45,13 @@ class PackageFolders:
 
     @cached_property
     def _by_name(self) -> dict[str, list[Path]]:
+        """Folders with a manifest by the packages' names, the nearest first; each once."""
         found: dict[str, list[Path]] = {}
-        for folder in self._candidates():
-            name = _package_name(folder / _MANIFEST)
+        for folder in dict.fromkeys(self._places()):
+            name = _package_name(folder / _MANIFEST) if (folder / _MANIFEST).is_file() else None
             if name is not None:
                 found.setdefault(name, []).append(folder)
         return found
-
-    def _candidates(self) -> Iterator[Path]:
-        """Folders with a manifest, the nearest first; each once."""
-        seen: set[Path] = set()
-        for folder in self._places():
-            if folder not in seen and (folder / _MANIFEST).is_file():
-                seen.add(folder)
-                yield folder
 
     def _places(self) -> Iterator[Path]:
         for given in self._given:
@@ -67,11 +64,6 @@ class PackageFolders:
             yield from _folders_in([above])
         for folder in _variable("ROS_PACKAGE_PATH"):
             yield from _folders_in([folder, *_folders_in([folder])])
-
-
-def _ros_folders() -> list[Path]:
-    prefixes = _variable("AMENT_PREFIX_PATH")
-    return [*_variable("ROS_PACKAGE_PATH"), *(prefix / "share" for prefix in prefixes)]
 
 
 def _variable(name: str) -> list[Path]:

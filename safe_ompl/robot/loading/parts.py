@@ -30,24 +30,17 @@ class RobotParts:
 
     Attributes
     ----------
-    name : str
-        Name for reports.
-    source : str
-        File that the robot comes from, or its name: for errors.
-    model : pin.Model
-        Kinematics: planned joints and those that mimic them.
-    collision_model : pin.GeometryModel
-        Bodies, and the pairs of them that are checked against each other.
+    name, source : str
+        Name for reports, and the file that the robot comes from, or its name: for errors.
+    model, collision_model : pin.Model, pin.GeometryModel
+        Planned joints and those that mimic them; bodies, and the pairs of them that are checked against each other.
     read_visual : callable
         Returns the visual geometry; None where there is none.
-    link_ends : tuple of str
-        Joints, locked ones included, that are key points of the skeleton.
-    tips : tuple of str
-        Frames at the ends of arms; the first is the robot's tip.
-    mimics : mapping of str to Mimic
-        Joints of the model that follow planned ones.
-    held : mapping of str to float
-        Joints that are held, with their values [rad or m].
+    link_ends, tips : tuple of str
+        Joints, locked ones included, that are key points of the skeleton; frames at the ends of arms, the robot's tip
+        first.
+    mimics, held : mapping
+        Joints of the model that follow planned ones; joints that are held, with their values [rad or m].
     bare_links : tuple of str
         Links, moving or not, that have visual but no collision shapes.
     """
@@ -181,7 +174,8 @@ class Graft:
     @classmethod
     def of(cls, target: pin.Model, source: pin.Model, joint: int, pose: pin.SE3, prefix: str = "") -> Graft:
         """Append `source` to a joint of `target`, which is changed."""
-        graft = cls([joint], [_frame_of(target, joint)], pose, prefix)
+        frame = 0 if joint == 0 else int(target.getFrameId(target.names[joint]))
+        graft = cls([joint], [frame], pose, prefix)
         for k, moved in list(enumerate(source.joints))[1:]:
             v, q = slice(moved.idx_v, moved.idx_v + moved.nv), slice(moved.idx_q, moved.idx_q + moved.nq)
             number = target.addJoint(
@@ -225,10 +219,6 @@ class Graft:
 
     def _placed(self, joint: int, placement: pin.SE3) -> pin.SE3:
         return self.pose * placement if joint == 0 else placement
-
-
-def _frame_of(model: pin.Model, joint: int) -> int:
-    return 0 if joint == 0 else int(model.getFrameId(model.names[joint]))
 
 
 def _joined(models: Mapping[str, pin.GeometryModel]) -> pin.GeometryModel:

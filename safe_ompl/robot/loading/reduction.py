@@ -95,7 +95,9 @@ def _report(
     full: pin.Model, names: list[str], held: Mapping[str, float], moving: Collection[str], text: str
 ) -> None:
     """Say in a warning which joints are held at zero; of a gripper beyond the joints that move, at a lower level."""
-    beyond = {name for name in names if _beyond(full, name, moving)}
+    supports = {name: full.supports[full.getJointId(name)] for name in names}
+    # All that move are below these.
+    beyond = {name for name in names if {full.names[j] for j in supports[name]}.issuperset(moving)}
     for level, some in (
         (logging.WARNING, [name for name in names if name not in beyond]),
         (logging.INFO, [name for name in names if name in beyond]),
@@ -103,12 +105,6 @@ def _report(
         if some:
             values = ", ".join(f"{name} = {held[name]:g}" for name in some)
             _log.log(level, "%s: %s (locked= or locked_state= take another posture)", text, values)
-
-
-def _beyond(full: pin.Model, name: str, moving: Collection[str]) -> bool:
-    """Return whether all that move are below the joint."""
-    below = {full.names[j] for j in full.supports[full.getJointId(name)]}
-    return below.issuperset(moving)
 
 
 _LINK = " (link)"  # tells a link from a joint of the same name

@@ -133,7 +133,9 @@ class SrdfFile:
             if entry.tag == "group":
                 yield from self._joints_of(named, full, (*above, name))
             elif entry.tag == "joint":
-                self._known(full, named, name)
+                if not any(frame.name == named for frame in full.frames):
+                    known = list(full.names)[1:]
+                    raise UnknownNameError(f"joint of group {name!r}", named, known, str(self.path))
                 yield named
             elif entry.tag == "link":
                 yield full.frames[full.frames[self._link(full, named, name)].parentFrame].name
@@ -156,10 +158,6 @@ class SrdfFile:
             links = (frame.name for frame in full.frames if frame.type == pin.FrameType.BODY)
             raise UnknownNameError(f"link of group {group!r}", name, links, str(self.path))
         return int(full.getBodyId(name))
-
-    def _known(self, full: pin.Model, joint: str, group: str) -> None:
-        if not any(frame.name == joint for frame in full.frames):
-            raise UnknownNameError(f"joint of group {group!r}", joint, list(full.names)[1:], str(self.path))
 
     def _value(self, joint: ElementTree.Element, state: str) -> float:
         try:

@@ -161,16 +161,9 @@ def make_readable(root: ElementTree.Element) -> None:
     for shape in root.iterfind("link/*/geometry/capsule"):
         shape.tag = "cylinder"
     for link in root.findall("link"):
-        for inertial in _broken_inertials(link):
-            link.remove(inertial)
-
-
-def _broken_inertials(link: ElementTree.Element) -> list[ElementTree.Element]:
-    return [
-        element
-        for element in link.findall("inertial")
-        if element.find("mass") is None or element.find("inertia") is None
-    ]
+        for inertial in link.findall("inertial"):
+            if inertial.find("mass") is None or inertial.find("inertia") is None:
+                link.remove(inertial)
 
 
 def restore_capsules(geometry: pin.GeometryModel, root: ElementTree.Element, tag: str) -> None:
