@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, finite_array, number
-from safe_ompl.geometry import PointCloud, placed
+from safe_ompl.geometry import Obstacle, PointCloud, placed
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -51,9 +51,7 @@ def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Sc
             obstacles.append(obstacle)
         elif not own.all():
             kept = replace(obstacle.shape, points=points[~own], file=None)
-            obstacles.append(
-                type(obstacle)(obstacle.name, kept, obstacle.pose, obstacle.weight, obstacle.color)
-            )
+            obstacles.append(Obstacle(obstacle.name, kept, obstacle.pose, obstacle.weight, obstacle.color))
     return Scene(tuple(obstacles), scene.spacing)
 
 

@@ -133,9 +133,8 @@ class DangerLimit:
         """
         bounds = self._bounds
         ends = motion_ends(start, end, bounds.field.robot.n)
-        search = PeakSearch(
-            bounds.field, ends, bounds.floor, lambda lower: inf if lower > self.limit else self.limit
-        )
+        ceiling = self.limit
+        search = PeakSearch(bounds.field, ends, bounds.floor, lambda low: inf if low > ceiling else ceiling)
         search.narrow(give_up=True)
         if search.best.danger > self.limit:
             return MotionVerdict(Verdict.BLOCKED, search.best.t, _WITNESS)

@@ -109,14 +109,8 @@ class DangerField(RobotField):
         self.k2 = LEAD * self.k1 if k2 is None else number("k2", k2, at_least=0.0)
         self.gamma = number("gamma", gamma, at_least=0.0)
         self.tolerance = number("tolerance", tolerance, at_least=0.0, at_most=0.1)
-        self._evaluation = Evaluation(
-            robot,
-            self.segments,
-            by_length=self._by_length,
-            aggregate=aggregate,
-            sharpness=self.sharpness,
-            tolerance=self.tolerance,
-        )
+        measure = aggregate, self.sharpness, self.tolerance
+        self._evaluation = Evaluation(robot, self.segments, self._by_length, measure)
         self._obstacles: DangerousObstacles | None = None
         self._frozen: DangerField | None = None
         self.revision = 0
@@ -317,19 +311,8 @@ class DangerField(RobotField):
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""
-        return DangerField(
-            self.robot,
-            points,
-            weights,
-            aggregate=self.aggregate,
-            weighting=self.weighting,
-            k1=self.k1,
-            sharpness=self.sharpness,
-            tolerance=self.tolerance,
-            k2=self.k2,
-            gamma=self.gamma,
-            counts=self.counts,
-        )
+        keys = ("aggregate", "weighting", "k1", "sharpness", "tolerance", "k2", "gamma", "counts")
+        return DangerField(self.robot, points, weights, **{key: getattr(self, key) for key in keys})
 
     def push(self, q: ArrayLike) -> FloatArray:
         """Return the joint motion (n,) that the field's vectors ask for at `q: (n,)`, Σ_m Σ_l J_lᵀ w_m CDF(p_m).

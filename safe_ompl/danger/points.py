@@ -218,18 +218,12 @@ class Evaluation:
     """Danger of a robot at points given as kernels read them; nothing is checked. Arguments as of `DangerField`."""
 
     def __init__(
-        self,
-        robot: Robot,
-        segments: Segments,
-        *,
-        by_length: bool,
-        aggregate: Aggregate,
-        sharpness: float,
-        tolerance: float,
+        self, robot: Robot, segments: Segments, by_length: bool, measure: tuple[Aggregate, float, float]
     ) -> None:
         tree = robot.kinematics
         self._robot = robot
         self.tables = kernel.Tables(tree.joints, tree.keypoints, segments.pairs, by_length)
+        aggregate, sharpness, tolerance = measure
         self._aggregate = group_kernel.Aggregate(_KINDS[aggregate], sharpness, tolerance)
         self._no_gradients = np.empty((0, len(tree.joints)))
 

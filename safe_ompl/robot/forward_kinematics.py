@@ -75,26 +75,14 @@ class ForwardKinematics:
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names
         self.skeleton = skeleton
-        self.kinematics = KinematicTree(
-            self._chain.parents,
-            self._chain.placements,
-            self._chain.axes,
-            self._sliding,
-            skeleton.joints,
-            skeleton.offsets,
-        )
+        tree = self._chain.parents, self._chain.placements, self._chain.axes, self._sliding
+        self.kinematics = KinematicTree(*tree, skeleton.joints, skeleton.offsets)
         self._tables = self.kinematics.joints, self.kinematics.keypoints
         self.joint_prismatic: BoolArray = self._sliding
         self.joint_keypoint_support = self.supporting_joints(skeleton.joints)
         self._scratch = PerThread(model.createData)
-        for array in (
-            self.lower,
-            self.upper,
-            self.segments,
-            self.continuous,
-            self.prismatic,
-            self.joint_keypoint_support,
-        ):
+        flags = self.continuous, self.prismatic, self.joint_keypoint_support
+        for array in (self.lower, self.upper, self.segments, *flags):
             array.setflags(write=False)
 
     def configuration(self, value: ArrayLike | Mapping[str, float]) -> FloatArray:

@@ -167,14 +167,9 @@ class JointChain:
             joint.calc(joint_data, neutral)
             subspace = np.asarray(joint_data.S, dtype=np.float64).ravel()
             axes[i] = subspace[:3] if prismatic[i] else subspace[3:]
-        return cls(
-            [int(parent) for parent in model.parents][1:],
-            [pin.SE3(placement) for placement in model.jointPlacements][1:],
-            axes,
-            prismatic,
-            lower,
-            upper,
-        )
+        parents = [int(parent) for parent in model.parents][1:]
+        placements = [pin.SE3(placement) for placement in model.jointPlacements][1:]
+        return cls(parents, placements, axes, prismatic, lower, upper)
 
     def path_to_root(self, joint: int) -> list[int]:
         """Return the joints (0-based) that move Pinocchio's joint `joint`, the nearest first."""
@@ -214,12 +209,13 @@ class JointChain:
                 regions.append(ReachCylinder(placement.translation, placement.rotation @ axis, 0.0, 0.0))
             else:
                 regions.append(self.reach(parent, Hull(placement.translation[None], 0.0)))
+        fixed = np.array([parent == 0 for parent in self.parents], dtype=bool)
         return AxisReaches(
             np.array([region.center for region in regions]).reshape(-1, 3),
             np.array([region.axis for region in regions]).reshape(-1, 3),
             np.array([region.radius for region in regions]),
             np.array([region.half_length for region in regions]),
-            np.array([parent == 0 for parent in self.parents], dtype=bool),
+            fixed,
             self.prismatic,
         )
 

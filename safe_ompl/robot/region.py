@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from math import hypot
 from typing import Any, TypeAlias
 
@@ -89,21 +89,14 @@ class GoalRegion:
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> GoalRegion:
         """Read a region from a document: `frame` with position and orientation, and bounds."""
-        keys = [bounded.name for bounded in fields(cls)]
-        document.check_keys(data, keys)
+        document.check_fields(cls, data)
         frame = document.mapping("frame", data.get("frame", {}), _POSE_KEYS)
-        with document.within("frame"):
-            pose = Pose.from_mapping(frame)
-        return cls(pose, **{key: data[key] for key in keys if key != "frame" and key in data})
+        return cls(**{**data, "frame": document.section("frame", frame, Pose.from_mapping)})
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
-        data: dict[str, Any] = {} if self.frame == Pose() else {"frame": self.frame.to_mapping()}
-        for key in (bounded.name for bounded in fields(self) if bounded.name != "frame"):
-            given = getattr(self, key)
-            if given is not None:
-                data[key] = list(given)
-        return data
+        given = document.changed_fields(self)
+        return {k: v.to_mapping() if isinstance(v, Pose) else list(v) for k, v in given.items()}
 
     @property
     def turns(self) -> bool:

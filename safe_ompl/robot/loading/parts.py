@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -100,12 +100,13 @@ class RobotParts:
         """Return the robot with its base fixed to a joint of `model`, which it is appended to."""
         graft = Graft.of(model, self.model, joint, pose)
         model.name = self.model.name
-        return replace(
-            self,
-            model=model,
-            collision_model=graft.geometry(self.collision_model),
-            read_visual=lambda: graft.optional_geometry(self.read_visual()),
-        )
+
+        def visual() -> pin.GeometryModel | None:
+            drawn = self.read_visual()
+            return None if drawn is None else graft.geometry(drawn)
+
+        bodies = graft.geometry(self.collision_model)
+        return replace(self, model=model, collision_model=bodies, read_visual=visual)
 
 
 def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotParts:
@@ -116,16 +117,12 @@ def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotPart
         prefix: Graft.of(model, parts.model, 0, pin.SE3.Identity(), f"{prefix}_")
         for prefix, parts in robots.items()
     }
-    bodies = _joined({p: grafts[p].geometry(parts.collision_model) for p, parts in robots.items()})
+    bodies = _joined([grafts[p].geometry(parts.collision_model) for p, parts in robots.items()])
     _add_pairs_between(bodies, [len(parts.collision_model.geometryObjects) for parts in robots.values()])
 
     def visual() -> pin.GeometryModel:
-        return _joined(
-            {
-                p: grafts[p].geometry(parts.read_visual() or parts.collision_model)
-                for p, parts in robots.items()
-            }
-        )
+        drawn = {prefix: parts.read_visual() or parts.collision_model for prefix, parts in robots.items()}
+        return _joined([grafts[prefix].geometry(model) for prefix, model in drawn.items()])
 
     def prefixed(names: Callable[[RobotParts], tuple[str, ...]], order: list[str]) -> tuple[str, ...]:
         return tuple(f"{prefix}_{name}" for prefix in order for name in names(robots[prefix]))
@@ -178,16 +175,11 @@ class Graft:
         graft = cls([joint], [frame], pose, prefix)
         for k, moved in list(enumerate(source.joints))[1:]:
             v, q = slice(moved.idx_v, moved.idx_v + moved.nv), slice(moved.idx_q, moved.idx_q + moved.nq)
-            number = target.addJoint(
-                graft.joints[source.parents[k]],
-                moved,
-                graft._placed(source.parents[k], source.jointPlacements[k]),
-                prefix + source.names[k],
-                source.effortLimit[v],
-                source.velocityLimit[v],
-                source.lowerPositionLimit[q],
-                source.upperPositionLimit[q],
-            )
+            above, placement = source.parents[k], graft._placed(source.parents[k], source.jointPlacements[k])
+            rates = source.effortLimit[v], source.velocityLimit[v]
+            ends = source.lowerPositionLimit[q], source.upperPositionLimit[q]
+            name = prefix + source.names[k]
+            number = target.addJoint(graft.joints[above], moved, placement, name, *rates, *ends)
             target.inertias[number] = source.inertias[k]
             graft.joints.append(number)
         for frame in list(source.frames)[1:]:
@@ -213,18 +205,14 @@ class Graft:
             found.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
         return found
 
-    def optional_geometry(self, source: pin.GeometryModel | None) -> pin.GeometryModel | None:
-        """Return `geometry(source)`, or None for None."""
-        return None if source is None else self.geometry(source)
-
     def _placed(self, joint: int, placement: pin.SE3) -> pin.SE3:
         return self.pose * placement if joint == 0 else placement
 
 
-def _joined(models: Mapping[str, pin.GeometryModel]) -> pin.GeometryModel:
+def _joined(models: Iterable[pin.GeometryModel]) -> pin.GeometryModel:
     """Return one geometry model with the bodies of all, and the pairs of each."""
     joined = pin.GeometryModel()
-    for model in models.values():
+    for model in models:
         first = len(joined.geometryObjects)
         for part in model.geometryObjects:
             joined.addGeometryObject(part)

@@ -111,13 +111,8 @@ class ModelsBlueprint(Blueprint):
 
     def assemble(self) -> RobotParts:
         """Lock joints, and build what remains; pairs that the collision model has are those that are checked."""
-        source = _Source(
-            self.model.copy(),
-            independent(self.collision_model),
-            lambda: self.visual_model,
-            self.mimics,
-            self.name,
-        )
+        models = self.model.copy(), independent(self.collision_model)
+        source = _Source(*models, lambda: self.visual_model, self.mimics, self.name)
         return source.reduced(self.name, JointChoice(self.tip, self.locked), self.limits, self.hulls)
 
     def with_limits(self, limits: RangeByJoint) -> ModelsBlueprint:
