@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from ompl import geometric as og
 
-from safe_ompl.collision import bounds as distance_bounds
+from safe_ompl.collision import pairs as distance_bounds
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.distances import Proximity

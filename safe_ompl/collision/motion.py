@@ -11,11 +11,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.bounds import BoundsProof, Curve
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.pairs import PairSet
+from safe_ompl.collision.pairs import BoundsProof, Curve, PairSet
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
-from safe_ompl.common import FloatArray, InputError, finite_array, positive, unchecked
+from safe_ompl.common import FloatArray, InputError, finite_array, positive, shaped_configuration
 from safe_ompl.robot import JointLimits
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
@@ -83,20 +82,13 @@ class CertifiedMotion:
     checker : CollisionChecker
         Answers the queries.
     floor : float
-        [m] Give up on an interval in which the bodies move less than this: an edge with less clearance than
+        [m] > 0 Give up on an interval in which the bodies move less than this: an edge with less clearance than
         about half the floor stays undecided.
     separation : Separation
-        What the robot must keep from obstacles. By default it must not touch them; see also `with_margin`,
+        What the robot must keep from obstacles of the scene. By default it must not touch them; see also `with_margin`,
         `with_min_clearance` and `with_moving_obstacles`.
     limits : sequence of MotionLimit
         What else must be proven of a motion that is free, such as a `DangerLimit`.
-
-    Raises
-    ------
-    InputError
-        If the floor is not positive.
-    UnknownNameError
-        If the scene has no obstacle of a name in the separation.
     """
 
     def __init__(
@@ -172,10 +164,8 @@ class CertifiedMotion:
 
         Raises
         ------
-        UnknownNameError
-            If the scene has no obstacle of such a name.
         InputError
-            If a speed or the time is negative or not finite.
+            If the scene has no obstacle of such a name, or a speed or the time is negative or not finite.
         """
         return self.with_separation(replace(self._separation, speeds=speeds, time=time))
 
@@ -185,7 +175,7 @@ class CertifiedMotion:
 
     def with_separation(self, separation: Separation) -> CertifiedMotion:
         """Return the same that proves another separation."""
-        return CertifiedMotion(self._checker, self._floor, separation=separation, limits=self._limits)
+        return self.with_checker(self._checker, separation)
 
     def with_limits(self, limits: Sequence[MotionLimit]) -> CertifiedMotion:
         """Return the same that proves other limits besides."""
@@ -210,10 +200,7 @@ class CertifiedMotion:
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.
 
-        Raises
-        ------
-        InputError
-            If a configuration has the wrong shape or is not finite.
+        Raises InputError if a configuration has the wrong shape or is not finite.
         """
         return self._check(*self._edge(start, end), self._required)
 
@@ -227,7 +214,7 @@ class CertifiedMotion:
         """Check a motion among obstacles that move, however they do, no faster than their speeds.
 
         See `docs/mathematics.md` §3. At time 0 obstacles are where the scene has them; at time t an obstacle has moved
-        by no more than speed·t.
+        by no more than speed·t. Errors as `check`; also for unknown obstacles, and speeds or spans that are none.
 
         Parameters
         ----------
@@ -242,13 +229,6 @@ class CertifiedMotion:
         -------
         MotionVerdict
             FREE: proven whatever the obstacles do. BLOCKED: at `at` an obstacle may have come to the robot.
-
-        Raises
-        ------
-        UnknownNameError
-            If the scene has no obstacle of such a name.
-        InputError
-            If a speed is negative or not finite, or the span is not one; and as `check`.
         """
         required = self._separation.required_during(self._checker, speeds, span)
         return self._check(*self._edge(start, end), required)
@@ -301,7 +281,8 @@ class CertifiedMotion:
 
     def _edge(self, start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
         n = self._checker.robot.n
-        return unchecked(start, n, "start of a motion"), unchecked(end, n, "end of a motion")
+        first = shaped_configuration(start, n, "start of a motion")
+        return first, shaped_configuration(end, n, "end of a motion")
 
     def _check_finite(self, start: FloatArray, end: FloatArray) -> None:
         if not (np.isfinite(start).all() and np.isfinite(end).all()):
@@ -375,10 +356,6 @@ class CertifiedMotion:
             intervals += [(t + half, half), (t - half, half)]
         return MotionVerdict(Verdict.FREE)
 
-    def _refused(self, q: FloatArray, t: float, required: RequiredDistances) -> bool:
-        """Return whether the robot touches something, or is nearer than it must be, at the fraction t of a motion."""
-        return self._checker.touches(q) or required.violated(q, t)
-
     def _decided(
         self, start: FloatArray, end: FloatArray, required: RequiredDistances
     ) -> tuple[Verdict, float | None]:
@@ -400,8 +377,10 @@ class CertifiedMotion:
         known = pairs.bounds.prove(curve, required.allowed_for, required.growth, self._floor)
         if known.proven:
             return Verdict.FREE, None
-        if known.at >= 0 and self._refused(place(curve, known.at), known.at, required):
-            return Verdict.BLOCKED, known.at
+        if known.at >= 0:
+            q = place(curve, known.at)
+            if checker.touches(q) or required.violated(q, known.at):
+                return Verdict.BLOCKED, known.at
         approach = _approach(pairs, speeds_about(curve, 0.5, 0.5), required)
         widest = float(approach.max(initial=0.0))
         count = max(1, ceil(0.5 * widest / _FIRST_REACH))

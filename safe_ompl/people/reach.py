@@ -19,6 +19,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, IntArray, number
 from safe_ompl.geometry import STANDING
+from safe_ompl.geometry.kernels import Sets
 from safe_ompl.scene import People
 
 _LONGER = 1.15  # arms of a person are at most this much longer than those of a mean person of that height
@@ -42,9 +43,9 @@ class ReachSets:
         return len(self.owners)
 
     @property
-    def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
+    def arrays(self) -> Sets:
         """All arrays, as `safe_ompl.geometry.kernels.gaps` takes them."""
-        return self.owners, self.points, self.velocities, self.first, self.radii, self.growth
+        return Sets(self.owners, self.points, self.velocities, self.first, self.radii, self.growth)
 
     @classmethod
     def none(cls) -> ReachSets:

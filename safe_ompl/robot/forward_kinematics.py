@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 from collections.abc import Mapping, Sequence
 from math import comb
 
@@ -16,14 +15,14 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     IntArray,
+    PerThread,
     UnknownNameError,
     configuration,
     finite_array,
 )
-from safe_ompl.robot.joint_tables import Coupling, KinematicTree
-from safe_ompl.robot.kernels.kinematics import within
+from safe_ompl.robot.joint_tables import Coupling, KinematicTree, Skeleton, frame_index, plain
+from safe_ompl.robot.kernels import kinematics as kernel
 from safe_ompl.robot.loading.parts import RobotParts
-from safe_ompl.robot.skeleton import Skeleton, frame_index
 
 _FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: asking for it costs least
 _WITHIN = 1e-9  # [rad or m] by which a value may be outside its limits
@@ -36,11 +35,6 @@ class ForwardKinematics:
 
     The n planned joints move the m ≥ n joints of Pinocchio's model: where a joint mimics another one, m > n. Both
     are the same where nothing mimics.
-
-    Parameters
-    ----------
-    parts : RobotParts
-        Pinocchio's models of the robot.
 
     Attributes
     ----------
@@ -83,34 +77,20 @@ class ForwardKinematics:
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names
         self.skeleton = skeleton
-        self.kinematics = KinematicTree(
-            self._chain.parents,
-            self._chain.placements,
-            self._chain.axes,
-            self._sliding,
-            skeleton.joints,
-            skeleton.offsets,
-        )
+        tree = self._chain.parents, self._chain.placements, self._chain.axes, self._sliding
+        self.kinematics = KinematicTree(*tree, skeleton.joints, skeleton.offsets)
+        self._tables = self.kinematics.joints, self.kinematics.keypoints
         self.joint_prismatic: BoolArray = self._sliding
         self.joint_keypoint_support = self.supporting_joints(skeleton.joints)
-        self._scratch = _Scratch(model)
-        for array in (
-            self.lower,
-            self.upper,
-            self.segments,
-            self.continuous,
-            self.prismatic,
-            self.joint_keypoint_support,
-        ):
+        self._scratch = PerThread(model.createData)
+        flags = self.continuous, self.prismatic, self.joint_keypoint_support
+        for array in (self.lower, self.upper, self.segments, *flags):
             array.setflags(write=False)
 
     def configuration(self, value: ArrayLike | Mapping[str, float]) -> FloatArray:
         """Return `value` as a configuration (n,): an array-like, or a mapping of every joint's name to its value.
 
-        Raises
-        ------
-        InputError
-            If the shape is wrong, a number is not finite, or joints are missing or unknown.
+        Raises InputError if the shape is wrong, a number is not finite, or joints are missing or unknown.
         """
         if isinstance(value, Mapping):
             for name in value:
@@ -168,28 +148,16 @@ class ForwardKinematics:
 
     def keypoints(self, q: ArrayLike) -> FloatArray:
         """Return the key points of the skeleton (K, 3) [m] in the world frame at `q: (n,)`."""
-        points: FloatArray = self.kinematics.places(self.coupling.values(self._checked(q)[None]))[0]
-        return points
+        return self.keypoints_batch(self._checked(q)[None])[0]  # type: ignore[no-any-return]
 
     def keypoints_batch(self, Q: ArrayLike) -> FloatArray:
         """Return the key points (B, K, 3) [m] for a batch of configurations `Q: (B, n)`."""
-        return self.kinematics.places(self.model_values(Q))
+        return kernel.keypoints(*self._tables, plain(self.model_values(Q)))
 
     def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
-        """Map gradients with respect to the key points to gradients with respect to the joints, Σ_k J_kᵀ g_k.
-
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-            Configurations.
-        gradients : ndarray, shape (B, K, 3)
-            Gradient with respect to each key point.
-
-        Returns
-        -------
-        ndarray, shape (B, n)
-        """
-        return self.coupling.columns(self.kinematics.pull_back(self.model_values(Q), gradients))
+        """Map gradients (B, K, 3) by the key points at `Q: (B, n)` to gradients (B, n) by the joints, Σ_k J_kᵀ g_k."""
+        values = plain(self.model_values(Q))
+        return self.coupling.columns(kernel.pull_back(*self._tables, values, plain(gradients)))
 
     def keypoint_jacobians(self, q: ArrayLike) -> FloatArray:
         """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
@@ -200,44 +168,20 @@ class ForwardKinematics:
         return self.coupling.columns(np.swapaxes(columns, 1, 2))
 
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return positions, velocities and accelerations of the key points while the joints move at a steady rate.
+        """Return x [m], dx/dt and d²x/dt², (B, K, 3) each, of the key points at `Q: (B, n)` at steady rates of joints.
 
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-            Configurations.
-        delta : ndarray, shape (B, n)
-            Rate of the joints, such as the Δ of an edge q₁ + tΔ.
-
-        Returns
-        -------
-        three ndarrays, shape (B, K, 3)
-            x [m], dx/dt and d²x/dt² [m, for t without unit].
+        The rates `delta: (B, n)` are such as the Δ of an edge q₁ + tΔ.
         """
-        return self.kinematics.motions(self.model_values(Q), self.coupling.motions(delta))
+        values, rates = plain(self.model_values(Q)), plain(self.coupling.motions(delta))
+        return kernel.keypoint_motions(*self._tables, values, rates)
 
     def body_points(
         self, Q: FloatArray, rows: IntArray, joints: IntArray, points: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return where points of bodies are, and what moves them.
+        """Return where points of bodies are, (C, 3) [m] in the world frame, and what moves them, (C, n, 3).
 
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-            Configurations.
-        rows : ndarray of int, shape (C,)
-            The configuration for each point.
-        joints : ndarray of int, shape (C,)
-            Pinocchio's number of the joint that carries it.
-        points : ndarray, shape (C, 3)
-            In the frame of that joint [m].
-
-        Returns
-        -------
-        places : ndarray, shape (C, 3)
-            In the world frame [m].
-        jacobians : ndarray, shape (C, n, 3)
-            Velocity of the point per unit of each joint's rate; the Jacobian, transposed.
+        Point c is `points[c]` in the frame of the joint with Pinocchio's number `joints[c]`, at `Q[rows[c]]`. Its
+        velocity per unit of each joint's rate is the Jacobian, transposed.
         """
         places, columns = self.kinematics.point_jacobians(self.model_values(Q), rows, joints, points)
         if self.coupling.trivial:
@@ -246,7 +190,7 @@ class ForwardKinematics:
 
     def tip_pose(self, q: ArrayLike) -> pin.SE3:
         """Return the pose of the tip frame at `q: (n,)` in the world frame."""
-        data = self._scratch.data
+        data = self._scratch.own
         pin.framesForwardKinematics(self._model, data, self.pinocchio_configuration(self._checked(q)))
         return pin.SE3(data.oMf[self.tip_frame])
 
@@ -254,7 +198,7 @@ class ForwardKinematics:
         """Return the Jacobian (6, n) of the tip: linear, then angular velocity, in world-aligned axes."""
         jacobian: FloatArray = pin.computeFrameJacobian(
             self._model,
-            self._scratch.data,
+            self._scratch.own,
             self.pinocchio_configuration(self._checked(q)),
             self.tip_frame,
             pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
@@ -275,22 +219,10 @@ class ForwardKinematics:
         return support
 
 
-class _Scratch(threading.local):
-    """Pinocchio's working memory, one for each thread."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self.data = model.createData()
-
-
 class JointLimits:
     """Says whether a configuration is finite and within the joint limits of a robot.
 
     The same as ``robot.within_limits(q).all()``, which takes twenty times as long for so few numbers.
-
-    Parameters
-    ----------
-    robot : ForwardKinematics
-        The robot.
     """
 
     def __init__(self, robot: ForwardKinematics) -> None:
@@ -303,7 +235,7 @@ class JointLimits:
 
     def hold(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
-        return bool(within(q, self._bounds))
+        return bool(kernel.within(q, self._bounds))
 
     def left_by(self, curve: Sequence[FloatArray]) -> tuple[int, float] | None:
         """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], and a t where it may.

@@ -31,7 +31,7 @@ from _paper.tables import effort_table, markdown_table, ratio_table
 
 from safe_ompl.apps.benchmark.campaign import Campaign, failure
 from safe_ompl.apps.benchmark.runs import Run
-from safe_ompl.common.counts import Counts
+from safe_ompl.common import Counts
 from safe_ompl.common.errors import InputError, UnknownNameError
 from safe_ompl.paths.measures import ClearanceReport, DangerReport
 from safe_ompl.paths.report import PathReport

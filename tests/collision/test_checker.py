@@ -9,7 +9,7 @@ import pytest
 
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR
 from safe_ompl.collision.checker import Clearance, CollisionChecker
-from safe_ompl.common.counts import Counts
+from safe_ompl.common import Counts
 from safe_ompl.common.errors import InputError
 from safe_ompl.geometry.basic import Box, Cylinder, Sphere
 from safe_ompl.geometry.cloud import PointCloud

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.collision.bounds import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import FLOOR, CertifiedMotion, Verdict
+from safe_ompl.collision.pairs import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.collision.separation import Separation
-from safe_ompl.common.counts import Counts
+from safe_ompl.common import Counts
 from safe_ompl.geometry.basic import Box
 from safe_ompl.geometry.cloud import PointCloud
 from safe_ompl.geometry.obstacle import Obstacle

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from safe_ompl.certificates.issue import certificate
 from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.bounds import BoundsProof, DistanceBounds
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict, Verdict
-from safe_ompl.common.counts import Counts
+from safe_ompl.collision.pairs import BoundsProof, DistanceBounds
+from safe_ompl.common import Counts
 from safe_ompl.common.errors import InputError
 from safe_ompl.geometry.basic import Box, Sphere
 from safe_ompl.geometry.obstacle import Obstacle

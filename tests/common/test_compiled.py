@@ -196,7 +196,10 @@ def test_kernels_call_and_use_nothing_of_files_that_are_not_watched():
     assert Path(danger.__file__) in files
     watched = {".".join(("safe_ompl", *file.relative_to(package).with_suffix("").parts)) for file in files}
     for module in watched & set(sys.modules):
-        for name, value in vars(sys.modules[module]).items():
-            home = getattr(value, "__module__", None) or getattr(value, "__name__", "")
+        names = vars(sys.modules[module])
+        kernels = [value.py_func for value in names.values() if hasattr(value, "py_func")]
+        used = {name for kernel in kernels for name in kernel.__code__.co_names if name in names}
+        for name in used:
+            home = getattr(names[name], "__module__", None) or getattr(names[name], "__name__", "")
             if home.startswith("safe_ompl") and home != compiled.__name__:
                 assert home in watched, f"{module} uses {name} of {home}"

@@ -158,17 +158,11 @@ def test_length_weighting_is_the_integral_over_arc_length(rng):
 
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
 def test_k1_is_a_factor(rng, weighting):
-    keypoints, points, weights = arm(rng, 2), rng.normal(size=(3, 3)), rng.uniform(size=(2, 3))
-    for function, arguments in (
-        (field, (points,)),
-        (segment_fields, (points,)),
-        (workspace_gradient, (points,)),
-        (keypoint_gradient, (points, weights)),
-    ):
-        one = function(keypoints, ARM, *arguments, weighting=weighting)
-        np.testing.assert_allclose(
-            function(keypoints, ARM, *arguments, weighting=weighting, k1=2.5), 2.5 * one, rtol=1e-12
-        )
+    keypoints, points = arm(rng, 2), rng.normal(size=(3, 3))
+    one = field(keypoints, ARM, points, weighting=weighting)
+    np.testing.assert_allclose(
+        field(keypoints, ARM, points, weighting=weighting, k1=2.5), 2.5 * one, rtol=1e-12
+    )
 
 
 # ------------------------------------------------------------------------------------------- batches, blocks

@@ -4,11 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from oracles.numpy_bracket import isotropic_bracket
 from scipy.integrate import quad
 
 from safe_ompl.danger import link_field as static_field
+from safe_ompl.danger.kinetostatic import gradients, terms
 from safe_ompl.danger.link_field import Segments
-from safe_ompl.danger.moving_link_field import gradients, isotropic_bracket, terms
 
 LINK = Segments([[0, 1]])
 

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from safe_ompl.danger import evaluation as point_groups
-from safe_ompl.danger.evaluation import PointGroups
+from safe_ompl.danger import points as point_groups
+from safe_ompl.danger.points import grouped
 
 
 @pytest.mark.parametrize("number", [1, 64, 65, 1024, 1025, 5000])
 @pytest.mark.parametrize("flat", [1.0, 0.0])
 def test_groups_hold_their_points(rng, number, flat):
     points, charges = rng.normal(size=(number, 3)) * [1.0, flat, flat], rng.choice([1.0, 2.0], number)
-    groups = PointGroups.of(points, charges)
+    groups = grouped(points, charges)
     places, kept, balls = groups.columns[0, :, :number], groups.charges[0], groups.balls
     centres = groups.columns[0, :, number:]
     given = np.column_stack([points, charges])
@@ -51,5 +51,5 @@ def test_the_curve_goes_from_cell_to_cell_beside_it(monkeypatch):
 
 def test_groups_are_compact(rng):
     """A hundred groups of points in a cube are about as wide as a hundredth of the cube."""
-    groups = PointGroups.of(rng.uniform(size=(6400, 3)), np.ones(6400))
+    groups = grouped(rng.uniform(size=(6400, 3)), np.ones(6400))
     assert np.median(groups.balls["radius"][groups.balls["begin"][0] :]) < 0.25

@@ -21,7 +21,7 @@ from safe_ompl.planning.ompl.goals import WorkspaceGoal
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.place import inverse_kinematics
+from safe_ompl.robot import inverse_kinematics
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

@@ -19,12 +19,11 @@ from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.place import inverse_kinematics
+from safe_ompl.robot import inverse_kinematics
 from safe_ompl.robot.region import GoalRegion
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scene.constraints import PathLimits, TipBox, ToolConstraint
-from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario
+from safe_ompl.scene.scenario import Goal, Scenario
 from safe_ompl.scene.scene import Scene
 
 DOWN = np.diag([1.0, -1.0, -1.0])

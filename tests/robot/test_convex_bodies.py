@@ -9,7 +9,7 @@ from numba import njit
 from safe_ompl.geometry.cloud import PointCloud
 from safe_ompl.geometry.kernels.convex import POSE, distance_bounds, from_box, support
 from safe_ompl.geometry.mesh import triangle_tree
-from safe_ompl.robot.convex_bodies import ConvexBodies
+from safe_ompl.robot import ConvexBodies
 
 ERROR = 1e-5  # [m] of coal's distances
 
@@ -54,9 +54,7 @@ def bounds(first, second, axis=None, enough=np.inf, least=-np.inf):
         pose["centre"] = body["translation"] + body["rotation"] @ body["centre"]
     if axis is None:
         axis = poses[0]["centre"] - poses[1]["centre"]
-    a, b = zip(model.bodies, poses, strict=True)
-    lists = model.starts, model.vertices
-    return distance_bounds(*a, *b, *lists, np.array(axis), np.empty((4, 3)), enough, least)
+    return distance_bounds(model.shapes, poses, 0, 1, np.array(axis), np.empty((4, 3)), enough, least)
 
 
 def placed(shape, rng, reach):

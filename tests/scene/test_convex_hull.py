@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.hulls import convex_hull
+from safe_ompl.geometry import convex_hull
 from safe_ompl.geometry.mesh import Mesh
 from safe_ompl.robot.robot import Robot
 

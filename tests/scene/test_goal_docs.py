@@ -11,7 +11,7 @@ import yaml
 
 from safe_ompl.robot.region import GoalRegion
 from safe_ompl.scene.constraints import PathLimits, TipBox, ToolConstraint
-from safe_ompl.scene.goal import Goal
+from safe_ompl.scene.scenario import Goal
 
 PAGE = (Path(__file__).parents[2] / "docs" / "goals.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)

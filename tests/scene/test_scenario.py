@@ -16,8 +16,7 @@ from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.common.errors import InputError, UnknownNameError
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario, find_scenario, list_scenarios
+from safe_ompl.scene.scenario import Goal, Scenario, find_scenario, list_scenarios
 from safe_ompl.scene.scene import Scene
 
 FOLDER = Path(__file__).resolve().parents[2] / "scenarios"

@@ -11,7 +11,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import JointMotions
-from safe_ompl.geometry.kernels import cell_gaps, gaps
+from safe_ompl.geometry.kernels import CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
 from safe_ompl.robot import Robot, bounding_hull
 from safe_ompl.trajectories import (
@@ -161,7 +161,7 @@ class RobotBodies:
         first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
         middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
         extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
-        self.arrays = (
+        self.arrays = Hulls(
             carriers,
             np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
             first,
@@ -304,7 +304,7 @@ class GuardedPath:
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
         around = self._arrays(sets, clearance, enough, close, not exact)
-        margin, _, body, who = gaps(motion.cells, times[:-1], times[1:], *around)
+        margin, _, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), *around)
         if body < 0:
             return Margin(np.inf)
         return Margin(float(margin), self.bodies.links[body], sets.names[who])
@@ -383,4 +383,4 @@ class GuardedPath:
 
     def _arrays(self, sets: ReachSets, *rest: float) -> Any:
         """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `gaps`."""
-        return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays, *rest
+        return CellFrames(*self.frames, self.travel), self.bodies.arrays, sets.arrays, *rest

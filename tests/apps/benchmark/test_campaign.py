@@ -30,8 +30,7 @@ from safe_ompl.planning.planners.registry import is_ours, planner_names
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario
+from safe_ompl.scene.scenario import Goal, Scenario
 from safe_ompl.scene.scene import Scene
 
 PLANNERS = ("RRTConnect", "SafeRRTConnect")

@@ -6,7 +6,7 @@ from ompl import base as ob
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import Verdict
-from safe_ompl.common.counts import Counts
+from safe_ompl.common import Counts
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
 from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
 

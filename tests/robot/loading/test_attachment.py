@@ -14,7 +14,7 @@ from safe_ompl.geometry.cloud import PointCloud
 from safe_ompl.geometry.mesh import Mesh
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.loading.attachment import Attachment, as_pose
+from safe_ompl.robot.loading.blueprint import Attachment, as_pose
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

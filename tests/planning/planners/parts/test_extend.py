@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plane import PlaneProblem, wall_with_a_gap
 
-from safe_ompl.common.counts import Counts
+from safe_ompl.common import Counts
 from safe_ompl.planning.planners.parts.extend import (
     Extension,
     SafeStep,

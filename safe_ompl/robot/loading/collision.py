@@ -1,19 +1,101 @@
-"""Which pairs of a robot's own bodies are worth checking against each other."""
+"""What of a robot collides: shapes of the URDF, convex hulls, and the pairs of its own bodies worth checking."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Container
+from collections.abc import Container, Iterable, Mapping
 from hashlib import sha256
 from pathlib import Path
+from typing import Literal, get_args
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, cache, warn_once
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, cache, warn_once
+from safe_ompl.geometry import convex_hull
+from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.loading.urdf import UrdfFile
 
 _log = logging.getLogger(__name__)
+
+_THICKNESS = 2e-4  # [m] of the hulls of flat meshes, such as stickers
+
+CollisionSource = Literal["required", "visual", "optional"]
+"""What to do about links without collision shapes.
+
+"required": a robot none of whose moving links has one is refused; "visual": the visual shapes of such links collide;
+"optional": a robot without any is accepted, and touches nothing.
+"""
+
+
+def check_source(collision: str, source: str) -> None:
+    """Raise UnknownNameError if `collision` is none of `CollisionSource`."""
+    if collision not in get_args(CollisionSource):
+        raise UnknownNameError("choice of collision shapes", collision, get_args(CollisionSource), source)
+
+
+def build_collision_geometry(urdf: UrdfFile, full: pin.Model, collision: str) -> pin.GeometryModel:
+    """Return the collision geometry of all links; with "visual", the visual shapes of links that have no other.
+
+    Errors as `UrdfFile.build_geometry`, or if `collision` is unknown.
+    """
+    check_source(collision, str(urdf.path))
+    geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION)
+    bare = urdf.links_with_visuals_only()
+    if collision != "visual" or not bare:
+        return geometry
+    for part in urdf.build_geometry(full, pin.GeometryType.VISUAL).geometryObjects:
+        if full.frames[part.parentFrame].name in bare:
+            geometry.addGeometryObject(part)
+    _log.info("%s: visual shapes collide, too: those of %s", urdf.path.name, ", ".join(sorted(bare)))
+    return geometry
+
+
+def links_with_visuals_alone(
+    urdf: UrdfFile, model: pin.Model, geometry: pin.GeometryModel, collision: str
+) -> tuple[str, ...]:
+    """Return the links, moving or not, that have visual shapes but no collision shapes.
+
+    `model` and `geometry` are the joints that move and the bodies that collide. Raises InputError if no moving link has
+    a collision shape, unless `collision` is "optional".
+    """
+    if collision != "optional" and not any(part.parentJoint for part in geometry.geometryObjects):
+        remedy = (
+            "its visual shapes are taken with" if collision == "required" else "it has no visual ones either;"
+        )
+        choice = (
+            "collision='visual' (--collision visual)"
+            if collision == "required"
+            else "to plan without any, give collision='optional' (--collision optional)"
+        )
+        raise InputError(
+            f"no moving link has a collision shape, so that nothing could ever touch: {remedy} {choice}",
+            str(urdf.path),
+        )
+    collides = {model.frames[part.parentFrame].name for part in geometry.geometryObjects}
+    bare = urdf.links_with_visuals_only() - collides
+    return tuple(
+        frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.name in bare
+    )
+
+
+def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
+    """Say in one warning which moving links have no collision shapes, if any."""
+    if names := ", ".join(links):
+        warn_once(
+            _log,
+            f"{robot}: nothing is checked for links that have no collision shape: {names} "
+            "(collision='visual' takes their visual shapes)",
+        )
+
+
+def make_convex(geometry: pin.GeometryModel) -> None:
+    """Replace every mesh of `geometry` by its convex hull, in place; flat ones get a little thickness."""
+    for part in geometry.geometryObjects:
+        if isinstance(part.geometry, coal.BVHModelBase):
+            part.geometry = convex_hull(part.geometry, part.name, _THICKNESS)
+
 
 _SAMPLES = 1000
 _ALWAYS = 0.95  # share of the samples in contact from which a pair counts as always in contact
@@ -28,42 +110,29 @@ def select_self_pairs(
 ) -> None:
     """Add to `geometry` the pairs of the robot's own bodies that are worth checking.
 
-    Pairs that the SRDF disables go. Where it disables none, those of adjacent links go. Of the rest, those in
-    contact in more than 95 % of the sampled configurations go: no configuration could be free otherwise. What is
-    dropped, and is not disabled by the SRDF, is logged; pairs that merely were never seen in contact stay.
-
-    Parameters
-    ----------
-    model, geometry : pin.Model, pin.GeometryModel
-        Kinematics and bodies.
-    srdf : str or None
-        File of the SRDF.
-    samples : ndarray, shape (S, nq)
-        Configurations in Pinocchio's form.
-    robot : str
-        Name for the log.
-
-    Raises
-    ------
-    InputError
-        If the SRDF is not one.
+    Pairs that the SRDF (a file, if any) disables go. Where it disables none, those of adjacent links go. Of the rest,
+    those in contact in more than 95 % of the `samples: (S, nq)` go: no configuration could be free otherwise. What is
+    dropped, and is not disabled by the SRDF, is logged under the name of the robot; pairs that merely were never seen
+    in contact stay.
     """
     geometry.addAllCollisionPairs()
     before = len(geometry.collisionPairs)
     if srdf is not None:
-        _disable_pairs(model, geometry, Path(srdf))
+        try:
+            text = Path(srdf).read_text(encoding="utf-8")
+            pin.removeCollisionPairsFromXML(model, geometry, text, False)
+        except (ValueError, RuntimeError) as error:
+            raise InputError(f"not a valid SRDF ({error})", srdf) from None
     removed = before - len(geometry.collisionPairs)
     if removed:
         _log.info("%s: %d self-collision pairs disabled by %s", robot, removed, srdf)
     else:
         reason = "no SRDF (`safe-ompl srdf` writes one)" if srdf is None else f"{srdf} disables no pair"
-        adjacent = adjacent_pairs(model, geometry)
-        names = _drop(geometry, adjacent)
+        names = _drop(geometry, adjacent_pairs(model, geometry))
         if names:
             warn_once(_log, f"{robot}: {reason}: {len(names)} pairs of adjacent links are not checked")
             _log.info("%s: adjacent links that are not checked: %s", robot, ", ".join(names))
-    touching = remembered_contacts(model, geometry, samples)
-    names = _drop(geometry, touching)
+    names = _drop(geometry, remembered_contacts(model, geometry, samples))
     if names:
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         named = ", ".join(names[:_NAMED])
@@ -74,15 +143,10 @@ def select_self_pairs(
             _log.info("%s: always in contact: %s", robot, ", ".join(names))
 
 
-def _disable_pairs(model: pin.Model, geometry: pin.GeometryModel, srdf: Path) -> None:
-    try:
-        pin.removeCollisionPairsFromXML(model, geometry, srdf.read_text(encoding="utf-8"), False)
-    except (ValueError, RuntimeError) as error:
-        raise InputError(f"not a valid SRDF ({error})", str(srdf)) from None
-
-
-def sample_configurations(model: pin.Model, count: int = _SAMPLES) -> FloatArray:
-    """Return configurations (`count`, nq) spread over the joint ranges; always the same ones."""
+def sample_configurations(
+    model: pin.Model, count: int = _SAMPLES, mimics: Mapping[str, Mimic] | None = None
+) -> FloatArray:
+    """Return configurations (`count`, nq) over the joint ranges, mimics where they belong; always the same ones."""
     rng = np.random.default_rng(0)
     velocities = rng.uniform(-np.pi, np.pi, (count, model.nv))
     neutral = pin.neutral(model)
@@ -91,6 +155,13 @@ def sample_configurations(model: pin.Model, count: int = _SAMPLES) -> FloatArray
         if joint.nq == 1:
             low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
             rows[:, joint.idx_q] = rng.uniform(low, high, count)
+    for name, mimic in (mimics or {}).items():
+        joint, first = (model.joints[model.getJointId(n)] for n in (name, mimic.primary))
+        values = mimic.multiplier * rows[:, first.idx_q] + mimic.offset
+        if joint.nq == 1:
+            rows[:, joint.idx_q] = values
+        else:
+            rows[:, joint.idx_q], rows[:, joint.idx_q + 1] = np.cos(values), np.sin(values)
     return rows
 
 
@@ -185,6 +256,12 @@ def _content(shape: coal.CollisionGeometry) -> bytes:
         return kind + np.asarray(shape.vertices()).tobytes() + np.array(triangles).tobytes()
     sizes = (getattr(shape, name, 0.0) for name in ("halfSide", "radius", "halfLength", "radii"))
     return kind + b"".join(np.asarray(size, dtype=np.float64).tobytes() for size in sizes)
+
+
+def drop_fixed_pairs(geometry: pin.GeometryModel) -> None:
+    """Drop the pairs of bodies that do not move against each other any more, as joints between them are locked."""
+    joints = [part.parentJoint for part in geometry.geometryObjects]
+    _drop(geometry, [pair for pair in _pairs(geometry) if joints[pair.first] == joints[pair.second]])
 
 
 def _pairs(geometry: pin.GeometryModel) -> list[pin.CollisionPair]:

@@ -1,8 +1,48 @@
-"""Counters of the work of planning; unlike times they are reproducible."""
+"""What models share: counters of their work, working memory for each thread, and detection of changes."""
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, fields
+from typing import Any, Generic, TypeVar
+
+_Memory = TypeVar("_Memory")
+
+
+class PerThread(threading.local, Generic[_Memory]):
+    """Working memory of each thread, made by `make` when a thread first asks for its `own`."""
+
+    def __init__(self, make: Callable[[], _Memory]) -> None:
+        self.own = make()
+
+
+class Changes:
+    """Counts the changes of a model, so that a query notices one that another thread makes meanwhile.
+
+    A query reads `done`, how many have ended, when it begins. Where `begun`, how many have begun, is still the same
+    when it ends, nothing has changed in between; otherwise its answer may mix two scenes: it waits for the change to
+    end, and asks again.
+    """
+
+    def __init__(self) -> None:
+        self.begun = self.done = 0
+        self._lock = threading.RLock()
+
+    @contextmanager
+    def one(self) -> Iterator[None]:
+        """Make one change; that of another thread is waited for."""
+        with self._lock:
+            self.begun += 1
+            try:
+                yield
+            finally:
+                self.done = self.begun
+
+    def none(self) -> AbstractContextManager[Any]:
+        """Let nothing change; a change of another thread is waited for."""
+        return self._lock
 
 
 @dataclass
