@@ -12,13 +12,9 @@ import pytest
 from hypothesis import settings
 from ompl import util as ou
 
-from safe_ompl.common.errors import warn_once
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.reach import bounding_hull
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, Robot, Scene, Sphere
+from safe_ompl.common import warn_once
+from safe_ompl.robot import bounding_hull
 
 os.environ["SAFE_OMPL_CACHE"] = "off"  # tests neither read nor leave anything in the user's cache
 

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from safe_ompl import InputError
 from safe_ompl.common.documents import reading
-from safe_ompl.common.errors import InputError
-from safe_ompl.io.files import read_json
-from safe_ompl.io.ticks import read_ticks
-from safe_ompl.scene.mbm import MbmFile
+from safe_ompl.io import read_json, read_ticks
+from safe_ompl.scene import MbmFile
 
 DEEP = 30_000
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
+from safe_ompl import UnknownNameError
 from safe_ompl.apps.cli.program import command_line
-from safe_ompl.common import UnknownNameError
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"

@@ -29,16 +29,12 @@ from _paper.store import Store, read_result
 from _paper.studies import PAIRS, STUDIES, Pair, chosen_pairs, with_crossed
 from _paper.tables import effort_table, markdown_table, ratio_table
 
-from safe_ompl.apps.benchmark.campaign import Campaign, failure
+from safe_ompl import InputError, PathReport, PlanResult, Scenario, UnknownNameError, plan, planner_names
+from safe_ompl.apps.benchmark import Campaign, failure
 from safe_ompl.apps.benchmark.runs import Run
-from safe_ompl.common.counts import Counts
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.paths.measures import ClearanceReport, DangerReport
-from safe_ompl.paths.report import PathReport
-from safe_ompl.planning.from_scenario import plan
-from safe_ompl.planning.planners.registry import planner_names
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.common import Counts
+from safe_ompl.paths import ClearanceReport, DangerReport
+from safe_ompl.scene import find_scenario
 
 PAIR = Pair("RRT-Connect", "SafeRRTConnect", "ClassicRRTConnect")
 

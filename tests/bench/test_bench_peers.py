@@ -21,7 +21,7 @@ from systems import SYSTEMS, System
 from table import figure, markdown
 
 from safe_ompl import CollisionChecker, Robot, Scene
-from safe_ompl.scene.mbm import MbmFile
+from safe_ompl.scene import MbmFile
 
 POLE = {
     "name": "pole",

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
 import safety_worth
 from safety_worth import as_rows, compared, loaded, pairs
 
-from safe_ompl.trajectories.timing import PathTimer
+from safe_ompl import PathTimer
 
 RUNS = {
     ("panda_shelf", 0, "fastest"): 2.0,

@@ -13,22 +13,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Obstacle, Pose, Scene, Sphere
+from safe_ompl.certificates import Pairs, certificate, verify
 from safe_ompl.certificates.claims import Danger
-from safe_ompl.certificates.issue import Pairs, certificate, terms_of_field
+from safe_ompl.certificates.issue import terms_of_field
 from safe_ompl.certificates.verifier.danger import PlainDanger
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CertificateError, InputError, PlanningError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.scene_document import carried_scene
-from safe_ompl.io.schema import digest, record
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl.common import CertificateError, InputError, PlanningError
+from safe_ompl.io import carried_scene, digest, record
+from safe_ompl.robot import Robot, robot_hash
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
 seeds = st.integers(0, 2**32 - 1)

@@ -6,16 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from safe_ompl.certificates.issue import certificate
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CertificateError, InputError, PlanningError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.schema import digest
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Obstacle, Pose, Scene
+from safe_ompl.certificates import certificate, verify
+from safe_ompl.common import CertificateError, InputError, PlanningError
+from safe_ompl.io import digest
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0, 0, 0]])
 

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from safe_ompl import CertificateError, verify
 from safe_ompl.certificates.claims import Certificate
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.common.errors import CertificateError
-from safe_ompl.io.schema import digest
-from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.io import digest
+from safe_ompl.robot import robot_hash
 
 BENCH = Path(__file__).parents[2] / "bench"
 NUMBER = 120

@@ -11,22 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_ompl.certificates.issue import certificate, terms_of
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.common.errors import CertificateError, InputError
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.mesh import Mesh
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.robot_document import built_robot, carried_robot
-from safe_ompl.io.scene_document import built_scene, carried_scene, unpack
-from safe_ompl.io.schema import digest
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scenario import Scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertificateError, InputError, Scenario, Scene
+from safe_ompl.certificates import certificate, terms_of, verify
+from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
+from safe_ompl.io import built_robot, built_scene, carried_robot, carried_scene, digest
+from safe_ompl.io.scene_document import unpack
+from safe_ompl.robot import Robot, robot_hash
 
 ROBOTS = Path(__file__).parents[2] / "scenarios" / "robots"
 

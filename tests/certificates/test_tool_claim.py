@@ -6,13 +6,10 @@ import json
 import numpy as np
 import pytest
 
+from safe_ompl import CertificateError, InputError, PlanningError, SafeSetup, certificate, verify
 from safe_ompl.certificates.claims import Tool
-from safe_ompl.certificates.issue import certificate
 from safe_ompl.certificates.verifier.tool import PlainTool
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.common.errors import CertificateError, InputError, PlanningError
-from safe_ompl.io.schema import digest, record
-from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.io import digest, record
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0.1, 0, 0]])
 T = np.linspace(0.0, 1.0, 500)[:, None]

@@ -5,14 +5,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR
+from safe_ompl import Box, Capsule, Cylinder, Obstacle, PointCloud, Pose, Scene, Sphere
+from safe_ompl.collision import DISTANCE_ERROR
 from safe_ompl.collision.geometry import SceneGeometry
 from safe_ompl.collision.pairs import PairTable
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
 
 
 def coal_distance(reach, part):

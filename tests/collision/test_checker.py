@@ -7,17 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR
-from safe_ompl.collision.checker import Clearance, CollisionChecker
-from safe_ompl.common.counts import Counts
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box, Cylinder, Sphere
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Cylinder, InputError, Obstacle, Person, PointCloud, Pose, Robot, Scene, Sphere
+from safe_ompl.collision import DISTANCE_ERROR, Clearance, CollisionChecker
+from safe_ompl.common import Counts
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm"]
 TOLERANCE = 3e-5  # [m]; contacts this near the limit may be called either way

@@ -6,13 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.certificates.issue import certificate
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, Obstacle, PointCloud, Robot, Scene, certificate, verify
 
 RADIUS = 0.02
 

@@ -9,16 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from safe_ompl import Box, CertifiedMotion, CollisionChecker, Obstacle, PointCloud, Pose, Scene, Verdict
+from safe_ompl.collision import FLOOR, Separation
 from safe_ompl.collision.bounds import ALLOWANCE, BoundsProof, DistanceBounds
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import FLOOR, CertifiedMotion, Verdict
-from safe_ompl.collision.separation import Separation
-from safe_ompl.common.counts import Counts
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl.common import Counts
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
 STEP = 0.01  # [rad]

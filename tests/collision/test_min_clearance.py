@@ -9,17 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, Verdict
-from safe_ompl.collision.separation import Separation
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl import InputError, Obstacle, Pose, Robot, Scenario, Scene, Sphere, UnknownNameError
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, Verdict
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 ROBOTS = ["panda", "kinova", "twin_arm", "slider"]
 ERROR = 2e-5  # [m] of coal's distances

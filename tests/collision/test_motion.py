@@ -7,18 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.certificates.issue import certificate
-from safe_ompl.certificates.verifier.verify import verify
+from safe_ompl import Box, InputError, Obstacle, Pose, Robot, Scene, Sphere, certificate, verify
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, MotionVerdict, Verdict
 from safe_ompl.collision.bounds import BoundsProof, DistanceBounds
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, MotionVerdict, Verdict
-from safe_ompl.common.counts import Counts
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl.common import Counts
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm"]
 FINE = 0.002  # [rad]

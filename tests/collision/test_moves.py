@@ -4,17 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.distances import Proximity
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.collision.separation import Separation
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.basic import Box, Cylinder, Sphere
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import STANDING, Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, InputError, Scene, UnknownNameError
+from safe_ompl.collision import Proximity, Separation
+from safe_ompl.geometry import STANDING, Box, Cylinder, Obstacle, Person, PointCloud, Pose, Sphere
 
 MOVES = 150
 MOVABLE = ("box", "ball", "colleague", "cloud", "specks")

@@ -5,16 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.certificates.issue import certificate
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, Verdict
-from safe_ompl.danger.certified import CertifiedDanger
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedDanger, DangerField, Scene, certificate, verify
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict
+from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Sphere
 
 ERROR = 2e-5  # [m] of coal's distances
 

@@ -6,15 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from safe_ompl import Box, CollisionChecker, InputError, Obstacle, PointCloud, Pose, Scene
 from safe_ompl.collision import robot_points, without_robot
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.reach import bounding_hull
-from safe_ompl.scene.scene import Scene
+from safe_ompl.robot import bounding_hull
 
 Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
 MARGIN = 0.02

@@ -6,10 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.motion import MotionLimit, Verdict
-from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
-from safe_ompl.common.errors import InputError
-from safe_ompl.robot.robot import Robot
+from safe_ompl import InputError, Robot, TipBounds, ToolOrientation, Verdict
+from safe_ompl.collision import MotionLimit
 
 ROBOTS = ["panda", "ur5", "kinova", "slider", "twin_arm"]
 UP = [0.0, 0.0, 1.0]

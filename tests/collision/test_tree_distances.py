@@ -5,15 +5,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision import tree_distances
-from safe_ompl.collision.broad_phase import fresh_data
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.distances import PairDistances
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, CollisionChecker, Obstacle, PointCloud, Pose, Scene
+from safe_ompl.collision import PairDistances, fresh_data, tree_distances
 
 TURNED = Pose((0.1, -0.05, 0.02), (0.0, 0.0, np.sin(0.2), np.cos(0.2)))
 

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.distances import Proximity
-from safe_ompl.common.errors import InputError
+from safe_ompl import CollisionChecker, InputError, Scene
+from safe_ompl.collision import Proximity
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.scene.scene import Scene
 
 WITHIN = 0.15
 

@@ -15,8 +15,8 @@ from numba import njit
 from numba.core import event
 
 import safe_ompl
+from safe_ompl import DangerField
 from safe_ompl.common import compilation as compiled
-from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.kernels import danger, field
 from safe_ompl.robot.kernels import kinematics as joints
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from safe_ompl import InputError
 from safe_ompl.common import inputs
-from safe_ompl.common.errors import InputError
 
 
 @pytest.mark.parametrize("value", [3, 3.0, np.float32(3), np.int64(3), np.uint8(3), np.array(3.0)])

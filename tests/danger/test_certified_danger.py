@@ -9,11 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.numpy_chords import numpy_chords
 
-from safe_ompl.collision.motion import Verdict
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
+from safe_ompl import CertifiedDanger, DangerField, DangerLimit, InputError, Verdict
 from safe_ompl.danger.evaluation import AGGREGATES
-from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.link_field import Segments, segment_distances, segment_fields
 from safe_ompl.danger.motion_rates import KeypointRates
 from safe_ompl.danger.search import Ends, chords

@@ -7,13 +7,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.common.counts import Counts
-from safe_ompl.common.errors import InputError
+from safe_ompl import DangerField, InputError, Robot
+from safe_ompl.common import Counts
 from safe_ompl.danger.evaluation import AGGREGATES
-from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.link_field import WEIGHTINGS, Segments, field
 from safe_ompl.robot.joint_tables import Coupling, KinematicTree
-from safe_ompl.robot.robot import Robot
 
 
 class PlanarArm:

@@ -6,11 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import numpy_danger
 
-from safe_ompl.common.errors import InputError
+from safe_ompl import DangerField, InputError, Robot
 from safe_ompl.danger.evaluation import AGGREGATES
-from safe_ompl.danger.field import DangerField
 from safe_ompl.danger.link_field import WEIGHTINGS
-from safe_ompl.robot.robot import Robot
 
 ROBOTS = ("panda", "ur5", "kinova", "twin_arm", "slider")  # continuous and sliding joints, branches
 

@@ -12,13 +12,13 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
-from safe_ompl.common.errors import InputError
+from safe_ompl import InputError
+from safe_ompl.danger import segment_bounds
 from safe_ompl.danger.link_field import (
     WEIGHTINGS,
     Segments,
     field,
     keypoint_gradient,
-    segment_bounds,
     segment_distances,
     segment_fields,
     vector_field,

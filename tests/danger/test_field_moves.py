@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.certified import CertifiedDanger
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import STANDING, Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, CertifiedDanger, DangerField, InputError, Obstacle, Person, Pose, Scene
+from safe_ompl.geometry import STANDING
 
 SCENE = Scene(
     (

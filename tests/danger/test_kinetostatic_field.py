@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.danger.kinetostatic import KinetostaticField
+from safe_ompl import DangerField, InputError, KinetostaticField
 
 POINTS = [[0.6, 0.4, 0.5], [-0.5, 0.3, 0.2], [0.1, -0.7, 0.9]]
 ROBOTS = ("panda", "twin_arm", "slider", "kinova")

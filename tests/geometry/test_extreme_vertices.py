@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.geometry.kernels.vertex_grids import cell_of, extreme_vertices
+from safe_ompl.geometry.kernels import extreme_vertices
+from safe_ompl.geometry.kernels.vertex_grids import cell_of
 
 
 @pytest.mark.parametrize("grid", [1, 3, 8])

@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.geometry.kernels.boxes_and_capsules import near_boxes
+from safe_ompl.geometry.kernels import near_boxes
 
 NUMBER = 60
 

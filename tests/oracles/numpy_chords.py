@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from safe_ompl.danger.link_field import segment_bounds
+from safe_ompl.danger import segment_bounds
 
 
 def numpy_chords(first, last, h, speed, acceleration):

@@ -3,7 +3,7 @@
 import pytest
 from crank import CRANK
 
-from safe_ompl.robot.robot import Robot
+from safe_ompl import Robot
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 from crank import balls, distance, report
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.measures import PROFILE_POINTS
-from safe_ompl.paths.report import PathReport
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, DangerField, PathReport, Scene
+from safe_ompl.paths import PROFILE_POINTS
 
 # ------------------------------------------------------------------------------------------------------------ danger
 

@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 from crank import Field, balls, distance, report
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, Verdict
-from safe_ompl.common.errors import InputError
-from safe_ompl.paths.measures import PROFILE_POINTS
-from safe_ompl.paths.report import PathReport
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, InputError, PathReport, Scene, Verdict
+from safe_ompl.paths import PROFILE_POINTS
 
 # ----------------------------------------------------------------------------------------------------------- validity
 

@@ -3,12 +3,17 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.person import LIMBS, STANDING
-from safe_ompl.people.reach import AccelerationReach, IntersectedReach, LimbLengthReach, SpeedReach
-from safe_ompl.people.skeletons import TrackedBody, find_skeleton
-from safe_ompl.people.tracking import PersonTrack, Tracker
-from safe_ompl.scene.people import People
+from safe_ompl import InputError, People, Tracker
+from safe_ompl.geometry import LIMBS, STANDING
+from safe_ompl.people import (
+    AccelerationReach,
+    IntersectedReach,
+    LimbLengthReach,
+    SpeedReach,
+    TrackedBody,
+    find_skeleton,
+)
+from safe_ompl.people.tracking import PersonTrack
 
 SMPL = find_skeleton("smpl24")
 OURS = find_skeleton("coco17")

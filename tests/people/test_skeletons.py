@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.person import LIMBS, STANDING, Body
-from safe_ompl.people.skeletons import KEYPOINTS, SKELETONS, TrackedBody, find_skeleton, skeleton_of
+from safe_ompl import InputError, UnknownNameError
+from safe_ompl.geometry import LIMBS, STANDING
+from safe_ompl.geometry.person import Body
+from safe_ompl.people import KEYPOINTS, TrackedBody, find_skeleton
+from safe_ompl.people.skeletons import SKELETONS, skeleton_of
 
 # As the vendors number them.
 NUMBERED = {

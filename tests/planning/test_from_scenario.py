@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.from_scenario import plan, setup_scenario
-from safe_ompl.robot.spec import RobotSpec
+from safe_ompl import InputError, Scenario, plan
+from safe_ompl.planning import setup_scenario
+from safe_ompl.robot import RobotSpec
+from safe_ompl.scene import find_scenario
 from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario, find_scenario
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]

@@ -16,18 +16,14 @@ import numpy as np
 import pytest
 
 import safe_ompl
-from safe_ompl.apps.benchmark.campaign import Campaign
-from safe_ompl.apps.cli.program import main
-from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.goals import WorkspaceGoal
-from safe_ompl.planning.ompl.objective import DangerObjective
-from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
-from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
+from safe_ompl import CertifiedMotionValidator, CollisionFreeValidity, DangerObjective, WorkspaceGoal
+from safe_ompl.apps import main
+from safe_ompl.apps.benchmark import Campaign
+from safe_ompl.paths import Simplifier
+from safe_ompl.planning import SafeSetup, setup_scenario
+from safe_ompl.planning.planners import SafeRRTConnect, is_ours, make_planner, needs_place, planner_names
 from safe_ompl.planning.run import Interrupts
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import Scenario, find_scenario
 
 PLANNERS = [name for name in planner_names() if is_ours(name) or name in ("RRTConnect", "RRTstar", "BITstar")]
 PACKAGE = str(Path(safe_ompl.__file__).parent)

@@ -12,15 +12,11 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.apps.cli.program import main
-from safe_ompl.common.errors import CollisionError, InputError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.objective import DangerObjective
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl import CollisionError, DangerObjective, InputError, SafeRRTConnect, Scenario, make_planner
+from safe_ompl.apps import main
+from safe_ompl.planning import SafeSetup, setup_scenario
+from safe_ompl.scene import find_scenario
 from safe_ompl.scene.constraints import PathLimits
-from safe_ompl.scene.scenario import Scenario, find_scenario
 
 SAFE = ["SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner"]
 LIMIT = 8.0  # planar3: paths without a limit reach 6.7 to 15, start and goal 4.3

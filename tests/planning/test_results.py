@@ -10,17 +10,9 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.common.errors import InputError, PlanningError
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import plan
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import InputError, Obstacle, PlanningError, Pose, Robot, SafeRRTConnect, Scene, Sphere
+from safe_ompl.planning import PlanResult, SafeSetup, plan
+from safe_ompl.planning.ompl import ScratchState, StateBridge
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]

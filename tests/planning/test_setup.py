@@ -7,16 +7,9 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.common.errors import CollisionError, InputError, PlanningError, UnknownNameError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.objective import DangerObjective
-from safe_ompl.planning.planners.registry import make_planner, planner_names
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, DangerObjective, Obstacle, Pose, Robot, SafeSetup, Scene
+from safe_ompl.common import CollisionError, InputError, PlanningError, UnknownNameError
+from safe_ompl.planning.planners import SafeRRTConnect, make_planner, planner_names
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]

@@ -11,19 +11,11 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CollisionError, InputError, UnknownNameError
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.goals import WorkspaceGoal
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.run import planner_data
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.place import inverse_kinematics
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, SafeRRTConnect, SafeSetup, Scene, planner_data
+from safe_ompl.common import CollisionError, InputError, UnknownNameError
+from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
+from safe_ompl.planning.ompl import ScratchState, StateBridge, WorkspaceGoal
+from safe_ompl.robot import Robot, inverse_kinematics
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]

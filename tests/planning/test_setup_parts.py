@@ -7,24 +7,15 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.collision.separation import Separation
-from safe_ompl.common.errors import CollisionError, InputError, PlanningError, UnknownNameError
-from safe_ompl.danger.certified import DangerLimit
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.constraints import Constraints
-from safe_ompl.planning.ompl.goals import WorkspaceGoal
-from safe_ompl.planning.ompl.states import joint_space
-from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl import DangerField, DangerLimit, Pose, SafeSetup, make_planner
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
+from safe_ompl.common import CollisionError, InputError, PlanningError, UnknownNameError
+from safe_ompl.planning.ompl import CollisionFreeValidity, Constraints, WorkspaceGoal, joint_space
 from safe_ompl.planning.optimise import Simplification, Timing
-from safe_ompl.planning.planners.registry import make_planner
 from safe_ompl.planning.problem import Problem
 from safe_ompl.planning.run import Run, seconds, simplification_time, stopping, termination
-from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.planning.wiring import Wiring
-from safe_ompl.scene.constraints import MotionLimits
+from safe_ompl.scene import MotionLimits
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]

@@ -11,21 +11,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.apps.cli.program import main
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import CollisionError, InputError
-from safe_ompl.geometry.basic import Cylinder
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.place import inverse_kinematics
-from safe_ompl.robot.region import GoalRegion
-from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scene.constraints import PathLimits, TipBox, ToolConstraint
+from safe_ompl import CollisionChecker, CollisionError, Cylinder, InputError, Obstacle, Pose, SafeSetup
+from safe_ompl.apps import main
+from safe_ompl.planning import setup_scenario
+from safe_ompl.robot import GoalRegion, RobotSpec, inverse_kinematics
+from safe_ompl.scene import Scenario, Scene, ToolConstraint
+from safe_ompl.scene.constraints import PathLimits, TipBox
 from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario
-from safe_ompl.scene.scene import Scene
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 LIMIT = np.radians(30.0)

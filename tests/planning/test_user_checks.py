@@ -11,18 +11,11 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import Verdict
-from safe_ompl.common.errors import CollisionError, InputError
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.constraints import SampledValidity
-from safe_ompl.planning.ompl.states import StateBridge
-from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
-from safe_ompl.planning.planners.prm import SafePRM
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotionValidator, CollisionFreeValidity, SafePRM, SafeSetup, Scene
+from safe_ompl.collision import CollisionChecker, Verdict
+from safe_ompl.common import CollisionError, InputError
+from safe_ompl.geometry import Obstacle, Pose, Sphere
+from safe_ompl.planning.ompl import SampledValidity, StateBridge
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]

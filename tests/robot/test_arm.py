@@ -5,9 +5,10 @@ import logging
 import pinocchio as pin
 import pytest
 
-from safe_ompl.robot.arm import default_tip, finger_links
-from safe_ompl.robot.loading.packages import robots_folder
-from safe_ompl.robot.robot import Robot
+from safe_ompl import Robot
+from safe_ompl.robot import default_tip
+from safe_ompl.robot.arm import finger_links
+from safe_ompl.robot.loading import robots_folder
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl import InputError, UnknownNameError
 
 ASKED = (
     "keypoints",

@@ -6,10 +6,11 @@ import pinocchio as pin
 import pytest
 from numba import njit
 
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.kernels.convex import POSE, distance_bounds, from_box, support
+from safe_ompl import PointCloud
+from safe_ompl.geometry.kernels import POSE, distance_bounds, from_box
+from safe_ompl.geometry.kernels.convex import support
 from safe_ompl.geometry.mesh import triangle_tree
-from safe_ompl.robot.convex_bodies import ConvexBodies
+from safe_ompl.robot import ConvexBodies
 
 ERROR = 1e-5  # [m] of coal's distances
 

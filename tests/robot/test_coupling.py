@@ -7,16 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.joint_tables import Coupling, Mimic, resolved
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, CertifiedMotion, CollisionChecker, InputError, Obstacle, Pose, Robot, Scene
+from safe_ompl.robot import Mimic, robot_hash
+from safe_ompl.robot.joint_tables import Coupling, resolved
 
 GRIP = 2
 

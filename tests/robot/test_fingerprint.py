@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
+from safe_ompl import Robot
+from safe_ompl.robot import robot_hash
 
 
 @pytest.fixture

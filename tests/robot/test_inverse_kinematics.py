@@ -4,18 +4,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.robot.ik import (
+from safe_ompl import DangerField, InputError
+from safe_ompl.robot import (
     METRES_PER_RADIAN,
     Place,
     StepLimits,
-    cautious_step,
     limited_step,
     pseudoinverse_step,
     solve_from_seed,
     transpose_step,
 )
+from safe_ompl.robot.ik import cautious_step
 
 ROBOTS = ("ur5", "panda", "kinova", "slider")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl.robot.forward_kinematics import JointLimits
+from safe_ompl.robot import JointLimits
 
 
 @pytest.mark.parametrize("name", ["ur5", "kinova", "twin_arm"])

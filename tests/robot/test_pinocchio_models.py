@@ -5,10 +5,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, Robot, Scene
+from safe_ompl.robot import robot_hash
 
 
 @pytest.fixture

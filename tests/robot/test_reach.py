@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.robot.loading.packages import EXAMPLES
-from safe_ompl.robot.reach import Hull, JointChain, ReachCylinder, bounding_hull
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, Scene
+from safe_ompl.robot import Hull, ReachCylinder, bounding_hull
+from safe_ompl.robot.loading import EXAMPLES
+from safe_ompl.robot.reach import JointChain
 
 ROBOTS = [*sorted(EXAMPLES), "twin_arm", "slider"]
 ROUNDING = 1e-9  # [m]

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from self_pairs import self_pairs
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.robot.robot import Robot
+from safe_ompl import InputError, Robot
 
 
 def test_gripper_is_held_with_the_finger_that_mimics(data_folder, caplog):

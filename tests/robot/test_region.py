@@ -6,10 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.ik import METRES_PER_RADIAN, solve_from_seed
-from safe_ompl.robot.region import GoalRegion, RegionPlace
+from safe_ompl import GoalRegion, InputError, Pose
+from safe_ompl.robot import METRES_PER_RADIAN, RegionPlace, solve_from_seed
 
 FRAME = Pose.from_rpy([0.4, -0.1, 0.3], [0.3, -0.5, 1.2])
 REGIONS = {

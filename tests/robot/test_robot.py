@@ -11,9 +11,8 @@ import pinocchio as pin
 import pytest
 from self_pairs import self_pairs
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.robot.loading.packages import EXAMPLES, find_example, robots_folder
-from safe_ompl.robot.robot import Robot
+from safe_ompl import InputError, Robot, UnknownNameError
+from safe_ompl.robot.loading import EXAMPLES, find_example, robots_folder
 from safe_ompl.robot.self_collision import sample_configurations
 
 JOINTS = {"panda": 7, "ur3": 6, "ur5": 6, "ur10": 6, "xarm7": 7, "kinova": 6, "z1": 6, "so101": 5}

@@ -3,18 +3,11 @@
 import numpy as np
 import pytest
 
-from safe_ompl.certificates.issue import certificate, terms_of_field
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CertificateError
-from safe_ompl.danger.certified import CertifiedDanger
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Capsule, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertificateError, CertifiedMotion, CollisionChecker, Robot, Scene
+from safe_ompl.certificates import certificate, verify
+from safe_ompl.certificates.issue import terms_of_field
+from safe_ompl.danger import CertifiedDanger, DangerField
+from safe_ompl.geometry import Box, Capsule, Obstacle, Pose, Sphere
 
 SCENE = Scene(
     (

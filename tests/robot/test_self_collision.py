@@ -3,9 +3,9 @@
 import pinocchio as pin
 import pytest
 
+from safe_ompl import Robot
 from safe_ompl.common import cache
 from safe_ompl.robot import self_collision
-from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.self_collision import always_in_contact, remembered_contacts, sample_configurations
 
 

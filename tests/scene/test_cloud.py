@@ -15,14 +15,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safe_ompl.common.errors import InputError, warn_once
+from safe_ompl import Box, InputError, Obstacle, PointCloud, Scene
+from safe_ompl.common import warn_once
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.cloud import PointCloud, cell_tree, touched_cells
+from safe_ompl.geometry.cloud import cell_tree, touched_cells
 from safe_ompl.geometry.mesh import triangle_tree
-from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.point_files import _lzf_decompressed
-from safe_ompl.scene.scene import Scene
 
 POINTS = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 3))
 PROBES = [

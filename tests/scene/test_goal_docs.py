@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from safe_ompl.robot.region import GoalRegion
-from safe_ompl.scene.constraints import PathLimits, TipBox, ToolConstraint
+from safe_ompl import GoalRegion
+from safe_ompl.scene import ToolConstraint
+from safe_ompl.scene.constraints import PathLimits, TipBox
 from safe_ompl.scene.goal import Goal
 
 PAGE = (Path(__file__).parents[2] / "docs" / "goals.md").read_text(encoding="utf-8")

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.mbm import MbmFile
+from safe_ompl import InputError, Robot, UnknownNameError
+from safe_ompl.scene import MbmFile
 
 ROBOTS = Path(__file__).resolve().parents[2] / "scenarios" / "robots"
 PLACE = {"position": [1.0, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}

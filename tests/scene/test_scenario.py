@@ -11,14 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.spec import RobotSpec
+from safe_ompl import CertifiedMotion, CollisionChecker, InputError, Robot, Scenario, Scene, UnknownNameError
+from safe_ompl.robot import RobotSpec
+from safe_ompl.scene import find_scenario, list_scenarios
 from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario, find_scenario, list_scenarios
-from safe_ompl.scene.scene import Scene
 
 FOLDER = Path(__file__).resolve().parents[2] / "scenarios"
 SHIPPED = sorted(file.stem for file in FOLDER.glob("*.yaml"))

@@ -13,14 +13,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.common.errors import InputError, UnknownNameError, warn_once
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.mesh import Mesh
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Scene, Sphere
+from safe_ompl.common import InputError, UnknownNameError, warn_once
 
 SIZE = st.floats(1e-3, 10.0)
 PLACE = st.floats(-10.0, 10.0)

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from safe_ompl import Person, Pose, Scene
+from safe_ompl.geometry import LIMBS, STANDING
 from safe_ompl.geometry.obstacle import _KEYS, SHAPES
-from safe_ompl.geometry.person import LIMBS, STANDING, Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
 
 PAGE = (Path(__file__).parents[2] / "docs" / "scene.md").read_text(encoding="utf-8")
 

@@ -12,11 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Shape, Sphere
-from safe_ompl.geometry.mesh import Mesh
-from safe_ompl.geometry.person import LIMBS, Person
-from safe_ompl.geometry.pose import placed
+from safe_ompl import Box, Capsule, Cylinder, InputError, Mesh, Person, Sphere, UnknownNameError
+from safe_ompl.geometry import LIMBS, Shape, placed
 
 LENGTH = st.floats(0.02, 1.0)
 PRIMITIVES = st.one_of(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl.trajectories.kernels import ceilings, drive
+from safe_ompl.trajectories import ceilings, drive
 
 
 def random_path(rng):

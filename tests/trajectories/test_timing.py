@@ -6,12 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.certified import DangerLimit
-from safe_ompl.danger.field import DangerField
-from safe_ompl.trajectories.curve import ArcProof, blended
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import time_path
+from safe_ompl import DangerField, DangerLimit, InputError, RateLimits, time_path
+from safe_ompl.trajectories import ArcProof, blended
 
 KEPT = 1 + 1e-9
 POSTURE = [0.0, 0, 0, -1.5, 0, 1.5, 0]

@@ -18,14 +18,12 @@ from ompl import geometric as og
 from ompl import tools as ot
 from ompl import util as ou
 
-from safe_ompl.apps.benchmark.benchmark import Benchmark
+from safe_ompl import Benchmark, InputError, SafeRRTConnect, SafeSetup, Scenario
 from safe_ompl.apps.benchmark.measures import planner_settings
 from safe_ompl.apps.benchmark.runs import in_processes
-from safe_ompl.common.errors import InputError, warn_once
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.common import warn_once
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 
 def request(**values: Any) -> Any:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_ompl.apps.benchmark.campaign import (
-    BAND,
+from safe_ompl import InputError, Obstacle, PlanningError, Pose, Scenario, Scene, Sphere, UnknownNameError
+from safe_ompl.apps.benchmark import (
     Campaign,
     Summary,
     check_named_planner,
@@ -20,19 +20,12 @@ from safe_ompl.apps.benchmark.campaign import (
     failure,
     summarize,
 )
+from safe_ompl.apps.benchmark.campaign import BAND
 from safe_ompl.apps.benchmark.runs import Run
-from safe_ompl.common.errors import InputError, PlanningError, UnknownNameError
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.registry import is_ours, planner_names
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
+from safe_ompl.planning.planners import is_ours, planner_names
+from safe_ompl.robot import RobotSpec
 from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario
-from safe_ompl.scene.scene import Scene
 
 PLANNERS = ("RRTConnect", "SafeRRTConnect")
 

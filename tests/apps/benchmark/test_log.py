@@ -8,12 +8,11 @@ from typing import Any
 
 import pytest
 
-from safe_ompl.apps.benchmark.campaign import failure
+from safe_ompl import InputError, PlanResult, Scenario
+from safe_ompl.apps.benchmark import failure
 from safe_ompl.apps.benchmark.log import Experiment, PlannerRuns, save_database, write_log
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 
 def rows(database: Path, table: str) -> list[dict[str, Any]]:

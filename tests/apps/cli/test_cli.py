@@ -14,14 +14,12 @@ import numpy as np
 import pytest
 from ompl import util as ou
 
-from safe_ompl.apps.benchmark.campaign import failure
+from safe_ompl import SafeSetup, planner_names
+from safe_ompl.apps import main
+from safe_ompl.apps.benchmark import failure
 from safe_ompl.apps.cli import compare, output
-from safe_ompl.apps.cli.program import main
-from safe_ompl.planning.planners.registry import planner_names
-from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.view import render_comparison, render_path
 from safe_ompl.view.pictures import results
-from safe_ompl.view.pictures.path import render_path
-from safe_ompl.view.pictures.results import render_comparison
 
 RECORD = [
     "scenario",

@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from safe_ompl.apps.cli.program import main
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.from_scenario import plan
-from safe_ompl.scene.constraints import MotionLimits
-from safe_ompl.scene.people import People
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import InputError, People, Scenario, plan
+from safe_ompl.apps import main
+from safe_ompl.scene import MotionLimits, find_scenario
 
 
 @pytest.fixture(scope="module")

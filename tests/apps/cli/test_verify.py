@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from safe_ompl.apps.cli.program import main
+from safe_ompl import Scenario
+from safe_ompl.apps import main
 from safe_ompl.apps.cli.verify import certificate_of
-from safe_ompl.io.schema import digest
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.io import digest
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture

@@ -7,17 +7,10 @@ import pinocchio as pin
 import pytest
 from ompl import util as ou
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Cylinder
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
+from safe_ompl import Box, CollisionChecker, Cylinder, DangerField, Obstacle, Pose, Robot, SafeSetup, Scene
 from safe_ompl.paths.simplify.descent import FeasibleSet
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.shortcuts import RETREAT_STEP, _step, retreat
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])

@@ -6,22 +6,14 @@ import numpy as np
 import pytest
 from ompl import util as ou
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.paths.report import PathReport
+from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, InputError, SafeSetup, Scene
+from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
+from safe_ompl.paths import PathReport, Simplifier, simplify_danger
 from safe_ompl.paths.simplify.cost import PathCost
 from safe_ompl.paths.simplify.edges import EdgeProofs
 from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
 from safe_ompl.paths.simplify.shortcuts import shortcut
-from safe_ompl.paths.simplify.simplifier import Simplifier, simplify_danger
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.ik import Place
-from safe_ompl.scene.scene import Scene
+from safe_ompl.robot import Place
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from plane import PlaneProblem, SlopedHotSpot
 
-from safe_ompl.danger.field import DangerField
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import DangerField, SafeRRTConnect, Scenario, make_planner
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 SAFE = ["SafeRRTConnect", "SafePRM", "BubblePlanner"]
 

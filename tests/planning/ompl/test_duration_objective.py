@@ -4,15 +4,9 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.ompl.objective import DurationObjective
-from safe_ompl.planning.ompl.states import StateBridge, joint_space
-from safe_ompl.scene.people import People
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import PathTimer
+from safe_ompl import CertifiedMotion, CollisionChecker, DurationObjective, InputError, PathTimer, RateLimits
+from safe_ompl.planning.ompl import StateBridge, joint_space
+from safe_ompl.scene import People, Scenario, find_scenario
 
 
 @pytest.fixture(scope="module")

@@ -11,15 +11,8 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.common.errors import InputError, PlanningError
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.goals import WorkspaceGoal
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.ik import tip_reach
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, InputError, Obstacle, PlanningError, Pose, SafeSetup, Scene, Sphere, WorkspaceGoal
+from safe_ompl.robot import Robot, tip_reach
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = [0.35, -0.45, 0.35]

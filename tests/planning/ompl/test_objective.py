@@ -7,13 +7,10 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.objective import DangerObjective, PeakDangerObjective, StateCost
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import DangerField, DangerObjective, InputError, PeakDangerObjective, Scenario, make_planner
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.ompl import ScratchState, StateBridge, StateCost, joint_space
+from safe_ompl.scene import find_scenario
 
 
 class Squares(ob.OptimizationObjective):

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ompl import base as ob
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.ompl import states
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
+from safe_ompl import InputError
+from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space, states
 
 angles = st.floats(-100.0, 100.0)
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl import CollisionChecker, CollisionFreeValidity
+from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space
 
 
 class Setting:

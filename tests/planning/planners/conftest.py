@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Obstacle, Pose, Robot, SafeSetup, Scenario, Scene
+from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture(scope="package")

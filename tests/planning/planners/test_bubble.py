@@ -4,22 +4,14 @@ import numpy as np
 import pytest
 from plane import PlaneProblem
 
-from safe_ompl.collision import bubbles
-from safe_ompl.collision.bubbles import BUBBLE_SHAPES
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.bubble import BubblePlanner
+from safe_ompl import Box, BubblePlanner, InputError, Obstacle, Pose, Sphere, UnknownNameError
+from safe_ompl.collision import BUBBLE_SHAPES, CollisionChecker, bubbles
+from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.planning.planners.parts.danger import DangerWeight
 from safe_ompl.planning.planners.parts.elastic_band import ElasticBand
 from safe_ompl.planning.planners.parts.extend import TangentialDescent
 from safe_ompl.planning.planners.parts.problem import PlanningProblem
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl.scene import Scenario, Scene, find_scenario
 
 
 @pytest.fixture(scope="module")

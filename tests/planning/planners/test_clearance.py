@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl import InputError, Scenario, UnknownNameError, make_planner
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin, PenaltyMargin
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import find_scenario
 
 SAFE = ("SafeRRTConnect", "SafePRM", "SafeJTRRT", "BubblePlanner")
 CLASSICAL = ("ClassicRRTConnect", "ClassicPRM", "ClassicJTRRT", "ClassicBubble")

@@ -13,11 +13,9 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.prm import SafePRM
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import SafePRM, SafeRRTConnect, SafeSetup, Scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 PLANNERS = [SafeRRTConnect, SafePRM]
 

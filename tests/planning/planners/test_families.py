@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.registry import is_ours, needs_place, planner_names
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import SafeSetup, Scenario, planner_names
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners import is_ours, needs_place
+from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 

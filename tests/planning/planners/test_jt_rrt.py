@@ -8,17 +8,10 @@ import pinocchio as pin
 import pytest
 from ompl import base as ob
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.states import ScratchState
-from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, InputError, Obstacle, Pose, SafeJTRRT, SafeSetup, Sphere, make_planner
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.ompl import ScratchState
+from safe_ompl.scene import Scenario, Scene, find_scenario
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 POSITION = np.array([0.35, -0.45, 0.35])

@@ -14,9 +14,9 @@ import pytest
 from ompl import base as ob
 from ompl import util as ou
 
-from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import SafeSetup, Scenario, make_planner, planner_names
+from safe_ompl.planning.planners import is_ours, needs_place
+from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 SAFE = [name for name in OURS if not name.startswith("Classic")]

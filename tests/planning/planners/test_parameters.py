@@ -6,14 +6,11 @@ import math
 import pytest
 from plane import PlaneProblem
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import FormerNames, Parameter, camel_case, parameters_of
-from safe_ompl.planning.planners.prm import SafePRM
-from safe_ompl.planning.planners.registry import make_planner, planner_names
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import InputError, SafePRM, SafeRRTConnect, UnknownNameError, make_planner, planner_names
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners import Parameter, SafePlanner
+from safe_ompl.planning.planners.parameters import FormerNames, camel_case, parameters_of
+from safe_ompl.scene import Scenario, find_scenario
 
 
 class Part:

@@ -22,12 +22,7 @@ from plane import (
     walled_in,
 )
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.planning.ompl.objective import DangerObjective
-from safe_ompl.planning.planners.prm import SafePRM
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl import DangerField, DangerObjective, InputError, SafePRM, SafeRRTConnect, SafeSetup
 
 ONE_MOTION = 300  # checks of the longest motion, and some
 

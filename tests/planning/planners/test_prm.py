@@ -18,16 +18,11 @@ from plane import (
     walled_in,
 )
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.ompl.objective import StateCost
-from safe_ompl.planning.ompl.states import StateBridge
+from safe_ompl import InputError, SafePRM, SafeSetup, Scene, make_planner
+from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners import prm
 from safe_ompl.planning.planners.graphs.roadmap import LinkMetric, Roadmap, SpaceMetric, roadmap_metric
 from safe_ompl.planning.planners.graphs.roadmap_search import LocalPlanner, Samples, SearchGraph
-from safe_ompl.planning.planners.prm import SafePRM
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scene import Scene
 
 
 class Problem(PlaneProblem):

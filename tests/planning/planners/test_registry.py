@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
+from safe_ompl import InputError, Scenario, UnknownNameError, WorkspaceGoal, make_planner, planner_names
 from safe_ompl.apps.cli.options import parameter
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.goals import WorkspaceGoal
-from safe_ompl.planning.planners.registry import accepts, is_ours, make_planner, needs_place, planner_names
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners import accepts, is_ours, needs_place
+from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 PRINTED = [name for name in planner_names() if name.startswith("Paper")]

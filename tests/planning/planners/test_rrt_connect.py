@@ -24,11 +24,9 @@ from plane import (
     walled_in,
 )
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import InputError, SafeRRTConnect, SafeSetup, Scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 Problem = partial(PlaneProblem, SafeRRTConnect)
 

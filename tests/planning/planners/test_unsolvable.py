@@ -5,8 +5,8 @@ import resource
 import numpy as np
 import pytest
 
-from safe_ompl.planning.planners.registry import is_ours, needs_place, planner_names
-from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl import SafeSetup, planner_names
+from safe_ompl.planning.planners import is_ours, needs_place
 
 OURS = [name for name in planner_names() if is_ours(name)]
 BASELINES = ["TRRT", "BiTRRT", "GradienTRRT"]

@@ -6,17 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.mesh import Mesh
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.loading.attachment import Attachment, as_pose
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, InputError, Scene, UnknownNameError
+from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, PointCloud, Pose, Sphere
+from safe_ompl.robot import Robot, robot_hash
+from safe_ompl.robot.loading import Attachment
+from safe_ompl.robot.loading.attachment import as_pose
 
 SHAPES = {
     "box": Box((0.04, 0.06, 0.3)),

@@ -5,8 +5,7 @@ import pickle
 
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.robot.robot import Robot
+from safe_ompl import InputError, Robot, UnknownNameError
 
 LEFT, RIGHT = ("left_shoulder", "left_elbow"), ("right_shoulder", "right_slide", "right_turn")
 SRDF = """<robot name="twin_arm">

@@ -6,16 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, InputError, Scene, UnknownNameError
+from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
+from safe_ompl.robot import Robot, robot_hash
 
 BASE = Pose.from_rpy((0.5, -0.3, 0.8), (0.2, -0.1, 1.2))
 ROOM = ((-1.0, 1.0), (-0.5, 2.0))

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from self_pairs import self_pairs
 
-from safe_ompl.apps.cli.program import main
-from safe_ompl.robot.loading.packages import find_example, robots_folder
-from safe_ompl.robot.loading.srdf import disabled_links
-from safe_ompl.robot.loading.urdf import UrdfFile
-from safe_ompl.robot.robot import Robot
+from safe_ompl import Robot
+from safe_ompl.apps import main
+from safe_ompl.robot.loading import UrdfFile, disabled_links, find_example, robots_folder
 
 
 def test_round_trip(data_folder, tmp_path, capsys):

@@ -12,19 +12,13 @@ pytest.importorskip("matplotlib")
 import coal
 from matplotlib.image import imread
 
-from safe_ompl.common.errors import InputError
+from safe_ompl import Box, InputError, Obstacle, Person, Pose, Robot, Scene, Sphere
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl.view import DrawnPath, render_comparison, render_path, save_png
 from safe_ompl.view.pictures.bodies import RobotBody, obstacle_surfaces
 from safe_ompl.view.pictures.camera import Camera, in_picture
-from safe_ompl.view.pictures.path import DrawnPath, choose_camera, moments, render_path
+from safe_ompl.view.pictures.path import choose_camera, moments
 from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Renderer, ZBuffer, tone_mapped
-from safe_ompl.view.pictures.results import render_comparison, save_png
 from safe_ompl.view.pictures.scene import DrawnScene
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tessellate, tube
 

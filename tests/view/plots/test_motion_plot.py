@@ -7,11 +7,9 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from safe_ompl.danger.field import DangerField
-from safe_ompl.io.motions import ACCELERATION
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import time_path
-from safe_ompl.view.plots.paths import plot_motion
+from safe_ompl import DangerField, RateLimits, time_path
+from safe_ompl.io import ACCELERATION
+from safe_ompl.view.plots import plot_motion
 
 PATH = [
     [0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.0],

@@ -7,10 +7,9 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from safe_ompl import Box, Obstacle, Person, Pose, SafeSetup, Scene
-from safe_ompl.common.errors import InputError
+from safe_ompl import Box, InputError, Obstacle, Person, Pose, SafeSetup, Scene
 from safe_ompl.view.pictures.results import _clearances
-from safe_ompl.view.plots.paths import plot_plan
+from safe_ompl.view.plots import plot_plan
 
 
 def test_clearances_of_several_kinds_are_told_apart(tmp_path):

@@ -14,9 +14,8 @@ pytest.importorskip("matplotlib")
 import matplotlib
 from matplotlib.image import imread
 
-from safe_ompl.common.errors import InputError, SafeOmplError
-from safe_ompl.view.plots.paths import plot_plan
-from safe_ompl.view.plots.planners import plot_bands, plot_clearance_danger, plot_profiles, plot_times
+from safe_ompl import InputError, SafeOmplError
+from safe_ompl.view.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
 from safe_ompl.view.style import planner_styles
 
 PROFILES = {

@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import InputError
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.view.plots import cspace, planar
-from safe_ompl.view.plots.cspace import isosurface, plot_cspace_path
-from safe_ompl.view.plots.planar import plot_bubbles, plot_field
+from safe_ompl import CollisionChecker, InputError, Scenario
+from safe_ompl.scene import find_scenario
+from safe_ompl.view.plots import cspace, planar, plot_bubbles, plot_cspace_path, plot_field
+from safe_ompl.view.plots.cspace import isosurface
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plane import EXACT, TIMEOUT, HotSpot, PlaneCost, PlaneProblem, dense, wall_with_a_gap, walled_in
 
-from safe_ompl.common.errors import InputError
+from safe_ompl import InputError
 from safe_ompl.planning.planners.baselines import HRRT
 
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from plane import EXACT, PlaneCost, PlaneProblem, dense
 
-from safe_ompl.common.errors import UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl import Scenario, UnknownNameError, make_planner
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners.baselines import TransitionTest
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import find_scenario
 
 
 class Hill(PlaneCost):

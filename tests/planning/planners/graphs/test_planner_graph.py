@@ -10,13 +10,11 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph, two_trees
-from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.run import planner_data
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import SafeRRTConnect, SafeSetup, Scenario, make_planner, planner_data, planner_names
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners import PlannerGraph, is_ours, needs_place
+from safe_ompl.planning.planners.graphs.planner_graph import two_trees
+from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 MARK = "{http://graphml.graphdrawing.org/xmlns}"

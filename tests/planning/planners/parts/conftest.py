@@ -5,11 +5,10 @@ from __future__ import annotations
 import pytest
 from plane import PlaneProblem, SlopedHotSpot
 
-from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl import SafeRRTConnect, SafeSetup, Scenario
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners.parts.problem import PlanningProblem
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture

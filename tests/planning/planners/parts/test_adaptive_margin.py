@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from safe_ompl import SafeRRTConnect, Scenario
 from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin, PenaltyMargin
 from safe_ompl.planning.planners.parts.danger import DangerWeight
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.counts import Counts
+from safe_ompl.common import Counts
 from safe_ompl.planning.planners.parts.danger import (
     AdaptiveThreshold,
     DangerDecay,

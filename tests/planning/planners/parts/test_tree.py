@@ -5,10 +5,9 @@ import pytest
 from ompl import base as ob
 from plane import TIMEOUT, PlaneProblem, SlopedHotSpot, walled_in
 
-from safe_ompl.planning.ompl.objective import StateCost
-from safe_ompl.planning.ompl.states import StateBridge
+from safe_ompl import make_planner
+from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners.parts.tree import ROOT, Tree, TreeSchedule
-from safe_ompl.planning.planners.registry import make_planner
 
 
 class Height(ob.OptimizationObjective):

@@ -6,12 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR
-from safe_ompl.collision.bubbles import Bubble, diamond_meetings, reach_along
-from safe_ompl.common.errors import UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import Scenario, UnknownNameError, make_planner
+from safe_ompl.collision import DISTANCE_ERROR, Bubble
+from safe_ompl.collision.bubbles import diamond_meetings, reach_along
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 
 @cache

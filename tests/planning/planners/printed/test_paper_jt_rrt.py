@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import UnknownNameError
+from safe_ompl import Scenario, UnknownNameError
 from safe_ompl.danger.link_field import vector_field
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.ompl import ScratchState, StateBridge
+from safe_ompl.scene import find_scenario
 
 RANGE, STEP, D_THRESHOLD = 0.5, 0.1, 0.01
 PARAMETERS = {"range": RANGE, "step": STEP, "goal_bias": 0.3}

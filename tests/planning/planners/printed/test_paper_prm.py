@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
+from safe_ompl import Scenario, UnknownNameError, make_planner
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.ompl import ScratchState, StateBridge
 from safe_ompl.planning.planners.graphs.roadmap_search import LocalPlanner
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import find_scenario
 
 N, K = 120, 8
 

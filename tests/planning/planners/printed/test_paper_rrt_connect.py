@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from plane import EXACT, GOAL, START, TIMEOUT, HotSpot, PlaneProblem, wall_with_a_gap
 
-from safe_ompl.common.errors import UnknownNameError
-from safe_ompl.planning.ompl.objective import StateCost
-from safe_ompl.planning.planners.registry import make_planner
+from safe_ompl import UnknownNameError, make_planner
+from safe_ompl.planning.ompl import StateCost
 
 RANGE = 0.25
 
