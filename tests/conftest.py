@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from crank import CRANK
 from hypothesis import settings
 from ompl import util as ou
 
@@ -81,6 +82,10 @@ def _robot(name: str) -> Robot:
         return Robot.from_urdf(DATA / "twin_arm.urdf")
     if name == "slider":  # its right arm alone: two of four joints slide
         return Robot.from_urdf(DATA / "twin_arm.urdf", tip="right_hand", name="slider")
+    if name == "gripper":  # two links and two fingers: grip_mirror = 1.5·grip + 0.001
+        return Robot.from_urdf(DATA / "gripper_arm.urdf", tip="finger_1")
+    if name == "parallel":  # two links and a hand that turns back by twice the angle of the elbow, less 0.3
+        return Robot.from_urdf(DATA / "parallel_arm.urdf")
     return Robot.from_example(name)
 
 
@@ -106,7 +111,7 @@ def edited(data_folder, tmp_path):
 
 @pytest.fixture(scope="session")
 def robot_named():
-    """Return a function from a name to a shared robot: "twin_arm", "slider", or an example robot."""
+    """Return a function from a name to a shared robot: one of `_robot`, or an example robot."""
     return _robot
 
 
@@ -130,6 +135,14 @@ def kinova():
 def twin_arm():
     """Two arms on a lift: prismatic, continuous and revolute joints, and a branch."""
     return _robot("twin_arm")
+
+
+@pytest.fixture(scope="session")
+def crank(tmp_path_factory):
+    """One joint about z that turns a ball of 0.05 m at a distance of 0.5 m."""
+    urdf = tmp_path_factory.mktemp("crank") / "crank.urdf"
+    urdf.write_text(CRANK)
+    return Robot.from_urdf(urdf)
 
 
 @pytest.fixture(autouse=True)

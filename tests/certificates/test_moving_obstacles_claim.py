@@ -69,10 +69,7 @@ def test_clearance_is_kept_while_they_move(ur5, clutter, nearest):
         written(ur5, clutter, 0.6 * nearest["ball"], 1.0, clearance=clear)
 
 
-@pytest.mark.parametrize(
-    ("key", "factor"),
-    [("speeds", 2.0), ("time", 2.0)],
-)
+@pytest.mark.parametrize(("key", "factor"), [("speeds", 2.0), ("time", 2.0)])
 def test_a_claim_that_was_made_larger(ur5, clutter, nearest, key, factor):
     content = written(ur5, clutter, 0.7 * nearest["ball"], 1.0)
     claim = content["moving_obstacles"]

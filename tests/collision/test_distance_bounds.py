@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl import Box, CertifiedMotion, CollisionChecker, Obstacle, PointCloud, Pose, Scene, Verdict
+from safe_ompl import CertifiedMotion, CollisionChecker, Verdict
 from safe_ompl.collision import FLOOR, Separation
 from safe_ompl.collision.bounds import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
@@ -71,17 +71,6 @@ def test_what_must_be_kept_is_kept(robot_named, clutter, name, seed, margin, lat
                 assert not pairs.within_margins(start + t * delta, required + t * growth)
 
 
-def test_a_cloud_is_seen(ur5, rng):
-    points = np.array([0.5, 0.0, 0.4]) + rng.uniform(-0.1, 0.1, (60, 3))
-    checker = CollisionChecker(ur5, Scene((Obstacle("cloud", PointCloud(0.02, points=points)),)))
-    proven = 0
-    for start, delta in edges(ur5, 80):
-        if proof(checker.pairs, start, delta).proven:
-            proven += 1
-            assert not any(checker.touches(start + t * delta) for t in along(delta))
-    assert proven > 10
-
-
 def test_where_it_fails_a_pair_is_near(ur5, clutter):
     checker = CollisionChecker(ur5, clutter)
     failed = [
@@ -137,20 +126,6 @@ def test_nothing_is_kept_from_one_edge_to_the_next(ur5, clutter):
 
 
 # --------------------------------------------------------------------------------------------------- special cases
-
-
-def test_obstacles_can_be_placed_anew(ur5):
-    def scene(place):
-        return Scene((Obstacle("post", Box((0.1, 0.1, 0.8)), Pose(place, (0.6, 0.0, 0.0, 0.8))),))
-
-    here = CollisionChecker(ur5, scene((0.5, 0.1, 0.4)), movable=("post",))
-    there = CollisionChecker(ur5, scene((-0.3, 0.4, 0.5)), movable=("post",))
-    asked = list(edges(ur5, 60))
-    before = [proof(here.pairs, *edge).proven for edge in asked]
-    wanted = [proof(there.pairs, *edge).proven for edge in asked]
-    assert before != wanted
-    here.move(there.scene)
-    assert [proof(here.pairs, *edge).proven for edge in asked] == wanted
 
 
 def test_without_pairs_everything_is_free(ur5):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl import InputError, Obstacle, Pose, Robot, Scenario, Scene, Sphere, UnknownNameError
+from safe_ompl import InputError, Obstacle, Pose, Scenario, Scene, Sphere, UnknownNameError
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, Verdict
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import find_scenario
@@ -30,19 +30,6 @@ def random_edge(robot, seed, length):
     start = rng.uniform(robot.lower, robot.upper)
     end = start + length * rng.normal(size=robot.n) / np.sqrt(robot.n)
     return start, np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
-
-
-@pytest.fixture(scope="module")
-def crank(tmp_path_factory):
-    """One joint about z that turns a ball of 0.05 m at a distance of 0.5 m."""
-    urdf = tmp_path_factory.mktemp("crank") / "crank.urdf"
-    urdf.write_text(
-        """<robot name="crank"><link name="base"/>
-        <link name="ball"><collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>
-        </link><joint name="turn" type="revolute"><parent link="base"/><child link="ball"/><axis xyz="0 0 1"/>
-          <limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
-    )
-    return Robot.from_urdf(urdf)
 
 
 def balls(**places):

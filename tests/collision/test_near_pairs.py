@@ -25,33 +25,6 @@ def geometry():
 PAIRS = np.array([(i, j) for i in range(BODIES) for j in range(i)])
 
 
-def distances(geometry, data):
-    found = []
-    for i, j in PAIRS:
-        bodies = geometry.geometryObjects[int(i)], geometry.geometryObjects[int(j)]
-        places = [coal.Transform3s(data.oMg[int(k)].rotation, data.oMg[int(k)].translation) for k in (i, j)]
-        answer = coal.DistanceResult()
-        coal.distance(
-            bodies[0].geometry, places[0], bodies[1].geometry, places[1], coal.DistanceRequest(), answer
-        )
-        found.append(answer.min_distance)
-    return np.array(found)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_no_near_pair_is_missed(geometry, seed):
-    data = geometry.createData()
-    near = BroadPhase(geometry, data, PAIRS)
-    near.margins[:] = 0.05
-    pin.seed(seed)
-    for k in range(BODIES):
-        place = pin.SE3.Random()
-        data.oMg[k] = pin.SE3(place.rotation, 0.5 * place.translation)
-    found = near.found()
-    assert set(np.flatnonzero(distances(geometry, data) <= 0.05)) <= set(found)
-    assert len(found) < len(PAIRS)
-
-
 def test_another_layout_of_places_is_noticed(geometry, monkeypatch):
     monkeypatch.setattr(broad_phase, "as_strided", lambda first, shape, _: as_strided(first, shape, (96, 0)))
     with pytest.raises(RuntimeError, match="another layout"):

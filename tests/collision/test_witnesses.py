@@ -70,16 +70,6 @@ def test_hinge_costs_are_those_of_the_distances(near):
     np.testing.assert_allclose(bends, np.sqrt(second)[:, None] * slopes, atol=1e-8)
 
 
-def test_witnesses_that_move_foretell_distances(near):
-    checker, Q = near
-    witnesses = Proximity(checker, WITHIN).witnesses(Q)
-    moved = Q + 1e-3
-    foretold, _ = distances_of(witnesses, moved)
-    for row, q in enumerate(moved):
-        found = foretold[witnesses.rows == row].min()
-        assert found == pytest.approx(checker.clearance(q).distance, abs=5e-4)
-
-
 def test_nothing_is_near_in_an_empty_scene(panda):
     density = ObstacleCost(CollisionChecker(panda, Scene()), 0.05)
     Q = np.zeros((3, 7))

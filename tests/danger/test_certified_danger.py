@@ -15,7 +15,7 @@ from safe_ompl.danger.link_field import Segments, segment_distances, segment_fie
 from safe_ompl.danger.motion_rates import KeypointRates
 from safe_ompl.danger.search import Ends, chords
 
-ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
+ROBOTS = ["panda", "kinova", "twin_arm", "slider", "gripper", "parallel"]
 ROUNDING = 1e-9
 
 seeds = st.integers(0, 2**32 - 1)

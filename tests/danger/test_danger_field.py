@@ -112,16 +112,6 @@ def test_length_weighting_and_k1():
 
 
 @pytest.mark.parametrize("aggregate", AGGREGATES)
-def test_batch_is_the_same_as_one_by_one(aggregate):
-    danger = DangerField(ARM, POINTS, WEIGHTS, aggregate=aggregate)
-    values, gradients = danger.values_and_gradients(Q)
-    np.testing.assert_allclose(values, danger.values(Q), rtol=1e-15)
-    np.testing.assert_allclose(gradients, danger.gradients(Q), rtol=1e-15)
-    np.testing.assert_allclose(values, [danger.value(q) for q in Q], rtol=1e-13)
-    np.testing.assert_allclose(gradients, [danger.gradient(q) for q in Q], rtol=1e-10, atol=1e-12)
-
-
-@pytest.mark.parametrize("aggregate", AGGREGATES)
 def test_empty_batch(aggregate):
     danger = DangerField(ARM, POINTS, aggregate=aggregate)
     values, gradients = danger.values_and_gradients(np.empty((0, 3)))

@@ -220,11 +220,6 @@ def test_known_lengths_change_nothing(rng):
         )
 
 
-def test_memory_order_changes_nothing(rng):
-    keypoints, points = arm(rng, 2), rng.normal(size=(6, 3))
-    assert np.array_equal(field(keypoints, ARM, points), field(keypoints, ARM, np.asfortranarray(points)))
-
-
 def test_nothing_in_nothing_out(rng):
     keypoints, points = arm(rng, 2), rng.normal(size=(3, 3))
     assert field(keypoints[:0], ARM, points).shape == (0, 3)
@@ -327,32 +322,6 @@ def test_vector_field_has_the_length_of_the_field_and_points_to_the_robot(rng):
 # ------------------------------------------------------------------------------------------------------ laws
 
 
-def test_mean_over_a_sphere_is_the_value_at_its_centre(rng):
-    keypoints, centre = arm(rng), np.array([1.5, -1.0, 2.0])
-    radius = 0.9 * segment_distances(keypoints, ARM, centre[None]).min()
-    z, weight = np.polynomial.legendre.leggauss(60)
-    phi = np.linspace(0, 2 * np.pi, 120, endpoint=False)
-    ring = np.sqrt(1 - z**2)[:, None]
-    sphere = np.stack(
-        [ring * np.cos(phi), ring * np.sin(phi), np.broadcast_to(z[:, None], (60, 120))], axis=-1
-    )
-    values = field(keypoints, ARM, centre + radius * sphere.reshape(-1, 3)).reshape(60, 120)
-    mean = weight @ values.mean(axis=1) / 2
-    assert mean == pytest.approx(field(keypoints, ARM, centre[None])[0, 0], rel=1e-9)
-
-
-@repeatable
-@given(skeletons, places)
-def test_positive(keypoints, p):
-    assert (segment_fields(keypoints, ARM, p[None]) > 0).all()
-
-
-@repeatable
-@given(places, places, places)
-def test_symmetric_in_the_ends(a, b, p):
-    assert link(a, b, p) == pytest.approx(link(b, a, p), rel=1e-12)
-
-
 @repeatable
 @given(skeletons, places, places, places)
 def test_invariant_under_rigid_motion(keypoints, p, rotation, translation):
@@ -367,23 +336,6 @@ def test_invariant_under_rigid_motion(keypoints, p, rotation, translation):
             rtol=1e-7,
             atol=1e-7,
         )
-
-
-@repeatable
-@given(skeletons, places, st.floats(1e-3, 1e3))
-def test_homogeneous_of_degree_minus_one(keypoints, p, factor):
-    value = field(keypoints, ARM, p[None])
-    np.testing.assert_allclose(field(factor * keypoints, ARM, factor * p[None]), value / factor, rtol=1e-8)
-
-
-@repeatable
-@given(skeletons, places, st.floats(1.001, 10))
-def test_decreases_on_the_way_out(keypoints, direction, factor):
-    norm = np.linalg.norm(direction)
-    if norm > 1e-3:
-        p = 4 * direction / norm  # outside the ball that holds the key points
-        near, far = field(keypoints, ARM, np.array([p, factor * p]))[0]
-        assert far < near
 
 
 @repeatable

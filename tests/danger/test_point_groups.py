@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from safe_ompl.danger import evaluation as point_groups
 from safe_ompl.danger.evaluation import PointGroups
 
 
@@ -40,13 +39,6 @@ def test_groups_hold_their_points(rng, number, flat):
             assert np.average(away, weights=kept[first:last]) == pytest.approx(balls["spread"][ball])
             assert balls["charge"][ball] == pytest.approx(kept[first:last].mean())
     assert seen == list(range(number))
-
-
-def test_the_curve_goes_from_cell_to_cell_beside_it(monkeypatch):
-    monkeypatch.setattr(point_groups, "_LEVELS", 3)
-    cells = np.stack(np.meshgrid(*[np.arange(8.0)] * 3), axis=-1).reshape(-1, 3)
-    order = np.argsort(point_groups._places_on_curve(cells))
-    assert (np.abs(np.diff(cells[order], axis=0)).sum(axis=1) == 1).all()
 
 
 def test_groups_are_compact(rng):

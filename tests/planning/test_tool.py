@@ -187,11 +187,7 @@ def test_scenarios_keep_tools_upright(scenario, tmp_path):
     setup = setup_scenario(again)
     assert setup.getToolConstraint().limit == LIMIT
     assert setup.getTipBounds().lower.tolist() == [-np.inf, -np.inf, 0.2]
-    assert setup.plan(seed=1, time=8.0).validation.claims == (
-        "collision",
-        "tool orientation",
-        "tip position",
-    )
+    assert setup.plan(seed=1, time=8.0).validation.claims == ("collision", "tool orientation", "tip position")
 
 
 def test_scenarios_have_regions(scenario, tmp_path):

@@ -67,7 +67,3 @@ def test_batches(panda):
 def test_nan_is_never_within_limits(kinova):
     assert not kinova.within_limits(np.full(6, np.nan)).any()
     assert kinova.within_limits([0.0, *((kinova.lower + kinova.upper) / 2)[1:]]).all()
-
-
-def test_differences_of_lists(kinova):
-    np.testing.assert_allclose(kinova.difference([3.0] * 6, [-3.0] * 6)[kinova.continuous], 2 * np.pi - 6)

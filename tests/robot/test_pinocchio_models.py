@@ -94,8 +94,3 @@ def test_bounds_are_found_under_their_former_names_with_a_warning(robot):
 def test_shared_models_are_those_of_the_proofs(robot):
     assert robot.shared.collision_model == robot.collision_model
     assert robot.shared.model == robot.model
-
-
-def test_visual_model_holds_the_same_joints(panda):
-    assert len(panda.visual_model.geometryObjects) > 8
-    assert max(part.parentJoint for part in panda.visual_model.geometryObjects) == 7

@@ -78,10 +78,3 @@ def test_no_danger_exceeds_its_bound(robot, free_edges):
         samples = field.values(start + np.linspace(0.0, 1.0, 300)[:, None] * (end - start))
         assert samples.max() <= bounds.upper * (1 + 1e-9)
         assert bounds.upper <= 1.06 * bounds.lower
-
-
-def test_gradient_of_the_danger_against_finite_differences(robot, free_edges):
-    field, step = danger_of(robot), 1e-6
-    q = free_edges[0][0]
-    numeric = [(field.value(q + h) - field.value(q - h)) / (2 * step) for h in step * np.eye(robot.n)]
-    np.testing.assert_allclose(field.gradient(q), numeric, rtol=1e-4, atol=1e-6)

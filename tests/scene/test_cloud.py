@@ -23,12 +23,7 @@ from safe_ompl.geometry.mesh import triangle_tree
 from safe_ompl.geometry.point_files import _lzf_decompressed
 
 POINTS = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 3))
-PROBES = [
-    coal.Capsule(0.05, 0.2),
-    coal.Box(0.1, 0.15, 0.2),
-    coal.Cylinder(0.05, 0.2),
-    coal.Sphere(0.1),
-]
+PROBES = [coal.Capsule(0.05, 0.2), coal.Box(0.1, 0.15, 0.2), coal.Cylinder(0.05, 0.2), coal.Sphere(0.1)]
 
 
 def hull() -> coal.Convex:

@@ -419,11 +419,7 @@ def problems(folder: Path) -> Path:
     """Return a file with two families; its joints are in another order than the robot's."""
     families = {
         "easy": [FREE, {**FREE, "index": 5, "goals": [[-0.2, -2.95]]}],
-        "bad": [
-            {**FREE, "start": [0.0, 0.0]},
-            {**FREE, "goals": [[9.0, 0.0]]},
-            {"index": 6},
-        ],
+        "bad": [{**FREE, "start": [0.0, 0.0]}, {**FREE, "goals": [[9.0, 0.0]]}, {"index": 6}],
     }
     file = folder / "problems.json"
     file.write_text(json.dumps({"robot": "arm", "joints": ["joint2", "joint1"], "problems": families}))

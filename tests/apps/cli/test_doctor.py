@@ -25,10 +25,7 @@ def test_the_doctor_says_versions_and_plans(capsys):
 
 
 def test_the_doctor_tells_what_is_missing(capsys, monkeypatch):
-    needed = [
-        info.Requirement("no-such-package", ">=2", ""),
-        info.Requirement("no-such-extra", "", "viewer"),
-    ]
+    needed = [info.Requirement("no-such-package", ">=2", ""), info.Requirement("no-such-extra", "", "viewer")]
     monkeypatch.setattr(info, "requirements", lambda: iter(needed))
     assert main(["doctor"]) == 1
     out = capsys.readouterr().out

@@ -11,8 +11,7 @@ from safe_ompl.paths.simplify.edges import divided, refined, with_way_points
 # In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
 # between two points is arcosh(1 + distance²/(2 y₁ y₂)) (Poincaré).
 HYPERBOLIC = Density(
-    lambda Q: 1 / Q[:, 1] - 1,
-    lambda Q: np.stack([np.zeros(len(Q)), -1 / Q[:, 1] ** 2], axis=1),
+    lambda Q: 1 / Q[:, 1] - 1, lambda Q: np.stack([np.zeros(len(Q)), -1 / Q[:, 1] ** 2], axis=1)
 )
 
 

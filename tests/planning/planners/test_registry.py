@@ -84,10 +84,7 @@ def test_the_seed_is_not_among_the_known_parameters(si):
     assert "seed" not in str(error.value)
 
 
-BOOLEANS = [
-    ("SafeRRTConnect", "short_steps"),
-    ("SafeJTRRT", "transpose"),
-]
+BOOLEANS = [("SafeRRTConnect", "short_steps"), ("SafeJTRRT", "transpose")]
 
 
 @pytest.mark.parametrize(("name", "key"), BOOLEANS)

@@ -227,14 +227,6 @@ def test_motions_in_a_cell_of_two(cell, plain_check, rng):
     assert_no_free_motion_collides(cell, Scene(), plain_check, rng, 150, 3)
 
 
-def test_arms_approach_each_other_no_faster_than_said(cell, plain_check, rng):
-    checker, plain = CollisionChecker(cell, Scene()), plain_check(cell, Scene())
-    for start, end in random_edges(cell, rng, 60, 0.1):
-        before, after = plain.distances(start), plain.distances(end)
-        apart = (before > 0) & (after > 0)
-        assert (np.abs(after - before) <= checker.pair_radii @ np.abs(end - start) + 2e-5)[apart].all()
-
-
 def test_danger_of_both_arms(cell):
     points = np.array([[0.0, 0.6, 0.5], [0.0, -0.6, 0.5]])
     field = DangerField(cell, points)

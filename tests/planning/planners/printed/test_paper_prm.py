@@ -118,10 +118,7 @@ def test_too_few_samples_end_in_failure(arm):
     assert planned(arm, "ClassicPRM", 0, samples=1, neighbors=1)
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("slide", 0.5), ("danger_decay", 2.0), ("clearance", 0.05)],
-)
+@pytest.mark.parametrize(("key", "value"), [("slide", 0.5), ("danger_decay", 2.0), ("clearance", 0.05)])
 def test_it_has_no_parameters_that_are_ours(arm, key, value):
     with pytest.raises(UnknownNameError, match=f"unknown parameter of PaperSafePRM {key!r}"):
         planned(arm, "PaperSafePRM", 0, **{key: value})
