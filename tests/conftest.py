@@ -37,6 +37,7 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "people/simulation/",
     "planning/ompl/test_constraints.py::test_quickly_and_in_words",
     "planning/ompl/test_goals.py::test_nothing_is_left_over_at_exit",
+    "planning/ompl/test_goals.py::test_out_of_reach",
     "planning/ompl/test_goals.py::test_the_tip_never_leaves_its_reach",
     "planning/ompl/test_objective.py::test_optimising_planners_stop",
     "planning/planners/printed/",

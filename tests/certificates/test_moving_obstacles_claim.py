@@ -5,11 +5,11 @@ import json
 
 import numpy as np
 import pytest
+from signing import signed
 
 from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Obstacle, Pose, Scene
 from safe_ompl.certificates import certificate, verify
 from safe_ompl.common import CertificateError, InputError, PlanningError
-from safe_ompl.io import digest
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0, 0, 0]])
 
@@ -27,10 +27,6 @@ def nearest(ur5, clutter, plain_check):
 def written(ur5, clutter, speed, time, **claims):
     moving = {"speeds": {"ball": speed}, "time": time}
     return json.loads(json.dumps(certificate(PATH, ur5, clutter, moving_obstacles=moving, **claims)))
-
-
-def signed(content):
-    return {**content, "digest": digest(content)}
 
 
 def test_it_is_proven_up_to_how_far_the_obstacle_is(ur5, clutter, nearest):

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from signing import signed
 
 from safe_ompl import CertificateError, InputError, Scenario, Scene
 from safe_ompl.certificates import certificate, terms_of, verify
 from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
-from safe_ompl.io import built_robot, built_scene, carried_robot, carried_scene, digest
+from safe_ompl.io import built_robot, built_scene, carried_robot, carried_scene
 from safe_ompl.io.scene_document import unpack
 from safe_ompl.robot import Robot, robot_hash
 
@@ -27,10 +28,6 @@ PLAIN = {"locked": {}, "limits": {}, "hulls": True}  # of a recipe
 def travelled(data):
     """Return what arrives when plain data is written to a file and read again."""
     return json.loads(json.dumps(data, allow_nan=False))
-
-
-def signed(content):
-    return {**content, "digest": digest(content)}
 
 
 @pytest.fixture

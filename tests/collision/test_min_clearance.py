@@ -2,17 +2,14 @@
 
 import pickle
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl import InputError, Obstacle, Pose, Scenario, Scene, Sphere, UnknownNameError
+from safe_ompl import InputError, Obstacle, Pose, Scene, Sphere, UnknownNameError
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, Verdict
-from safe_ompl.planning import setup_scenario
-from safe_ompl.scene import find_scenario
 
 ROBOTS = ["panda", "kinova", "twin_arm", "slider"]
 ERROR = 2e-5  # [m] of coal's distances
@@ -268,16 +265,3 @@ def test_what_moves_during_an_edge_comes_on_top_of_what_may_have_moved(crank):
     moved = still.with_moving_obstacles({"walker": 0.3}, 1.0)
     assert moved.is_free(START, END)
     assert moved.check_moving(START, END, {"walker": 0.3}, (0.0, 1.0)).verdict is Verdict.BLOCKED
-
-
-def test_planned_paths_keep_what_a_person_may_walk():
-    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
-    person = next(o.name for o in setup.scene if o.weight > 0)
-    setup.setMovingObstacles({person: 0.2}, 0.2)
-    for planner in ("SafeRRTConnect", "RRTConnect"):
-        path = setup.plan(planner, time=20.0, seed=1, simplify=0.2).path
-        names = [obstacle for _, obstacle in setup.checker.distance_names]
-        of_person = np.array([name == person for name in names])
-        for start, end in pairwise(path):
-            for t in np.linspace(0, 1, 20):
-                assert setup.checker.distances(start + t * (end - start))[of_person].min() > 0.04 - ERROR

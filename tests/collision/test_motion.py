@@ -263,13 +263,6 @@ def test_the_tolerance_of_limits(crank):
     assert not motion.is_free(crank.lower - 2e-9, [0.0])
 
 
-def test_continuous_joints_have_no_limits(kinova):
-    motion = CertifiedMotion(CollisionChecker(kinova, Scene()))
-    start = np.array([0.0, 2.9, 1.3, 0.0, 1.8, 0.0])
-    assert motion.is_free(start, start)
-    assert motion.is_free(start + 20 * np.pi * kinova.continuous, start)
-
-
 # ----------------------------------------------------------------------------------------------------------- errors
 
 

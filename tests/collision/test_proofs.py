@@ -1,13 +1,15 @@
 """Proofs of motions in scenes of all kinds: robots, obstacles and edges at random, against plain coal calls."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl import CertifiedDanger, DangerField, Scene, certificate, verify
+from safe_ompl import CertifiedDanger, DangerField, Obstacle, PointCloud, Scene, certificate, verify
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict
-from safe_ompl.geometry import Box, Capsule, Cylinder, Obstacle, Pose, Sphere
+from safe_ompl.geometry import Box, Capsule, Cylinder, Pose, Sphere
 
 ERROR = 2e-5  # [m] of coal's distances
 
@@ -64,3 +66,28 @@ def test_proofs_in_all_kinds_of_scenes(robot_named, plain_check, name, scene, se
         field = DangerField(robot, points, weights)
         bounds = CertifiedDanger(field).of_edge(start, end)
         assert field.values(edge).max() <= bounds.upper * (1 + 1e-9)
+
+
+# ------------------------------------------- a checker with a large cloud never misses what balls, one by one, woul
+
+
+RADIUS = 0.02
+
+
+@pytest.fixture(scope="module")
+def scan() -> np.ndarray:
+    """Return a patch of a wall and of a table, as a camera sees them."""
+    rng = np.random.default_rng(2)
+    wall = np.column_stack(
+        [rng.normal(0.55, 0.002, 120), rng.uniform(-0.4, 0.4, 120), rng.uniform(0.2, 0.8, 120)]
+    )
+    table = np.column_stack(
+        [rng.uniform(0.2, 0.8, 120), rng.uniform(-0.4, 0.4, 120), rng.normal(0.1, 0.002, 120)]
+    )
+    return np.concatenate([wall, table])
+
+
+def test_a_certificate_beside_a_large_cloud_verifies(panda, scan) -> None:
+    scene = Scene((Obstacle("scan", PointCloud(RADIUS, points=np.tile(scan, (20, 1)))),))
+    path = [[-1.8, -0.9, 0.0, -2.4, 0.0, 1.8, 0.8], [-2.4, -0.7, 0.1, -2.2, 0.1, 1.9, 0.6]]
+    assert verify(certificate(path, panda, scene), panda, scene).edges == 1

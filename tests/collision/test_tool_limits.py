@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 from safe_ompl import InputError, TipBounds, ToolOrientation, Verdict
-from safe_ompl.collision import MotionLimit
 
 ROBOTS = ["panda", "ur5", "kinova", "slider", "twin_arm"]
 UP = [0.0, 0.0, 1.0]
@@ -113,11 +112,6 @@ def test_a_motion_at_the_limit_is_undecided(ur5):
     verdict = limit.check(q, q + 0.5 * np.eye(6)[5])  # turns about the axis: the angle stays what it is
     assert verdict.verdict is Verdict.UNDECIDED
     assert 0.0 <= verdict.at <= 1.0
-
-
-def test_it_is_a_limit_of_motions(ur5):
-    limit: MotionLimit = TipBounds(ur5, [-9, -9, -9], [9, 9, 9])
-    assert limit.check(np.zeros(6), np.ones(6)).verdict is Verdict.FREE
 
 
 def test_walls_may_be_missing(ur5):

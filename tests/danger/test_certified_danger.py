@@ -291,10 +291,6 @@ def test_configurations_are_checked(panda, bad):
             ask(bad)
 
 
-def test_repr_names_the_options(panda):
-    assert "tolerance=0.05" in repr(certified(panda))
-
-
 def test_without_danger_points_the_peak_is_zero(panda):
     field = DangerField(panda, [])
     path = random_path(panda, 1, 3, 1.0)

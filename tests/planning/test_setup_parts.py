@@ -9,7 +9,7 @@ from ompl import geometric as og
 
 from safe_ompl import DangerField, DangerLimit, Pose, SafeSetup, make_planner
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
-from safe_ompl.common import CollisionError, InputError, PlanningError, UnknownNameError
+from safe_ompl.common import CollisionError, InputError, UnknownNameError
 from safe_ompl.planning.ompl import CollisionFreeValidity, Constraints, WorkspaceGoal, joint_space
 from safe_ompl.planning.optimise import Simplification, Timing
 from safe_ompl.planning.problem import Problem
@@ -118,17 +118,6 @@ def test_of_a_place_and_configurations_a_planner_gets_what_it_plans_to(plain, wi
     assert plain.getGoal() is states
     problem.choose_place(make_planner("SafeJTRRT", si))
     assert plain.getGoal() is problem.place
-
-
-def test_the_ends_of_a_path(problem):
-    problem.set_configurations(START, GOAL)
-    problem.check_ends(np.array([START, GOAL]), "Mine")
-    with pytest.raises(
-        PlanningError, match=r"Mine returned a path that begins 1\.6 rad away from every start"
-    ):
-        problem.check_ends(np.array([GOAL, GOAL]), "Mine")
-    with pytest.raises(PlanningError, match=r"Mine returned a path that ends 1\.6 rad away from the goal"):
-        problem.check_ends(np.array([START, START]), "Mine")
 
 
 # -------------------------------------------------------------------------------------------------- paths made better

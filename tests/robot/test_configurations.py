@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import InputError, UnknownNameError
+from safe_ompl.robot import JointLimits
 
 ASKED = (
     "keypoints",
@@ -67,3 +68,26 @@ def test_batches(panda):
 def test_nan_is_never_within_limits(kinova):
     assert not kinova.within_limits(np.full(6, np.nan)).any()
     assert kinova.within_limits([0.0, *((kinova.lower + kinova.upper) / 2)[1:]]).all()
+
+
+# ------------------------------------------------ the quick look at joint limits says what the robot's own one does
+
+
+@pytest.mark.parametrize("name", ["ur5", "kinova", "twin_arm"])
+def test_as_the_robot_says(robot_named, rng, name):
+    robot = robot_named(name)
+    limits = JointLimits(robot)
+    answers = set()
+    for q in rng.uniform(1.2 * robot.lower - 0.01, 1.2 * robot.upper + 0.01, (200, robot.n)):
+        answers.add(limits.hold(q))
+        assert limits.hold(q) is bool(robot.within_limits(q).all())
+    assert answers == {True, False}
+
+
+def test_what_is_not_finite_is_outside(kinova):
+    for bad in (np.nan, np.inf, -np.inf):
+        for joint in range(kinova.n):
+            q = np.zeros(kinova.n)
+            q = np.clip(q, kinova.lower, kinova.upper)
+            q[joint] = bad
+            assert JointLimits(kinova).hold(q) is False

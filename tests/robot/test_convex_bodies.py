@@ -83,7 +83,7 @@ def coals(first, second):
     )
 
 
-@pytest.mark.parametrize(("name", "other"), combinations_with_replacement(SOLIDS, 2))
+@pytest.mark.parametrize(("name", "other"), list(combinations_with_replacement(SOLIDS, 2)))
 def test_tight_bounds_of_what_is_represented_exactly(rng, name, other):
     apart = 0
     for _ in range(25):

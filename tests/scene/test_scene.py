@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 import shutil
 from pathlib import Path
@@ -248,12 +247,6 @@ def test_lookup_and_changes(kitchen: Scene) -> None:
     with pytest.raises(InputError, match=r"obstacles\[3\].name: 'pot' is already obstacles\[2\]"):
         kitchen.with_obstacles(kitchen["pot"])
     assert repr(kitchen) == "Scene({'table': box, 'cook': person, 'pot': cylinder}, spacing=0.2)"
-
-
-def test_pickles(kitchen: Scene) -> None:
-    again = pickle.loads(pickle.dumps(kitchen))
-    assert again == kitchen
-    assert again.content_hash() == kitchen.content_hash()
 
 
 def test_the_hash_tells_contents_apart(kitchen: Scene) -> None:

@@ -229,18 +229,6 @@ def depth(limb, points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("spacing", [0.04, 0.1, 0.25])
-def test_danger_points_of_a_person_lie_on_limbs_and_cover_the_body(spacing: float) -> None:
-    limbs = Person().limbs()
-    points = Person().danger_points(spacing)
-    depths = np.array([depth(limb, points) for limb in limbs])
-    assert np.abs(depths).min(axis=0).max() < 1e-9
-    assert depths.max() <= spacing
-    vertices, _ = Person().triangles(24)
-    skin = vertices[np.max([depth(limb, vertices) for limb in limbs], axis=0) < 1e-9]
-    assert distance_to_nearest(skin, points).max() <= spacing
-
-
-@pytest.mark.parametrize("spacing", [0.04, 0.1, 0.25])
 def test_danger_points_of_a_person_are_those_of_its_limbs_that_are_not_deep_inside_others(
     spacing: float,
 ) -> None:

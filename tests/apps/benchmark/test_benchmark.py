@@ -261,8 +261,9 @@ def test_bad_benchmarks_are_refused(setup: SafeSetup) -> None:
         benchmark.benchmark(request(runCount=0))
     with pytest.raises(InputError, match="builds the setup"):
         benchmark.benchmark(request(), client="tcp://nowhere:1")
-    travelling = Benchmark(build)
-    travelling.addPlanner(og.RRT(travelling._setup.getSpaceInformation()))
+    built: list[SafeSetup] = []
+    travelling = Benchmark(lambda: built.append(build()) or built[-1])
+    travelling.addPlanner(og.RRT(built[0].getSpaceInformation()))
     with pytest.raises(InputError, match="'RRT'"):
         travelling.benchmark(request(), client="tcp://nowhere:1")
 

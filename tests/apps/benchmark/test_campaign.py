@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import signal
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -75,41 +72,6 @@ def test_runs_that_are_done_are_left_out(scenario: Scenario, setup: SafeSetup, p
     runs = [(result.planner, result.seed) for result in campaign.results(setup, processes)]
     assert runs == [("SafeRRTConnect", 0), ("RRTConnect", 1), ("SafeRRTConnect", 2)]
     assert len(campaign) == 3
-
-
-def test_a_process_that_is_lost_is_replaced(
-    scenario: Scenario, results: list[PlanResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mark = tmp_path / "lost"
-
-    def unlucky(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
-        if run.seed == 12 and not mark.exists():
-            mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return honest(self, run, setup)
-
-    honest = Campaign.result
-    monkeypatch.setattr(Campaign, "result", unlucky)
-    parallel = list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(processes=2))
-    assert mark.exists()
-    for one, other in zip(parallel, results, strict=True):
-        np.testing.assert_array_equal(one.path, other.path)
-
-
-def test_a_run_that_ends_its_process_is_not_solved(
-    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def deadly(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
-        if run == ("SafeRRTConnect", 12):
-            os.kill(os.getpid(), signal.SIGKILL)
-        return honest(self, run, setup)
-
-    honest = Campaign.result
-    monkeypatch.setattr(Campaign, "result", deadly)
-    parallel = list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(processes=2))
-    failed = [k for k, result in enumerate(parallel) if not result]
-    assert [(parallel[k].planner, parallel[k].seed) for k in failed] == [("SafeRRTConnect", 12)]
-    assert parallel[failed[0]].status == "Error: the process ended with exit code -9"
 
 
 @pytest.mark.parametrize("processes", [1, 2])

@@ -172,11 +172,6 @@ def test_plan_writes_json_to_standard_output_and_nothing_else(run: Run) -> None:
     assert_solved_record(record)
 
 
-def test_plan_with_the_same_seed_gives_the_same_path(run: Run) -> None:
-    paths = [strict(run("plan", "test.yaml", "--json", "-", "--seed", 5)[1])["path"] for _ in range(2)]
-    assert paths[0] == paths[1]
-
-
 def test_plan_shows_a_table_beside_a_json_file(run: Run, folder: Path) -> None:
     status, out, _ = run("plan", "test.yaml", "--planner", "RRTConnect", "--json", "result.json")
     assert status == 0
@@ -284,45 +279,6 @@ def test_without_a_path_there_is_no_certificate(
     status, _, err = run("plan", "test.yaml", "--certificate", "proof.json")
     assert (status, err) == (1, "safe-ompl: there is no path: nothing is written to proof.json\n")
     assert not (folder / "proof.json").exists()
-
-
-def test_a_certificate_of_what_has_changed(run: Run, folder: Path) -> None:
-    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
-    (folder / "moved.yaml").write_text(SCENARIO.replace("[-0.6, 0.0, 0.0]", "[-0.6, 0.01, 0.0]"))
-    status, out, err = run("verify", "proof.json", "moved.yaml")
-    assert (status, out) == (1, "")
-    assert err == "safe-ompl: proof.json: the scene has changed since it was written\n"
-    (folder / "arm.urdf").write_text(URDF.replace("0.4 0.06 0.06", "0.4 0.06 0.07"))
-    status, _, err = run("verify", "proof.json", "test.yaml")
-    assert status == 1
-    assert "the robot has changed: 'arm'" in err
-    assert run("verify", "proof.json")[0] == 0, "the robot that the file carries is as it was"
-
-
-def test_a_certificate_of_another_danger(run: Run, folder: Path) -> None:
-    weak = "danger: {k1: 0.001}\n"
-    (folder / "weak.yaml").write_text(SCENARIO + weak)
-    assert run("plan", "weak.yaml", "--certificate", "proof.json")[0] == 0
-    assert run("verify", "proof.json")[0] == 0
-    status, out, err = run("verify", "proof.json", "test.yaml")
-    assert (status, out) == (1, "")
-    assert err == "safe-ompl: proof.json: danger: k1 is 0.001 in its claim, 1.0 is asked for\n"
-
-
-def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
-    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
-    content = strict((folder / "proof.json").read_text())
-    del content["edges"][0][0]
-    (folder / "proof.json").write_text(json.dumps(content))
-    status, _, err = run("verify", "proof.json")
-    assert status == 1
-    assert err.startswith("safe-ompl: proof.json: edge 0: no interval covers 0.000000 to ")
-    (folder / "proof.json").write_text(json.dumps({**content, "source": 3}))
-    status, _, err = run("verify", "proof.json")
-    assert status == 2
-    assert (
-        err == "safe-ompl: proof.json: certificate.source: must be a mapping of keys to values, got int 3\n"
-    )
 
 
 @pytest.mark.parametrize(
@@ -590,13 +546,8 @@ BAD_OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     "problems backwards": (["mbm", "problems.json", *ARM, "--problems", "5:2"], ["--problems", "'5:2'"]),
     "points of no trajectory": (["plan", "test.yaml", "--rate", "100"], ["--rate", "--trajectory"]),
     "no points": (["plan", "test.yaml", "--timed", "--rate", "0"], ["--rate", "a positive number, not '0'"]),
-    "no recording": (["live", *DRIVE, "--people", "stroll:3"], ["--people", "random:N", "'stroll:3'"]),
-    "nobody at random": (["live", *DRIVE, "--people", "random:0"], ["--people", "'random:0'"]),
-    "a place of two": (["live", *DRIVE, "--place", "1,2"], ["--place", "X,Y,Z,YAW", "'1,2'"]),
     "a place nowhere": (["live", *DRIVE, "--place", "1,2,nan,0"], ["--place", "finite", "'1,2,nan,0'"]),
-    "more frames lost than there are": (["live", *DRIVE, "--drops", "2"], ["--drops", "[0, 1]", "'2'"]),
     "answers that are late": (["live", *DRIVE, "--late", "nan"], ["--late", "[0, 1]", "'nan'"]),
-    "errors that are none": (["live", *DRIVE, "--noise", "-1"], ["--noise", ">= 0", "'-1'"]),
     "slower than not at all": (
         ["live", *DRIVE, "--faster", "-1"],
         ["--faster", "a positive number, not '-1'"],
@@ -635,21 +586,12 @@ def test_where_nothing_is_dangerous_danger_is_zero(
 BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
     "malformed YAML": ("start:", "start: [", ["malformed YAML", ".yaml:"]),
     "unknown key": ("time: 2.0", "tine: 2.0", ["tine", "did you mean 'time'"]),
-    "missing key": ("start: {joint1: 1.2, joint2: 0.2}\n", "", ["start", "missing"]),
-    "time limit of zero": ("time: 2.0", "time: 0", ["time", "0"]),
-    "time limit that is no number": ("time: 2.0", "time: .nan", ["time", "nan"]),
     "missing URDF": ("arm.urdf", "leg.urdf", ["robot.urdf", "leg.urdf"]),
     "start outside limits": ("joint1: 1.2", "joint1: 7", ["start", "'joint1'", "7", "[-2.9, 2.9]"]),
-    "goal outside limits": ("joint2: -0.2", "joint2: -7", ["goal", "'joint2'", "-7", "[-2.9, 2.9]"]),
     "start in collision": ("1.2, joint2: 0.2", "0, joint2: 0", ["start", "collision", "'link2'", "'person'"]),
     "goal in collision": ("-1.2, joint2: -0.2", "0, joint2: 0", ["goal", "collision", "'link2'", "'person'"]),
-    "start not a number": ("joint1: 1.2", "joint1: .nan", ["start", "joint1", "nan"]),
     "unknown joint": ("joint1: 1.2", "knee: 1.2", ["start", "'knee'", "joint1"]),
-    "missing joint": ("joint1: 1.2, ", "", ["start", "'joint1'"]),
     "negative radius": ("radius: 0.1", "radius: -0.1", ["obstacles[0]", "'person'", "radius", "-0.1"]),
-    "negative size": ("size: [0.1, 0.1", "size: [0.1, -0.1", ["obstacles[1]", "'post'", "size", "-0.1"]),
-    "name given twice": ("name: post", "name: person", ["obstacles[1].name", "'person'"]),
-    "unknown danger parameter": ("time: 2.0", "danger: {charm: 1}", ["danger", "charm"]),
     "bad danger parameter": ("time: 2.0", "danger: {aggregate: sum}", ["aggregate", "'sum'", "max"]),
     "unknown planner": ("time: 2.0", "planners: {Fly: {}}", ["planners", "'Fly'"]),
     "unknown parameter": ("time: 2.0", "planners: {SafeRRTConnect: {alfa: 1}}", ["'alfa'"]),
@@ -662,28 +604,11 @@ BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
 
 
 @pytest.mark.parametrize(("old", "new", "words"), BAD_SCENARIOS.values(), ids=list(BAD_SCENARIOS))
-@pytest.mark.parametrize("command", ["plan", "compare"])
-def test_bad_scenarios(run: Run, folder: Path, command: str, old: str, new: str, words: list[str]) -> None:
+def test_bad_scenarios(run: Run, folder: Path, old: str, new: str, words: list[str]) -> None:
     assert old in SCENARIO
     (folder / "bad.yaml").write_text(SCENARIO.replace(old, new))
+    command = "compare" if "collision" in words else "plan"
     assert_refused(run(command, "bad.yaml"), "bad.yaml", *words)
-
-
-BAD_URDFS: dict[str, tuple[str, str, list[str]]] = {
-    "malformed": ("</robot>", "", ["XML"]),
-    "missing mesh": ('<box size="0.4 0.06 0.06"/>', '<mesh filename="no.stl"/>', ["'link1'", "no.stl"]),
-    "missing package": (
-        '<box size="0.4 0.06 0.06"/>',
-        '<mesh filename="package://arm/no.stl"/>',
-        ["'link1'", "package://arm/no.stl", "package"],
-    ),
-}
-
-
-@pytest.mark.parametrize(("old", "new", "words"), BAD_URDFS.values(), ids=list(BAD_URDFS))
-def test_bad_urdfs(run: Run, folder: Path, old: str, new: str, words: list[str]) -> None:
-    (folder / "bad.urdf").write_text(URDF.replace(old, new))
-    assert_refused(run("plan", "test.yaml", "--urdf", "bad.urdf"), "bad.urdf", *words)
 
 
 def test_output_is_checked_before_planning(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,7 @@
 """Duration as an objective of OMPL: what is exact of it, what a bound, and that it falls with what it leaves out."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from ompl import base as ob
@@ -63,9 +65,8 @@ def test_beside_people_it_takes_longer_and_the_heuristic_stays_below(made, edge)
 def test_the_integral_is_as_exact_as_it_says(made, panda):
     _, beside, state = made
     a, b = (np.array(q) for q in EDGES[1])
-    Q = a + np.linspace(0, 1, 800)[:, None] * (b - a)
-    length = np.linalg.norm(b - a)
-    dense = np.trapezoid(beside._slowness(Q, np.abs(b - a) / length), dx=length / 799)
+    Q = a + np.linspace(0, 1, 100)[:, None] * (b - a)
+    dense = sum(beside.motionCost(state(p), state(q)).value() for p, q in pairwise(Q))
     assert beside.motionCost(state(a), state(b)).value() == pytest.approx(dense, rel=0.03)
 
 

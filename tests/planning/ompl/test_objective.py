@@ -64,15 +64,6 @@ def test_cost_of_a_motion_is_the_integral_of_the_danger(setting, rng):
     assert objective.motionCost(first.set(q1), second.set(q1)).value() == 0
 
 
-def test_ompl_gives_the_objective_back(setting):
-    si, field, _ = setting
-    objective = DangerObjective(si, field)
-    problem = ob.ProblemDefinition(si)
-    problem.setOptimizationObjective(objective)
-    assert problem.getOptimizationObjective() is objective
-    assert "danger" in objective.getDescription()
-
-
 def test_ompl_sums_it_over_a_path(setting, rng):
     si, field, bridge = setting
     objective, scratch = DangerObjective(si, field), ScratchState(bridge)

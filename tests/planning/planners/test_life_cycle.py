@@ -119,7 +119,7 @@ def test_another_problem(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OURS)
-@pytest.mark.parametrize("first", ["planner", "setup", "both"])
+@pytest.mark.parametrize("first", ["planner", "setup"])
 def test_any_order_of_ends(name: str, first: str) -> None:
     setup, planner = with_planner(name)
     path = solved(setup)
@@ -128,14 +128,12 @@ def test_any_order_of_ends(name: str, first: str) -> None:
         gc.collect()
         solved(setup)
         del setup
-    elif first == "setup":
+    else:
         del setup
         gc.collect()
         assert len(planner.plannerGraph().configurations)
         planner.clear()
         del planner
-    else:
-        del planner, setup
     gc.collect()
     assert len(path) >= 2
 
@@ -143,7 +141,7 @@ def test_any_order_of_ends(name: str, first: str) -> None:
 @pytest.mark.parametrize("name", [*OURS, "TRRT", "BiTRRT", "GradienTRRT"])
 def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name: str) -> None:
     planner = make_planner(name, build(name).getSpaceInformation())
-    part = weakref.ref(planner._problem)
+    part = weakref.ref(planner.counts)
     gc.disable()
     try:
         del planner
@@ -210,9 +208,3 @@ def test_from_a_problem_that_was_pickled(name: str) -> None:
     robot, scene = (pickle.loads(pickle.dumps(part)) for part in (scenario.build_robot(), scenario.scene))
     assert robot.joint_names == scenario.build_robot().joint_names
     assert scene == scenario.scene
-
-
-@pytest.mark.parametrize("name", OURS)
-def test_the_seed_is_in_the_report(name: str) -> None:
-    result = build(name).plan(name, time=20.0, seed=77)
-    assert result.seed == result.as_dict()["seed"] == 77

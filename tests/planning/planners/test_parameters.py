@@ -28,7 +28,7 @@ class Declared(SafePlanner):
     """
 
     share = Parameter(0.5, "A share.", at_most=1)
-    length = Parameter(2.0, "A length.", unit="m", above=0, kept_in="_part.length")
+    length = Parameter(2.0, "A length.", unit="m", above=0, kept_in="part.length")
     limit = Parameter(math.inf, "A limit.", above=0)
     turns = Parameter(3, "A number of turns.", at_least=1)
     works = Parameter(True, "Whether it works.")
@@ -40,7 +40,7 @@ class Declared(SafePlanner):
         return self.shape.upper()
 
     def _make_parts(self):
-        self._part = Part()
+        self.part = Part()
 
     def _forget(self):
         pass
@@ -72,8 +72,8 @@ def test_defaults_keywords_setters_and_attributes_are_one_value(si):
 
 def test_a_part_may_keep_the_value(si):
     planner = Declared(si, length=4)
-    assert planner._part.length == planner.length == 4.0
-    planner._part.length = 6.0
+    assert planner.part.length == planner.length == 4.0
+    planner.part.length = 6.0
     assert planner.getLength() == 6.0
 
 

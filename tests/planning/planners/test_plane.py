@@ -176,21 +176,6 @@ def test_the_scale_of_an_objective_does_not_matter(problem):
     np.testing.assert_allclose(usual.path, scaled.path, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("setter", "bad"),
-    [
-        ("setAlpha", [-1.0, np.nan, np.inf, "much", None]),
-        ("setSlide", [-0.1, 1.1, np.nan, "some", None]),
-        ("setSeed", [-1, 1.5, np.nan, np.inf, "seven", None, True]),
-    ],
-)
-def test_setters_refuse_what_makes_no_sense(problem, setter, bad):
-    planner = problem().planner
-    for value in bad:
-        with pytest.raises(InputError, match="must be"):
-            getattr(planner, setter)(value)
-
-
 # --------------------------------------------------------------------------------------------------- beyond the plane
 
 

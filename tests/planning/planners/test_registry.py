@@ -113,3 +113,11 @@ def test_the_command_line_reads_booleans(text, value):
 def test_nonsense_on_the_command_line_is_refused_with_the_parameters_name(si, name, key):
     with pytest.raises(InputError, match=key):
         make_planner(name, si, dict([parameter(f"{key}=maybe")]))
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_the_printed_forms_have_no_parameters_that_are_ours(si, name):
+    ours = ("slide", "nearest_fraction", "clearance", "threshold_rise", "danger_decay", "short_steps")
+    for key in (*ours, "random_starts"):
+        with pytest.raises(UnknownNameError, match=f"unknown parameter of {name} {key!r}"):
+            make_planner(name, si, {key: 0.5})

@@ -9,8 +9,8 @@ from safe_ompl import SafeSetup, planner_names
 from safe_ompl.planning.planners import is_ours, needs_place
 
 OURS = [name for name in planner_names() if is_ours(name)]
-BASELINES = ["TRRT", "BiTRRT", "GradienTRRT"]
-LIMIT = 0.4  # [s]
+BASELINES = ["TRRT", "BiTRRT", "GradienTRRT", "HRRT"]
+LIMIT = 0.25  # [s]
 
 
 def megabytes() -> float:

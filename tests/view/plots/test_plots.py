@@ -14,8 +14,18 @@ pytest.importorskip("matplotlib")
 import matplotlib
 from matplotlib.image import imread
 
-from safe_ompl import InputError, SafeOmplError
-from safe_ompl.view.plots import plot_bands, plot_clearance_danger, plot_plan, plot_profiles, plot_times
+from safe_ompl import DangerField, InputError, RateLimits, SafeOmplError, SafeSetup, Scene, time_path
+from safe_ompl.geometry import Box, Obstacle, Person, Pose
+from safe_ompl.io import ACCELERATION
+from safe_ompl.view.pictures.results import _clearances
+from safe_ompl.view.plots import (
+    plot_bands,
+    plot_clearance_danger,
+    plot_motion,
+    plot_plan,
+    plot_profiles,
+    plot_times,
+)
 from safe_ompl.view.style import planner_styles
 
 PROFILES = {
@@ -82,7 +92,7 @@ def test_bands_share_the_scale_and_span_the_percentiles(tmp_path: Path) -> None:
     assert (tmp_path / "bands.png").stat().st_size > 0
 
 
-@pytest.mark.parametrize("count", [1, 3, 4, 5, 8])
+@pytest.mark.parametrize("count", [1, 4, 8])
 def test_there_is_a_panel_per_planner(tmp_path: Path, count: int) -> None:
     figure = plot_bands({f"planner {k}": np.ones((2, 5)) for k in range(count)}, tmp_path / "bands.png")
     assert len(figure.axes) == count
@@ -194,3 +204,99 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(SafeOmplError, match=r"safe-ompl\[plots\]"):
         plot_plan([1.0, 2.0], tmp_path / "a.png")
+
+
+# --------------------------------------------------------------------------------------------- the plot of one plan
+
+
+def test_clearances_of_several_kinds_are_told_apart(tmp_path):
+    people, things = np.array([0.5, 0.4, 0.6]), np.array([0.1, 0.1, 0.08])
+    axes = plot_plan([1, 2, 1], tmp_path / "p.png", clearance={"people": people, "things": things}).axes[1]
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), 1e3 * people)
+    np.testing.assert_allclose(axes.lines[1].get_ydata(), 1e3 * things)
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["to people", "to things"]
+    assert axes.get_title(loc="right") == "closest: 80 mm to things"
+    assert axes.get_ylim()[1] > 600
+
+
+@pytest.mark.parametrize("danger", [[5.0, 1.0, 5.01], [5.01, 1.0, 5.0], [1.0, 3.0, 5.0]])
+def test_labels_of_start_and_goal_are_beside_the_axes_and_apart(danger, tmp_path):
+    figure = plot_plan(danger, tmp_path / "p.png")
+    axes = figure.axes[0]
+    renderer = figure.canvas.get_renderer()
+    boxes = [text.get_window_extent(renderer) for text in axes.texts]
+    assert len(boxes) == 2
+    assert all(box.x0 >= axes.get_window_extent(renderer).x1 for box in boxes)
+    assert not boxes[0].overlaps(boxes[1])
+
+
+def test_no_curve_of_clearance_is_refused(tmp_path):
+    with pytest.raises(InputError, match="one curve at least"):
+        plot_plan([1, 2], tmp_path / "p.png", clearance={})
+
+
+def test_people_and_things_of_a_setup(ur5):
+    person = Obstacle("worker", Person(height=1.7), Pose((1.2, 0.0, -0.8)))
+    table = Obstacle("table", Box((1.0, 1.0, 0.04)), Pose((0.0, 0.0, -0.05)))
+    path = np.array([[0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]])
+    both = SafeSetup(ur5, Scene((person, table)))
+    found = _clearances(both, path)
+    assert list(found) == ["people", "things"]
+    nearest = [both.checker.clearance(q).distance for q in path]
+    np.testing.assert_allclose(np.minimum(*found.values())[[0, -1]], nearest)
+    assert list(_clearances(SafeSetup(ur5, Scene((table,))), path)) == ["things"]
+    assert not _clearances(SafeSetup(ur5, Scene()), path)
+    block = Obstacle("block", Box((0.1, 0.1, 0.1)), Pose((1.5, 0.0, 0.0)), weight=1.0)
+    assert list(_clearances(SafeSetup(ur5, Scene((block,))), path)) == ["what is dangerous"]
+
+
+# -------------------------------------------------------------------------------------- the picture of a trajectory
+
+
+PATH = [
+    [0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.0],
+    [1.2, 0.2, 0.4, -1.2, 0.3, 2.0, 0.5],
+    [0.2, 0.4, -0.4, -1.8, 0.0, 1.0, 0.0],
+]
+
+
+@pytest.fixture(scope="module")
+def trajectory(panda):
+    return time_path(PATH, panda, RateLimits.of(panda, 1.0, 4.0), tool_speed=0.4)
+
+
+def test_speed_and_what_binds_it(trajectory, tmp_path):
+    speed, velocity, acceleration = plot_motion(trajectory, tmp_path / "motion.png").axes
+    assert (tmp_path / "motion.png").stat().st_size > 10_000
+    lines = {line.get_label(): line for line in speed.lines}
+    whole = lines[ACCELERATION]
+    assert whole.get_ydata().max() == pytest.approx(np.sqrt(trajectory.law.squares.max()))
+    bound = lines["tool speed"].get_ydata()
+    kept = np.isfinite(bound)
+    assert 0 < kept.mean() < 1
+    np.testing.assert_allclose(bound[kept], whole.get_ydata()[kept])
+    assert len(speed.lines) >= 3
+    for axes in (velocity, acceleration):
+        shares = np.concatenate([line.get_ydata() for line in axes.lines if len(line.get_ydata()) > 2])
+        assert 0.3 < abs(shares).max() <= 1 + 1e-9
+
+
+def test_nothing_is_cut_at_the_edges(trajectory, tmp_path):
+    figure = plot_motion(trajectory, tmp_path / "motion.png")
+    renderer = figure.canvas.get_renderer()
+    width, height = figure.canvas.get_width_height()
+    for axes in figure.axes:
+        box = axes.get_tightbbox(renderer)
+        assert 0.005 * width < box.x0 < box.x1 < 0.99 * width
+        assert 0 < box.y0 < box.y1 <= height
+        frame = axes.get_window_extent(renderer)
+        assert frame.x1 < 0.985 * width, "a line at the end of the axes is drawn in full"
+
+
+def test_danger_and_its_proven_peak(trajectory, panda, tmp_path):
+    danger = trajectory.danger(DangerField(panda, [[0.6, 0.4, 0.5]]).moving)
+    figure = plot_motion(trajectory, tmp_path / "motion.svg", danger=danger, title="mine")
+    axes = figure.axes
+    assert figure.get_suptitle() == "mine"
+    np.testing.assert_allclose(axes[3].lines[0].get_ydata(), danger.values)
+    assert f"proven below {danger.proven_peak:.2f}" in axes[3].get_title(loc="right")

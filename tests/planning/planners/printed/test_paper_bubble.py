@@ -138,12 +138,6 @@ def test_k_max_ends_the_search(arm):
     assert result.counts.nodes == 4
 
 
-@pytest.mark.parametrize("key", ["slide", "nearest_fraction", "clearance"])
-def test_it_has_no_parameters_that_are_ours(arm, key):
-    with pytest.raises(UnknownNameError, match=f"unknown parameter of PaperSafeBubble {key!r}"):
-        make_planner("PaperSafeBubble", arm.getSpaceInformation(), {key: 0.5})
-
-
 def test_it_has_the_papers_shapes_only(arm):
     with pytest.raises(UnknownNameError, match="unknown shape 'link'; known: paper, paper_cube"):
         make_planner("PaperSafeBubble", arm.getSpaceInformation(), {"shape": "link"})
