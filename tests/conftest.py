@@ -78,7 +78,7 @@ settings.load_profile("reproducible")
 
 
 @cache
-def _robot(name: str) -> Robot:
+def _robot(name):
     if name == "twin_arm":  # prismatic, continuous and revolute joints, and a branch
         return Robot.from_urdf(DATA / "twin_arm.urdf")
     if name == "slider":  # its right arm alone: two of four joints slide
@@ -207,7 +207,7 @@ def clutter():
 class PlainCheck:
     """Robot against scene by coal's pairwise distances alone: no broad phase, no margins, nothing left out."""
 
-    def __init__(self, robot: Robot, scene: Scene) -> None:
+    def __init__(self, robot, scene):
         self.robot = robot
         self.geometry = robot.collision_model.copy()
         bodies = list(robot.collision_model.geometryObjects)
@@ -255,7 +255,7 @@ def plain_check():
 class BodyPoints:
     """Points of the bodies of a robot, among them the extreme ones, at any configuration."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot):
         self.robot = robot
         parts = list(robot.collision_model.geometryObjects)
         self.hulls = [bounding_hull(part.geometry).moved(part.placement) for part in parts]

@@ -1,7 +1,5 @@
 """A plain OMPL and Pinocchio script becomes a safe one by changing three lines."""
 
-from __future__ import annotations
-
 import difflib
 import subprocess
 import sys
@@ -18,7 +16,7 @@ EXAMPLES = Path(__file__).parent / "examples"
 PILLAR = {"name": "pillar", "box": {"size": [0.15, 0.15, 1.0]}, "position": [0.45, 0.0, 0.4], "weight": 1}
 
 
-def test_three_lines_differ() -> None:
+def test_three_lines_differ():
     plain, safe = (
         (EXAMPLES / name).read_text(encoding="utf-8").splitlines() for name in ("plain.py", "safe.py")
     )
@@ -27,7 +25,7 @@ def test_three_lines_differ() -> None:
 
 
 @pytest.mark.parametrize("name", ["plain.py", "safe.py"])
-def test_both_run(name: str) -> None:
+def test_both_run(name):
     folder, arm = robots_folder(), find_example("ur5")
     files = [str(folder / arm.urdf), str(folder / arm.srdf), str(folder.parent.parent)]
     run = subprocess.run(

@@ -3,7 +3,6 @@
 import importlib
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -63,7 +62,7 @@ def test_documented_modules_are_found_under_their_former_names(former, name):
 DEEP = 30_000
 
 
-def read_yaml(path: Path) -> None:
+def read_yaml(path):
     with reading(path):
         pass
 
@@ -78,14 +77,14 @@ def read_yaml(path: Path) -> None:
         "\n".join(" " * k + "a:" for k in range(500)),
     ],
 )
-def test_yaml(tmp_path: Path, content: str) -> None:
+def test_yaml(tmp_path, content):
     file = tmp_path / "deep.yaml"
     file.write_text("# a line before\n" + content)
     with pytest.raises(InputError, match=r"deep\.yaml:\d+: malformed YAML: nested deeper than 100 levels"):
         read_yaml(file)
 
 
-def test_an_error_in_a_document_that_is_no_deeper_names_its_line(tmp_path: Path) -> None:
+def test_an_error_in_a_document_that_is_no_deeper_names_its_line(tmp_path):
     file = tmp_path / "flat.yaml"
     file.write_text("a:\n" + "".join("- " * 90 + "1\n" for _ in range(3)) + "b: [")
     with pytest.raises(InputError, match=r"flat\.yaml:\d+: malformed YAML: (?!nested)"):
@@ -93,7 +92,7 @@ def test_an_error_in_a_document_that_is_no_deeper_names_its_line(tmp_path: Path)
 
 
 @pytest.mark.parametrize("read", [read_json, read_ticks, MbmFile.load])
-def test_json(tmp_path: Path, read) -> None:
+def test_json(tmp_path, read):
     file = tmp_path / "deep.json"
     file.write_text("[" * DEEP + "]" * DEEP)
     with pytest.raises(InputError, match=r"deep\.json"):

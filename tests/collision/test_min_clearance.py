@@ -111,12 +111,6 @@ def test_few_sets_of_pairs_are_made(panda, clutter):
     assert numbers[-1] > numbers[0]
 
 
-def test_a_margin_takes_in_what_never_touches(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65))).with_margin(0.06)
-    assert motion.check(START, END).verdict is not Verdict.FREE
-    assert motion.with_margin(0.04).is_free(START, END)
-
-
 def test_exempt_pairs_and_chosen_obstacles(crank):
     motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65, near=0.62)))
     assert motion.with_min_clearance(0.04).check(START, END).pair == ("ball", "near")

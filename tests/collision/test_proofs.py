@@ -1,7 +1,5 @@
 """Proofs of motions in scenes of all kinds: robots, obstacles and edges at random, against plain coal calls."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -75,7 +73,7 @@ RADIUS = 0.02
 
 
 @pytest.fixture(scope="module")
-def scan() -> np.ndarray:
+def scan():
     """Return a patch of a wall and of a table, as a camera sees them."""
     rng = np.random.default_rng(2)
     wall = np.column_stack(
@@ -87,7 +85,7 @@ def scan() -> np.ndarray:
     return np.concatenate([wall, table])
 
 
-def test_a_certificate_beside_a_large_cloud_verifies(panda, scan) -> None:
+def test_a_certificate_beside_a_large_cloud_verifies(panda, scan):
     scene = Scene((Obstacle("scan", PointCloud(RADIUS, points=np.tile(scan, (20, 1)))),))
     path = [[-1.8, -0.9, 0.0, -2.4, 0.0, 1.8, 0.8], [-2.4, -0.7, 0.1, -2.2, 0.1, 1.9, 0.6]]
     assert verify(certificate(path, panda, scene), panda, scene).edges == 1

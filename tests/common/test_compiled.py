@@ -31,7 +31,7 @@ print(aggregates(np.ones((1, 2)), 0, 1.0), link_distances.stats.cache_hits)
 """
 
 
-def run(cache: Path, **options: str) -> list[str]:
+def run(cache, **options):
     folder = str(Path(safe_ompl.__file__).parents[0])
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": folder} | options
     done = subprocess.run(

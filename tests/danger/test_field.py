@@ -140,13 +140,6 @@ def test_one_bad_point_spares_the_others(rng):
     np.testing.assert_allclose(mixed[:, [0, 1, 3]], alone[:, [0, 1, 3]], rtol=1e-13)
 
 
-def test_robot_is_the_sum_over_its_links(rng):
-    keypoints, points = arm(rng, 4), rng.normal(size=(6, 3))
-    by_hand = [[sum(link(k[a], k[b], p) for a, b in ARM.pairs) for p in points] for k in keypoints]
-    np.testing.assert_allclose(field(keypoints, ARM, points), by_hand, rtol=1e-13)
-    np.testing.assert_allclose(segment_fields(keypoints, ARM, points).sum(axis=1), by_hand, rtol=1e-13)
-
-
 def test_length_weighting_is_the_integral_over_arc_length(rng):
     keypoints, points = arm(rng, 4), rng.normal(size=(6, 3))
     unit = segment_fields(keypoints, ARM, points)
@@ -154,21 +147,6 @@ def test_length_weighting_is_the_integral_over_arc_length(rng):
     arc = segment_fields(keypoints, ARM, points, weighting="length")
     np.testing.assert_allclose(arc, unit * lengths, rtol=1e-13)
     np.testing.assert_allclose(field(keypoints, ARM, points, weighting="length"), arc.sum(axis=1), rtol=1e-13)
-
-
-@pytest.mark.parametrize("weighting", WEIGHTINGS)
-def test_k1_is_a_factor(rng, weighting):
-    keypoints, points, weights = arm(rng, 2), rng.normal(size=(3, 3)), rng.uniform(size=(2, 3))
-    for function, arguments in (
-        (field, (points,)),
-        (segment_fields, (points,)),
-        (workspace_gradient, (points,)),
-        (keypoint_gradient, (points, weights)),
-    ):
-        one = function(keypoints, ARM, *arguments, weighting=weighting)
-        np.testing.assert_allclose(
-            function(keypoints, ARM, *arguments, weighting=weighting, k1=2.5), 2.5 * one, rtol=1e-12
-        )
 
 
 # ------------------------------------------------------------------------------------------- batches, blocks
@@ -294,18 +272,6 @@ def test_gradient_is_zero_on_a_segment(weighting):
     pulls = keypoint_gradient(keypoints, segments, points, np.ones((1, 4)), weighting=weighting)
     free = keypoint_gradient(keypoints, segments, points[3:], np.ones((1, 1)), weighting=weighting)
     np.testing.assert_allclose(pulls, free, rtol=1e-12)
-
-
-def test_most_dangerous_point_alone(rng):
-    keypoints, points = arm(rng, 4), rng.normal(size=(9, 3))
-    active = field(keypoints, ARM, points).argmax(axis=1)
-    one_hot = np.eye(9)[active]
-    np.testing.assert_allclose(
-        keypoint_gradient(keypoints, ARM, points[active][:, None], np.ones((4, 1))),
-        keypoint_gradient(keypoints, ARM, points, one_hot),
-        rtol=1e-11,
-        atol=1e-13,
-    )
 
 
 def test_vector_field_has_the_length_of_the_field_and_points_to_the_robot(rng):

@@ -20,7 +20,7 @@ def setup():
 
 def test_optimised_for_duration_a_path_is_driven_in_less_time(setup):
     safe = setup.plan(seed=0, simplify=True)
-    fast = setup.plan(seed=0, optimise=1.5, cost="duration")
+    fast = setup.plan(seed=0, optimise=3.0, cost="duration")
     assert fast.certified
     assert duration_of(setup.timer, fast.path, 400) < duration_of(setup.timer, safe.path, 400)
     costs = [improvement.cost for improvement in fast.improvements]

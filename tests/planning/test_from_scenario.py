@@ -59,7 +59,7 @@ def test_a_scenario_whose_start_collides_names_file_and_pair(scenario, tmp_path)
 
 
 @pytest.mark.parametrize("planner", ["SafeRRTConnect", "RRTConnect", "SafeJTRRT"])
-def test_a_scenario_may_name_a_place_alone(planner: str) -> None:
+def test_a_scenario_may_name_a_place_alone(planner):
     scenario = Scenario.load(find_scenario("ur5_handover"))
     place = dataclasses.replace(scenario.goal, configurations=())
     setup = setup_scenario(dataclasses.replace(scenario, goal=place))

@@ -70,7 +70,7 @@ def test_an_objective_that_a_thread_of_ompls_own_asks_says_what_happens(setup, c
     objective, over = setup.getOptimizationObjective(), threading.Event()
     state = setup.getStateSpace().allocState()
 
-    def ask() -> None:
+    def ask():
         objective.motionCostHeuristic(state, state)
         over.set()
 

@@ -1,7 +1,5 @@
 """Limits of the tool on whole paths: planners, simplification, reports, scenarios and the command line keep to them."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from itertools import pairwise
@@ -26,7 +24,7 @@ PLANNERS = ["SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "ClassicR
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene():
     return Scene([Obstacle("pillar", Cylinder(0.08, 1.4), Pose([0.5, 0, 0.7]), weight=1.0)], spacing=0.1)
 
 
@@ -45,7 +43,7 @@ def ends(robot_named, scene):
 
 
 @pytest.fixture
-def setup(ur5, scene, ends) -> SafeSetup:
+def setup(ur5, scene, ends):
     setup = SafeSetup(ur5, scene)
     setup.setConfigurations(*ends["ur5"])
     return setup
@@ -172,7 +170,7 @@ def test_the_tip_stays_in_a_box(setup, ends):
 
 
 @pytest.fixture
-def scenario(scene, ends) -> Scenario:
+def scenario(scene, ends):
     start, goal = (tuple(q.tolist()) for q in ends["ur5"])
     return Scenario("cup", RobotSpec("ur5"), scene, start, Goal((goal,)))
 

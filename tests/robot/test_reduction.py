@@ -23,12 +23,6 @@ def test_gripper_is_held_with_the_finger_that_mimics(data_folder, caplog):
     assert fingers["finger_2_0"][1] == pytest.approx(-0.005 - (1.5 * 0.02 + 0.001))
 
 
-def test_a_mimic_joint_follows_even_where_the_tip_alone_would_lock_it(data_folder):
-    robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand", locked={"grip": 0.02})
-    fingers = {b.name: b.placement.translation for b in robot.collision_model.geometryObjects}
-    assert fingers["finger_2_0"][1] == pytest.approx(-0.005 - (1.5 * 0.02 + 0.001))
-
-
 def test_joints_that_do_not_move_the_tip_are_held_and_logged(data_folder, caplog):
     with caplog.at_level(logging.INFO):
         robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")

@@ -285,12 +285,6 @@ def test_what_is_true_of_a_robot_is_said_once_a_process(data_folder, caplog):
     assert caplog.text.count("no SRDF") == 1
 
 
-def test_a_tool_is_checked_against_the_link_before_the_last(data_folder):
-    robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand")
-    assert frozenset(("upper_0", "hand_0")) in self_pairs(robot)
-    assert frozenset(("upper_0", "lower_0")) not in self_pairs(robot)
-
-
 def test_pairs_that_always_touch_are_dropped_and_logged(edited, caplog):
     urdf = edited("gripper_arm.urdf", '<box size="0.06 0.12 0.04"/>', '<sphere radius="0.5"/>')
     robot = Robot.from_urdf(urdf, tip="hand")

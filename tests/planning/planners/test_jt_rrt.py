@@ -194,13 +194,6 @@ def test_no_node_is_as_dangerous_as_the_threshold(setup):
         assert setup.field.values(path).max() < threshold
 
 
-def test_a_start_above_the_threshold_may_only_become_safer(setup):
-    threshold = 0.9 * setup.field.value(START)
-    path = setup.plan("SafeJTRRT", time=10.0, parameters={"danger_threshold": threshold}).path
-    danger = setup.field.values(path)
-    assert all(b < max(threshold, a) for a, b in pairwise(danger))
-
-
 def test_without_a_danger_objective_it_plans_all_the_same(ur5, scene):
     setup = SafeSetup(ur5, scene, danger=None)
     setup.setStartConfiguration(START)
@@ -258,11 +251,6 @@ def test_goal_configurations_are_refused(ur5, scene, caplog):
     setup.setConfigurations(START, START * [-1, 1, 1, 1, 1, 1])
     assert setup.plan("SafeJTRRT").status == "Unrecognized goal type"
     assert "SafeJTRRT plans to a WorkspaceGoal, not to a GoalStates" in caplog.text
-
-
-def test_an_invalid_start_is_reported(setup):
-    setup.getSpaceInformation().setStateValidityChecker(lambda state: False)
-    assert setup.plan("SafeJTRRT").status == "Invalid start"
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,12 @@ from plane import (
     PlaneProblem,
     SlopedHotSpot,
     Stop,
-    dense,
     nowhere,
     wall_with_a_gap,
     walled_in,
 )
 
-from safe_ompl import SafePRM, SafeSetup, Scene, make_planner
+from safe_ompl import SafePRM, SafeSetup, Scene
 from safe_ompl.planning.ompl import StateBridge, StateCost
 from safe_ompl.planning.planners import prm
 from safe_ompl.planning.planners.graphs.roadmap import LinkMetric, Roadmap, SpaceMetric, roadmap_metric
@@ -163,20 +162,6 @@ def test_the_safer_of_two_ways_is_taken_if_danger_counts(monkeypatch, alpha, way
     np.testing.assert_array_equal(task.path, [START, (0.0, way), GOAL])
 
 
-def test_danger_is_kept_away_from():
-    def peak(seed, **parameters):
-        task = Problem(objective=SlopedHotSpot, seed=seed, **parameters)
-        assert task.solve() == EXACT
-        return HotSpot(task.si).values(dense(task.path)).max()
-
-    seeds = range(10)
-    classical, straight, safe = (
-        np.mean([peak(seed, **parameters) for seed in seeds])
-        for parameters in ({"alpha": 0.0}, {"slide": 0.0}, {})
-    )
-    assert safe < straight < 0.8 * classical
-
-
 # ------------------------------------------------------------------------------------------- what is kept, and what not
 
 
@@ -257,16 +242,6 @@ def test_another_objective_is_noticed():
     np.testing.assert_allclose(graph.costs, HotSpot(task.si).values(graph.configurations))
 
 
-# ---------------------------------------------------------------------------------------------------------- parameters
-
-
-def test_by_name():
-    si = Problem().si
-    assert make_planner("ClassicPRM", si, {"neighbors": 9}).getNeighbors() == 9
-    assert make_planner("ClassicPRM", si).getAlpha() == 0
-    assert make_planner("SafePRM", si).getAlpha() > 0
-
-
 # -------------------------------------------------------------------------------------------------------------- metrics
 
 
@@ -307,30 +282,3 @@ def test_which_metric_is_used(ur5, clutter):
     assert isinstance(roadmap_metric(si, StateBridge(si.getStateSpace())), SpaceMetric)
     si = SafeSetup(ur5, clutter, danger=None).getSpaceInformation()
     assert isinstance(roadmap_metric(si, StateBridge(si.getStateSpace())), LinkMetric)
-
-
-# ---------------------------------------------------------------------------------------------------- in OMPL's company
-
-
-def test_a_robots_second_query_costs_next_to_nothing(ur5, clutter):
-    setup = SafeSetup(ur5, clutter, danger=None)
-    start, goal = np.array([0.0, -1.6, 1.2, -1.2, -1.57, 0.0]), np.array([1.2, -1.6, 1.2, -1.2, -1.57, 0.0])
-    planner = SafePRM(setup.getSpaceInformation())
-    planner.setSeed(0)
-    setup.setPlanner(planner)
-
-    def queries():
-        before = setup.counts.copy()
-        assert setup.solve(5.0).getStatus() == EXACT
-        work = setup.counts - before
-        return work.queries
-
-    setup.setConfigurations(start, goal)
-    first = queries()
-    planner.clearQuery()
-    setup.getProblemDefinition().clearSolutionPaths()
-    assert queries() < 0.2 * first
-    planner.clearQuery()
-    setup.getProblemDefinition().clearSolutionPaths()
-    setup.setConfigurations(goal, start)
-    assert queries() < 0.7 * first

@@ -8,14 +8,11 @@ import numpy as np
 from ompl import tools as ot
 from plane import (
     EXACT,
-    GOAL,
-    START,
     TIMEOUT,
     HotSpot,
     PlaneProblem,
     SlopedHotSpot,
     Stop,
-    dense,
     wall_with_a_gap,
 )
 
@@ -26,14 +23,6 @@ from safe_ompl.scene import find_scenario
 Problem = partial(PlaneProblem, SafeRRTConnect)
 
 
-def test_nothing_in_the_way():
-    task = Problem()
-    assert task.solve() == EXACT
-    np.testing.assert_array_equal(task.path[[0, -1]], [START, GOAL])
-    assert np.linalg.norm(np.diff(task.path, axis=0), axis=1).max() <= task.planner.getRange() + 1e-9
-    assert task.planner.counts.nodes > 0
-
-
 def test_small_steps_heed_the_termination_condition():
     task = Problem(range=1e-5)
     stop = Stop(task.walls, 500)
@@ -42,16 +31,6 @@ def test_small_steps_heed_the_termination_condition():
 
 
 # ---------------------------------------------------------------------------------------------------------- promises
-
-
-def test_danger_is_kept_away_from():
-    def peak(seed, alpha):
-        task = Problem(objective=SlopedHotSpot, seed=seed, alpha=alpha, range=0.1)
-        assert task.solve() == EXACT
-        return HotSpot(task.si).values(dense(task.path)).max()
-
-    classical, safe = ([peak(seed, alpha) for seed in range(10)] for alpha in (0.0, 1.0))
-    assert np.mean(safe) < 0.9 * np.mean(classical)
 
 
 def test_clear_keeps_the_parameters():

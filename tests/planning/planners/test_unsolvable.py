@@ -13,7 +13,7 @@ BASELINES = ["TRRT", "BiTRRT", "GradienTRRT", "HRRT"]
 LIMIT = 0.25  # [s]
 
 
-def megabytes() -> float:
+def megabytes():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 

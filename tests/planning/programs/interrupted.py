@@ -9,7 +9,7 @@ from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import find_scenario
 
 
-def main(name: str) -> None:
+def main(name):
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     setup = setup_scenario(Scenario.load(find_scenario("planar3")))
     setup.plan(name, time=0.3)

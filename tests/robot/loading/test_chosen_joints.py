@@ -98,11 +98,6 @@ def test_named_states_of_several_groups(build):
     assert build().named("home") == {"left_elbow": 0.5, "right_shoulder": -0.4, "right_slide": 0.2}
 
 
-def test_a_configuration_is_named_as_before(build):
-    robot = build(tip="left_hand")
-    assert robot.named(robot.lower) == dict(zip(robot.joint_names, robot.lower, strict=True))
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -23,7 +23,7 @@ def test_round_trip(data_folder, tmp_path, capsys):
 def test_round_trip_of_a_robot_whose_links_always_touch(robot_named, tmp_path, capsys):
     name = "so101"
     urdf, srdf = robots_folder() / find_example(name).urdf, tmp_path / "found.srdf"
-    options = ["--package-dir", str(robots_folder().parents[1])]
+    options = ["--package-dir", str(robots_folder().parents[1]), "--samples", "1000"]
     assert main(["srdf", str(urdf), "-o", str(srdf), *options]) == 0
     reasons = [tag.get("reason") for tag in ElementTree.parse(srdf).iter("disable_collisions")]
     assert "Adjacent" in reasons

@@ -1,10 +1,6 @@
 """Curves and boxes: files are written, axes hold what they should, bad numbers are refused."""
 
-from __future__ import annotations
-
 import builtins
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +34,7 @@ PROFILES = {
 # ------------------------------------------------------------------------------------------------- palette
 
 
-def test_safe_planners_are_strong_and_solid_and_no_two_look_alike() -> None:
+def test_safe_planners_are_strong_and_solid_and_no_two_look_alike():
     names = ["SafeRRTConnect", "ClassicRRTConnect", "RRTConnect", "SafePRM", "SafeJTRRT", "BubblePlanner"]
     names += ["ClassicPRM", "ClassicJTRRT", "ClassicBubble", "BITstar", "RRTstar"]
     styles = planner_styles(names)
@@ -52,7 +48,7 @@ def test_safe_planners_are_strong_and_solid_and_no_two_look_alike() -> None:
     assert len({(style.colour, style.dashes) for style in styles.values()}) == len(names)
 
 
-def test_planners_as_printed_have_their_familys_colour_and_look_otherwise() -> None:
+def test_planners_as_printed_have_their_familys_colour_and_look_otherwise():
     ours, printed = (
         planner_styles(names) for names in (["SafePRM", "ClassicPRM"], ["PaperSafePRM", "PaperPRM"])
     )
@@ -62,14 +58,14 @@ def test_planners_as_printed_have_their_familys_colour_and_look_otherwise() -> N
         assert paper.dashes != own.dashes
 
 
-def test_a_planner_looks_the_same_among_others() -> None:
+def test_a_planner_looks_the_same_among_others():
     assert planner_styles(["SafePRM"])["SafePRM"] == planner_styles(["PRM", "SafePRM"])["SafePRM"]
 
 
 # ------------------------------------------------------------------------------------------------ pictures
 
 
-def test_profiles_show_the_mean_of_each_planner(tmp_path: Path) -> None:
+def test_profiles_show_the_mean_of_each_planner(tmp_path):
     figure = plot_profiles(PROFILES, tmp_path / "new" / "profiles.png")
     axes = figure.axes[0]
     curves = {line.get_label(): line for line in axes.get_lines()}
@@ -80,7 +76,7 @@ def test_profiles_show_the_mean_of_each_planner(tmp_path: Path) -> None:
     assert imread(tmp_path / "new" / "profiles.png").shape[:2] == (660, 1050)
 
 
-def test_bands_share_the_scale_and_span_the_percentiles(tmp_path: Path) -> None:
+def test_bands_share_the_scale_and_span_the_percentiles(tmp_path):
     figure = plot_bands(PROFILES, tmp_path / "bands.png")
     assert [axes.get_title(loc="left") for axes in figure.axes] == list(PROFILES)
     assert len({axes.get_ylim() for axes in figure.axes}) == 1
@@ -93,12 +89,12 @@ def test_bands_share_the_scale_and_span_the_percentiles(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 4, 8])
-def test_there_is_a_panel_per_planner(tmp_path: Path, count: int) -> None:
+def test_there_is_a_panel_per_planner(tmp_path, count):
     figure = plot_bands({f"planner {k}": np.ones((2, 5)) for k in range(count)}, tmp_path / "bands.png")
     assert len(figure.axes) == count
 
 
-def test_times_have_a_box_with_a_mean_for_each_planner(tmp_path: Path) -> None:
+def test_times_have_a_box_with_a_mean_for_each_planner(tmp_path):
     times = {"RRTConnect": [0.1, 0.2, 0.3, 0.2, 0.9], "SafeRRTConnect": [0.2, 0.3, 0.4], "BITstar": []}
     axes = plot_times(times, tmp_path / "times.png").axes[0]
     assert [label.get_text() for label in axes.get_yticklabels()] == list(times)
@@ -109,13 +105,13 @@ def test_times_have_a_box_with_a_mean_for_each_planner(tmp_path: Path) -> None:
     assert axes.get_xlabel() == "time [s]"
 
 
-def test_times_that_spread_widely_get_a_logarithmic_axis(tmp_path: Path) -> None:
+def test_times_that_spread_widely_get_a_logarithmic_axis(tmp_path):
     axes = plot_times({"PRM": [0.01, 0.1, 5.0]}, tmp_path / "times.svg").axes[0]
     assert axes.get_xscale() == "log"
     assert (tmp_path / "times.svg").read_text(encoding="utf-8").startswith("<?xml")
 
 
-def test_each_run_is_a_point(tmp_path: Path) -> None:
+def test_each_run_is_a_point(tmp_path):
     axes = plot_clearance_danger(
         {"RRTConnect": [0.01, 0.02], "SafeRRTConnect": [0.05]},
         {"RRTConnect": [3.0, 4.0], "SafeRRTConnect": [2.0]},
@@ -125,7 +121,7 @@ def test_each_run_is_a_point(tmp_path: Path) -> None:
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["RRTConnect", "SafeRRTConnect"]
 
 
-def test_the_legend_of_many_planners_hides_no_runs(tmp_path: Path) -> None:
+def test_the_legend_of_many_planners_hides_no_runs(tmp_path):
     names = ["RRTConnect", "SafeRRTConnect", "SafePRM", "ClassicPRM", "SafeJTRRT", "BITstar"]
     many = {name: [0.01 * k, 0.02] for k, name in enumerate(names, 1)}
     figure = plot_clearance_danger(many, many, tmp_path / "runs.png")
@@ -134,7 +130,7 @@ def test_the_legend_of_many_planners_hides_no_runs(tmp_path: Path) -> None:
     assert figure.legends[0].get_window_extent().x0 >= figure.axes[0].get_window_extent().x1
 
 
-def test_a_plan_shows_levels_and_the_closest_approach(tmp_path: Path) -> None:
+def test_a_plan_shows_levels_and_the_closest_approach(tmp_path):
     danger, clearance = np.array([1.0, 4.0, 2.0]), np.array([0.2, 0.03, 0.1])
     figure = plot_plan(danger, tmp_path / "plan.png", clearance=clearance, planner="SafePRM")
     upper, lower = figure.axes
@@ -144,11 +140,11 @@ def test_a_plan_shows_levels_and_the_closest_approach(tmp_path: Path) -> None:
     assert lower.get_lines()[0].get_ydata() == pytest.approx(1e3 * clearance)
 
 
-def test_a_plan_without_clearance_or_danger_has_one_axes(tmp_path: Path) -> None:
+def test_a_plan_without_clearance_or_danger_has_one_axes(tmp_path):
     assert len(plot_plan(np.zeros(5), tmp_path / "plan.png").axes) == 1
 
 
-def test_global_style_and_figures_are_left_alone(tmp_path: Path) -> None:
+def test_global_style_and_figures_are_left_alone(tmp_path):
     before = dict(matplotlib.rcParams)
     plot_profiles(PROFILES, tmp_path / "a.png")
     assert dict(matplotlib.rcParams) == before
@@ -158,7 +154,7 @@ def test_global_style_and_figures_are_left_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("plot", [plot_profiles, plot_bands, plot_times])
-def test_nothing_to_draw_is_refused(plot: Any, tmp_path: Path) -> None:
+def test_nothing_to_draw_is_refused(plot, tmp_path):
     with pytest.raises(InputError, match="at least one planner"):
         plot({}, tmp_path / "a.png")
 
@@ -171,32 +167,32 @@ def test_nothing_to_draw_is_refused(plot: Any, tmp_path: Path) -> None:
         ([["a", "b"]], "profiles of PRM must be numbers"),
     ],
 )
-def test_profiles_that_cannot_be_drawn_are_named(runs: Any, message: str, tmp_path: Path) -> None:
+def test_profiles_that_cannot_be_drawn_are_named(runs, message, tmp_path):
     with pytest.raises(InputError, match=message):
         plot_profiles({"PRM": runs}, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
 
 
-def test_negative_times_are_refused(tmp_path: Path) -> None:
+def test_negative_times_are_refused(tmp_path):
     with pytest.raises(InputError, match="negative, got -1"):
         plot_times({"PRM": [0.1, -1.0]}, tmp_path / "a.png")
 
 
 @pytest.mark.parametrize("dangers", [{"PRM": [1.0]}, {"RRT": [1.0, 2.0]}])
-def test_runs_need_both_numbers(dangers: Any, tmp_path: Path) -> None:
+def test_runs_need_both_numbers(dangers, tmp_path):
     with pytest.raises(InputError, match="one pair per run"):
         plot_clearance_danger({"PRM": [0.1, 0.2]}, dangers, tmp_path / "a.png")
 
 
-def test_an_empty_plan_is_refused(tmp_path: Path) -> None:
+def test_an_empty_plan_is_refused(tmp_path):
     with pytest.raises(InputError, match="danger has no values"):
         plot_plan([], tmp_path / "a.png")
 
 
-def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
     real = builtins.__import__
 
-    def without(name: str, *rest: Any, **more: Any) -> Any:
+    def without(name, *rest, **more):
         if name.startswith("matplotlib"):
             raise ImportError(name)
         return real(name, *rest, **more)

@@ -1,18 +1,16 @@
 """Planning problems on which parts of planners are tested alone."""
 
-from __future__ import annotations
-
 import pytest
 from plane import PlaneProblem, SlopedHotSpot
 
-from safe_ompl import SafeRRTConnect, SafeSetup, Scenario
+from safe_ompl import SafeRRTConnect, Scenario
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners.parts.problem import PlanningProblem
 from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture
-def plane() -> PlanningProblem:
+def plane():
     """Return a point in an empty plane with a sloped hot spot."""
     si = PlaneProblem(SafeRRTConnect).si
     problem = PlanningProblem(si)
@@ -21,12 +19,12 @@ def plane() -> PlanningProblem:
 
 
 @pytest.fixture(scope="package")
-def shelf() -> SafeSetup:
+def shelf():
     return setup_scenario(Scenario.load(find_scenario("panda_shelf")))
 
 
 @pytest.fixture
-def shelf_problem(shelf: SafeSetup) -> PlanningProblem:
+def shelf_problem(shelf):
     problem = PlanningProblem(shelf.getSpaceInformation())
     problem.take(shelf.getProblemDefinition().getOptimizationObjective(), None)
     return problem

@@ -9,7 +9,7 @@ from plane import TIMEOUT, PlaneProblem, SlopedHotSpot, walled_in
 
 from safe_ompl import make_planner
 from safe_ompl.planning.ompl import StateBridge, StateCost
-from safe_ompl.planning.planners.parts.tree import ROOT, NearestNode, Tree, TreeSchedule
+from safe_ompl.planning.planners.parts.tree import NearestNode, Tree, TreeSchedule
 
 
 class Height(ob.OptimizationObjective):
@@ -53,12 +53,6 @@ def tree(bridge, height):
     middle = tree.add(np.array([1.0, 0.0]), root)
     tree.add(np.array([2.0, 3.0]), middle)
     return tree
-
-
-def test_nodes_and_parents(tree):
-    assert len(tree) == 3
-    np.testing.assert_array_equal(tree.configurations, [[0, 0], [1, 0], [2, 3]])
-    assert tree.parents.tolist() == [ROOT, 0, 1]
 
 
 def test_a_branch_runs_from_the_root_to_the_node(tree):
