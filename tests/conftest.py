@@ -1,5 +1,6 @@
 """Robots and an independent collision check for the tests; robots are frozen, so all tests share them."""
 
+import gc
 import os
 import signal
 from functools import cache
@@ -63,6 +64,15 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "view/browser/",
     "view/pictures/",
 )
+
+
+def pytest_collection_finish():
+    """Spare the collector all that has been imported: many tests ask for a collection."""
+    gc.freeze()
+
+
+def pytest_sessionfinish():
+    gc.unfreeze()
 
 
 def pytest_collection_modifyitems(items):

@@ -71,6 +71,18 @@ def test_what_must_be_kept_is_kept(robot_named, clutter, name, seed, margin, lat
                 assert not pairs.within_margins(start + t * delta, required + t * growth)
 
 
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("enough", [0.1, np.inf])
+def test_no_pair_is_nearer_than_its_bound(robot_named, clutter, name, enough):
+    robot = robot_named(name)
+    checker = CollisionChecker(robot, clutter)
+    Q = np.array([q for q, _ in edges(robot, 40) if not checker.touches(q)])
+    bounds = checker.pairs.bounds.of(Q, np.arange(len(checker.pairs.names)), enough)
+    assert (bounds > 0.0).mean() > 0.9
+    for q, bound in zip(Q, bounds, strict=True):
+        assert not checker.pairs.within_margins(q, np.maximum(bound - ALLOWANCE, 0.0))
+
+
 def test_where_it_fails_a_pair_is_near(ur5, clutter):
     checker = CollisionChecker(ur5, clutter)
     failed = [
@@ -100,6 +112,23 @@ def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, nam
     assert [motion.check(*edge).verdict for edge in asked] == found
     assert {Verdict.FREE, Verdict.BLOCKED} <= set(found)
     assert by_bounds.margin_queries + by_bounds.collision_queries < 0.5 * checker.counts.queries
+
+
+@pytest.mark.parametrize("by_bounds", [True, False])
+@pytest.mark.parametrize("speed", [0.0, 0.1])
+def test_nothing_that_moves_reaches_a_free_motion(ur5, clutter, monkeypatch, by_bounds, speed):
+    if not by_bounds:
+        monkeypatch.setattr(DistanceBounds, "prove", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
+    checker, free = CollisionChecker(ur5, clutter), 0
+    motion, pairs = CertifiedMotion(checker), far_pairs(ur5, clutter)
+    speeds = {obstacle.name: speed for obstacle in clutter if obstacle.name != "table"}
+    reached = np.array([speeds.get(name, 0.0) for _, name in pairs.names])
+    for start, delta in edges(ur5, 60):
+        if motion.check_moving(start, start + delta, speeds, (0.0, 1.0)).verdict is Verdict.FREE:
+            free += 1
+            for t in along(delta):
+                assert not pairs.within_margins(start + t * delta, t * reached)
+    assert free > 10
 
 
 def test_free_edges_hardly_need_coal(ur5, clutter):

@@ -62,7 +62,7 @@ def test_checks_heed_the_termination_condition():
 
 
 def test_memory_stays_bounded(monkeypatch):
-    monkeypatch.setattr(prm, "_LARGEST_ROADMAP", 300)
+    monkeypatch.setattr(prm, "_LARGEST_ROADMAP", 150)
     task = Problem(walled_in, samples=20)
     sizes = []
 
@@ -72,7 +72,7 @@ def test_memory_stays_bounded(monkeypatch):
 
     stop = ob.PlannerTerminationCondition(begun_anew)
     assert task.solve(stop) == TIMEOUT
-    assert 250 < max(sizes) <= 300 * 1.25 + 1
+    assert 120 < max(sizes) <= 150 * 1.25 + 1
     task.walls.forbidden = nowhere
     task.planner.clear()
     assert task.solve() == EXACT
