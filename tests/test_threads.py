@@ -9,19 +9,10 @@ import pinocchio as pin
 import pytest
 from ompl import geometric as og
 
+from safe_ompl import Box, CertifiedDanger, DangerField, Obstacle, Pose, Scene
+from safe_ompl.collision import DISTANCE_ERROR, CertifiedMotion, CollisionChecker, Proximity
 from safe_ompl.collision import pairs as distance_bounds
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.distances import Proximity
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.danger.certified import CertifiedDanger
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.states import StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
-from safe_ompl.scene.scene import Scene
+from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateBridge, joint_space
 
 THREADS, NUMBER = 3, 60
 

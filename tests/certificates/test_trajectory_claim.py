@@ -8,23 +8,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from safe_ompl import CertificateError, DangerField, InputError, Obstacle, People
+from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import at_most
-from safe_ompl.certificates.issue import certificate, terms_of_field
+from safe_ompl.certificates.issue import terms_of_field
 from safe_ompl.certificates.verifier.bodies import corners
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CertificateError, InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.collision import CertifiedMotion, CollisionChecker
 from safe_ompl.io.schema import digest
-from safe_ompl.scene.people import People
-from safe_ompl.trajectories.caps import StandstillError
-from safe_ompl.trajectories.curve import BlendedCurve, Piece
-from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, StandstillError, Trajectory, time_path
 from safe_ompl.trajectories.time_law import TimeLaw
-from safe_ompl.trajectories.timing import time_path
-from safe_ompl.trajectories.trajectory import Trajectory
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
 PEOPLE = People(who=("ball",), speed=1.2, reaction_time=0.05, clearance=0.01)

@@ -9,9 +9,8 @@ import shutil
 import numpy as np
 import pytest
 
-from safe_ompl import Box, InputError, JointPath, Obstacle, Pose, Robot, SafeSetup, Scene, load, save
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl import Box, InputError, JointPath, Obstacle, PlanResult, Pose, SafeSetup, Scene, load, save
+from safe_ompl.robot import Robot, robot_hash
 
 
 @pytest.fixture(scope="module")

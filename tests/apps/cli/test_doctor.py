@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import safe_ompl
+from safe_ompl.apps import main
 from safe_ompl.apps.cli import program
-from safe_ompl.apps.cli.program import main
 
 ROOT = Path(__file__).parents[3]
 

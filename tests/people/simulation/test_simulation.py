@@ -5,19 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from safe_ompl.apps.cli.program import command_line, main
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.person import STANDING
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.problems import built_scene
-from safe_ompl.io.robot_document import built_robot
-from safe_ompl.io.ticks import read_ticks
-from safe_ompl.people.simulation import ContactMonitor, limb_solids
-from safe_ompl.people.simulation.movers import Drifting, Playback
-from safe_ompl.people.simulation.simulation import Faults, Simulation
-from safe_ompl.people.skeletons import KEYPOINTS, Recording, find_skeleton
-from safe_ompl.people.tracking import Tracker
-from safe_ompl.scene.scenario import find_scenario
+from safe_ompl import InputError, Pose, Tracker
+from safe_ompl.apps import main
+from safe_ompl.apps.cli.program import command_line
+from safe_ompl.geometry import STANDING
+from safe_ompl.io import built_robot, built_scene, read_ticks
+from safe_ompl.people import KEYPOINTS, Recording, find_skeleton
+from safe_ompl.people.simulation import ContactMonitor, Drifting, Faults, Playback, Simulation, limb_solids
+from safe_ompl.scene import find_scenario
 
 RECORDING = find_skeleton("recording12")
 

@@ -8,17 +8,13 @@ import numpy as np
 import pytest
 
 from safe_ompl import Box, InputError, Obstacle, People, Person, Pose, RateLimits, SafeSetup, Scene, load
-from safe_ompl.apps.cli.program import main
-from safe_ompl.geometry.person import STANDING
-from safe_ompl.io.files import marked, strict_json
-from safe_ompl.io.motions import TimedMotion
-from safe_ompl.io.problems import carried_scene
-from safe_ompl.io.robot_document import carried_robot
+from safe_ompl.apps import main
+from safe_ompl.geometry import STANDING
+from safe_ompl.io import TimedMotion, carried_robot, carried_scene, marked, strict_json
+from safe_ompl.view import ViewerContent, read_recording, save_animation
 from safe_ompl.view.browser.layers import FieldSlice
-from safe_ompl.view.content import ViewerContent, read_recording
-from safe_ompl.view.pictures.path import save_animation
 from safe_ompl.view.pictures.surface import SHIRT
-from safe_ompl.view.plots.paths import plot_speeds
+from safe_ompl.view.plots import plot_speeds
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 TICK = 0.1

@@ -9,7 +9,8 @@ import pytest
 
 import safe_ompl
 from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene, certificate
-from safe_ompl.view.content import Nearest, Proof, ViewerContent
+from safe_ompl.view import ViewerContent
+from safe_ompl.view.content import Nearest, Proof
 from safe_ompl.view.style import level_colours
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]

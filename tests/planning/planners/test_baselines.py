@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from plane import EXACT, PlaneCost, PlaneProblem, dense
+from plane import EXACT, GOAL, HotSpot, PlaneCost, PlaneProblem, dense, wall_with_a_gap
 
-from safe_ompl.common.errors import UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.baselines import TransitionTest
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import InputError, Scenario, UnknownNameError, make_planner
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners.baselines import HRRT, TransitionTest
+from safe_ompl.scene import find_scenario
 
 
 class Hill(PlaneCost):
@@ -87,3 +86,54 @@ def test_the_baselines_are_safer_than_a_classical_planner_on_an_arm():
     dangers = {name: np.median([r.report.danger.mean for r in results]) for name, results in plans.items()}
     assert dangers["BiTRRT"] < dangers["ClassicRRTConnect"]
     assert dangers["GradienTRRT"] < dangers["ClassicRRTConnect"]
+
+
+# ------------------------------------------------------------------------------------------------------------- hrrt
+
+
+def problem(*task, **parameters):
+    return PlaneProblem(HRRT, *task, **parameters)
+
+
+def test_quality_falls_from_the_optimal_cost_to_the_dearest():
+    task = problem(wall_with_a_gap, HotSpot, range=0.2)
+    assert task.solve(10.0) == EXACT
+    planner, graph = task.planner, task.planner.plannerGraph()
+    parents = {child: parent for parent, child in graph.edges.tolist()}
+    goal = np.array(GOAL)
+    values = HotSpot(task.si).values
+    usual = (values(graph.configurations[:1]) + values(goal[None]))[0] / 2
+    costs = []
+    for node in range(len(graph.configurations)):
+        end, cost = graph.configurations[node], 0.0
+        while node in parents:
+            a, b = graph.configurations[[parents[node], node]]
+            danger = values(np.array([a, b])).mean()
+            cost += np.linalg.norm(b - a) * (1.0 + danger / usual)
+            node = parents[node]
+        costs.append(cost + np.linalg.norm(end - goal))
+    optimal, dearest = np.linalg.norm(graph.configurations[0] - goal), max(costs)
+    expected = [1.0 - (cost - optimal) / (dearest - optimal) for cost in costs]
+    np.testing.assert_allclose([planner.quality(k) for k in range(len(costs))], expected, atol=1e-9)
+    assert planner.quality(0) == 1.0
+    assert min(expected) == pytest.approx(0.0)
+
+
+def test_a_floor_of_one_is_an_rrt_and_a_low_one_finds_cheaper_ways():
+    def mean_cost(floor):
+        costs = []
+        for seed in range(12):
+            task = problem(lambda x, y: False, Hill, range=0.15, seed=seed, floor=floor, danger_weight=3.0)
+            assert task.solve(10.0) == EXACT
+            points = dense(task.path)
+            steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+            costs.append(float(steps @ Hill(task.si).values(points[1:])))
+        return float(np.mean(costs))
+
+    assert mean_cost(0.05) < 0.9 * mean_cost(1.0)
+
+
+@pytest.mark.parametrize(("key", "value"), [("floor", 1.5), ("danger_weight", -1.0), ("goal_bias", -0.1)])
+def test_bad_parameters_are_refused(key, value):
+    with pytest.raises(InputError, match=key):
+        problem(**{key: value})
