@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.motions.checks import MotionCheck, Violation, check, checked, widest_tube
+    from safe_ompl.motions.checks import MotionCheck, Violation, check, checked, tube_of, widest_tube
     from safe_ompl.motions.motion import Motion
     from safe_ompl.motions.rates import Extremes, RateViolation, extremes, rate_violations
     from safe_ompl.motions.repair import Repair, repaired
@@ -24,6 +24,7 @@ __all__ = [
     "extremes",
     "rate_violations",
     "repaired",
+    "tube_of",
     "widest_tube",
 ]
 

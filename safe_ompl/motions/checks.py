@@ -22,7 +22,7 @@ from safe_ompl.danger import DangerLimit
 from safe_ompl.motions import polynomials
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import RateViolation, rate_violations
-from safe_ompl.planning.ompl import Constraints
+from safe_ompl.planning.ompl import Constraints, joint_space
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import RateLimits
@@ -159,7 +159,7 @@ def check(
     """
     wanted = Constraints() if constraints is None else constraints
     if tube is not None:
-        wanted = replace(wanted, separation=replace(wanted.separation, tube=_tube(tube, robot)))
+        wanted = replace(wanted, separation=replace(wanted.separation, tube=tube_of(tube, robot)))
     proof = CertifiedMotion(
         CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits
     )
@@ -173,7 +173,8 @@ def checked(
     speeds: Mapping[str, float] | None = None,
 ) -> MotionCheck:
     """Return the same as `check` with a `CertifiedMotion` that is there already; arguments and errors as `check`."""
-    motion = Motion.of(motion).for_robot(proof.checker.robot)
+    robot = proof.checker.robot
+    motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
     if speeds and not motion.timed:
         raise InputError("has no times, and obstacles that move need them", "motion")
     found = list(map(_rate, rate_violations(motion, proof.checker.robot, limits)))
@@ -227,7 +228,7 @@ def widest_tube(
         raise InputError(f"proportions must be >= 0, and not all 0, got {shape.tolist()}")
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance must be between 0 and 1, got {tolerance!r}")
-    motion = Motion.of(motion).for_robot(robot)
+    motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
     proof = CertifiedMotion(
         CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits
     )
@@ -423,7 +424,7 @@ def _claims(proof: CertifiedMotion) -> Iterator[str]:
     yield from (getattr(limit, "name", type(limit).__name__) for limit in proof.limits)
 
 
-def _tube(tube: ArrayLike, robot: Robot) -> tuple[float, ...]:
+def tube_of(tube: ArrayLike, robot: Robot) -> tuple[float, ...]:
     """Return widths for all joints, of one number or of n."""
     widths = np.full(robot.n, float(tube)) if np.ndim(tube) == 0 else tube  # type: ignore[arg-type]
     return tuple(finite_array(widths, (robot.n,), "tube").tolist())

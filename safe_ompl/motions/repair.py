@@ -18,10 +18,11 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict, fresh_data
-from safe_ompl.common import FloatArray
+from safe_ompl.common import FloatArray, InputError
 from safe_ompl.motions import polynomials
 from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, checked
 from safe_ompl.motions.motion import Motion
+from safe_ompl.planning.ompl import joint_space
 from safe_ompl.trajectories import RateLimits
 
 Connect = Callable[
@@ -76,6 +77,13 @@ class Repair:
     at: float = 0.0
     changed: tuple[tuple[float, float], ...] = ()
 
+    @property
+    def path(self) -> FloatArray:
+        """The way points (N, n), as it may be driven where it is straight between them; errors where it is not."""
+        if self.motion.degree > 1:
+            raise InputError("is curved: it has no path of straight lines", "motion")
+        return self.motion.knots
+
     def __bool__(self) -> bool:
         return bool(self.check)
 
@@ -106,7 +114,8 @@ def repaired(
         Finds proven paths between two configurations, where moving pieces aside does not succeed.
 
     """
-    motion = Motion.of(motion).for_robot(proof.checker.robot)
+    robot = proof.checker.robot
+    motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
     found = checked(motion, proof, limits)
     if found:
         return Repair(motion, found, "unchanged")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.planning.from_scenario import plan, setup_problem, setup_scenario
+    from safe_ompl.planning.from_scenario import plan, repair, setup_problem, setup_scenario
     from safe_ompl.planning.optimise import COSTS, Improvement
     from safe_ompl.planning.planners import planner_data
     from safe_ompl.planning.problem import danger_field
@@ -22,6 +22,7 @@ __all__ = [
     "danger_field",
     "plan",
     "planner_data",
+    "repair",
     "setup_problem",
     "setup_scenario",
 ]

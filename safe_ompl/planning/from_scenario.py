@@ -1,27 +1,32 @@
-"""From a scenario, or a problem of MotionBenchMaker, to a setup; and from a scenario to a result."""
+"""From a scenario or a problem to a setup, from a scenario to a result, from a motion to a repair."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from safe_ompl.common import clock
 from safe_ompl.common import documents as document
+from safe_ompl.motions import Repair, tube_of
+from safe_ompl.planning.ompl import Constraints
 from safe_ompl.planning.optimise import Cost
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
-from safe_ompl.scene import MbmProblem, Scenario, find_scenario
+from safe_ompl.scene import MbmProblem, Scenario, Scene, find_scenario
+from safe_ompl.trajectories import RateLimits
 
 _log = logging.getLogger(__name__)
 
 
 def plan(
     scenario: Scenario | str | Path,
-    planner: str = "SafeRRTConnect",
+    planner: str | Callable[..., Any] = "SafeRRTConnect",
     time: float | None = None,
     seed: int = 0,
     parameters: Mapping[str, Any] | None = None,
@@ -101,3 +106,43 @@ def setup_problem(problem: MbmProblem, robot: Robot) -> SafeSetup:
     setup = SafeSetup(robot, problem.scene)
     setup.setConfigurations(problem.start_configuration(robot), problem.goal_configurations(robot))
     return setup
+
+
+def repair(
+    motion: Any,
+    robot: Robot,
+    scene: Scene,
+    *,
+    constraints: Constraints | None = None,
+    tube: ArrayLike | None = None,
+    limits: RateLimits | None = None,
+    time: float = 2.0,
+) -> Repair:
+    """Return a motion that something else made with as little changed as a proof needs.
+
+    Parameters
+    ----------
+    motion : Motion or what `Motion.of` takes
+        Such as way points (N, n), a SciPy spline, or a plain `og.SimpleSetup` that has been solved.
+    robot, scene, constraints, tube, limits
+        As `check`.
+    time : float
+        [s] for planning ways round, where moving pieces aside does not succeed.
+
+    Returns
+    -------
+    Repair
+        True if it is proven. `motion` has the ends, the degree, the times and the smoothness of the one given; `path`
+        the way points where it is straight between them; `how`, `deviation` and `changed` say what was done.
+
+    Raises
+    ------
+    InputError
+        As `check`.
+    """
+    setup = SafeSetup(robot, scene)
+    wanted = Constraints() if constraints is None else constraints
+    if tube is not None:
+        wanted = replace(wanted, separation=replace(wanted.separation, tube=tube_of(tube, robot)))
+    setup.setConstraints(wanted)
+    return setup.repair(motion, limits, time=time)

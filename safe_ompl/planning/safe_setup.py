@@ -16,6 +16,7 @@ from ompl import base as ob
 from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError, clock, positive
 from safe_ompl.common import seed as checked_seed
 from safe_ompl.danger import DangerLimit
+from safe_ompl.motions import MotionCheck, Repair, checked, repaired
 from safe_ompl.paths import PathReport, Simplifier, Stop, timed
 from safe_ompl.planning.ompl import DurationObjective
 from safe_ompl.planning.optimise import (
@@ -28,6 +29,7 @@ from safe_ompl.planning.optimise import (
     optimise,
     stopping,
 )
+from safe_ompl.planning.outside import OutsidePlanner, connecting
 from safe_ompl.planning.planners import (
     SafePlanner,
     SafeRRTConnect,
@@ -39,6 +41,7 @@ from safe_ompl.planning.planners import (
 )
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
+from safe_ompl.trajectories import RateLimits
 
 _log = logging.getLogger(__name__)
 
@@ -144,8 +147,9 @@ class SafeSetup(ProblemSetup):
 
         Parameters
         ----------
-        planner : str or ob.Planner
-            A name of `planner_names()`, or a planner on this setup's space information.
+        planner : str, ob.Planner or callable
+            A name of `planner_names()`, a planner on this setup's space information, or a function of start (n,) and
+            goals (G, n) that returns a path (N, n), or None: it is proven, or repaired first (`OutsidePlanner`).
         time : float
             Time limit [s] of planning and simplification together.
         seed : int
@@ -176,6 +180,8 @@ class SafeSetup(ProblemSetup):
             is returned; `PlanResult.interrupted` says so.
         """
         begin = clock()
+        if callable(planner) and not isinstance(planner, type):
+            planner = OutsidePlanner(self, planner)
         time = positive(time if optimise is None else optimise, "time limit", "number of seconds")
         simplification = simplification_time(simplify)
         with self._objective_of(cost, planner, parameters):
@@ -216,6 +222,19 @@ class SafeSetup(ProblemSetup):
         self.setPlanner(planner)
         self.setup()
         return planner, name
+
+    # ----------------------------------------------------------------------------------- motions from outside
+
+    def check(self, motion: Any, limits: RateLimits | None = None) -> MotionCheck:
+        """Prove a motion that something else made under the constraints set now; see `safe_ompl.check`."""
+        self.problem.adopt_plugins()
+        return checked(motion, self.certified_motion, limits)
+
+    def repair(self, motion: Any, limits: RateLimits | None = None, *, time: float = 2.0) -> Repair:
+        """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
+        self.problem.adopt_plugins()
+        limit = positive(time, "time limit", "number of seconds")
+        return repaired(motion, self.certified_motion, limits, connecting(self, limit))
 
     # ----------------------------------------------------------------------------------------- simplification
 
