@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.geometry.basic import Box, Capsule, Shape
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.loading.attachment import Attachment
+from safe_ompl.robot.loading import Attachment
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

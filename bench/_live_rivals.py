@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from safe_ompl.people.replanning.command import Command, Doing, Margin, StopMotion
-from safe_ompl.people.replanning.guarded_path import GuardedPath
+from safe_ompl.people.replanning.guarded_path import Command, Doing, GuardedPath, Margin, StopMotion
 from safe_ompl.people.replanning.replanner import Replanner
 from safe_ompl.trajectories.trajectory import Trajectory
 

@@ -32,7 +32,7 @@ from safe_ompl.certificates.issue import certificate
 from safe_ompl.certificates.verifier.verify import verify
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.danger.certified import CertifiedDanger
 from safe_ompl.danger.field import DangerField
 from safe_ompl.paths.measures import PROFILE_POINTS, Curve

@@ -18,7 +18,7 @@ from _timing import print_table
 
 from safe_ompl import PathReport, Robot, SafeSetup, Scene, certificate, verify
 from safe_ompl.apps.benchmark.measures import resident_megabytes
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.geometry.cloud import PointCloud
 from safe_ompl.geometry.obstacle import Obstacle
 

@@ -124,12 +124,12 @@ def call_the_rest() -> None:
     """Call kernels whose rooms would have to be furnished first."""
     from safe_ompl.danger.kernels import field
     from safe_ompl.trajectories import kernels as stopping
-    from safe_ompl.view.pictures import triangles
+    from safe_ompl.view.pictures import rasteriser
 
     ones = np.ones((2, 2))
     stopping.stopping_speeds(np.ones(2), np.ones(2), ones, ones, np.ones(2), np.array([1, 1]))
-    triangles.nearest_triangles(np.eye(3), np.array([[0, 1, 2]]), 4, 4)
-    triangles.light_at(np.eye(3), np.eye(3), np.eye(2), np.eye(4)[:2], np.ones((2, 4, 4), np.float32), 0.0)
+    rasteriser.nearest_triangles(np.eye(3), np.array([[0, 1, 2]]), 4, 4)
+    rasteriser.light_at(np.eye(3), np.eye(3), np.eye(2), np.eye(4)[:2], np.ones((2, 4, 4), np.float32), 0.0)
     links, places = np.array([[0, 1]]), np.arange(6.0).reshape(1, 2, 3)
     field.pulls(places, links, np.ones((1, 3, 2)), ones[:1].copy(), False)
 

@@ -28,9 +28,9 @@ import pinocchio as pin
 from ompl import util as ou
 
 from safe_ompl import Box, CollisionChecker, Obstacle, Pose, RateLimits, Robot, SafeSetup, Scene, time_path
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
-from safe_ompl.people.simulation.contact_monitor import ContactMonitor, Solid
+from safe_ompl.people.simulation import ContactMonitor, Solid
 from safe_ompl.people.simulation.movers import Drifting
 from safe_ompl.people.simulation.simulation import Faults, Simulation
 

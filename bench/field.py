@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from safe_ompl import DangerField, Robot
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.danger.kinetostatic import KinetostaticField
 from safe_ompl.danger.link_field import Segments, field, keypoint_gradient
 from safe_ompl.scene.scenario import Scenario, find_scenario

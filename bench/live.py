@@ -25,11 +25,10 @@ import numpy as np
 
 from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
 from safe_ompl import People, Pose, RateLimits, Scenario, time_path
-from safe_ompl.people.recordings import Recording, list_clips
 from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Simulation
-from safe_ompl.people.skeletons import TrackedBody
+from safe_ompl.people.skeletons import Recording, TrackedBody, list_clips
 from safe_ompl.people.tracking import Tracker
 from safe_ompl.scene.scenario import find_scenario
 

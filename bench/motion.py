@@ -25,8 +25,7 @@ from _timing import in_turn, print_table
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion, Verdict
-from safe_ompl.common.arrays import FloatArray
-from safe_ompl.common.counts import Counts
+from safe_ompl.common import Counts, FloatArray
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 

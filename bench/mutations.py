@@ -39,8 +39,7 @@ from _judge import Judge, carried
 from _timing import print_table
 
 from safe_ompl.certificates.issue import certificate, terms_of
-from safe_ompl.certificates.terms import Terms
-from safe_ompl.certificates.verifier.verify import Verified, verify
+from safe_ompl.certificates.verifier.verify import Terms, Verified, verify
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.common.errors import SafeOmplError
@@ -52,13 +51,12 @@ from safe_ompl.geometry.pose import Pose
 from safe_ompl.io.robot_document import built_robot, links_without_collision
 from safe_ompl.io.schema import digest
 from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.loading.attachment import Attachment
+from safe_ompl.robot.loading import Attachment
 from safe_ompl.robot.robot import Robot
 from safe_ompl.robot.spec import RobotSpec
 from safe_ompl.scene.constraints import MotionLimits
-from safe_ompl.scene.goal import Goal
 from safe_ompl.scene.people import BodyRegion, People
-from safe_ompl.scene.scenario import Scenario
+from safe_ompl.scene.scenario import Goal, Scenario
 from safe_ompl.scene.scene import Scene
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.timing import PathTimer

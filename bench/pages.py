@@ -41,13 +41,11 @@ from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.scene.scenario import find_scenario
 from safe_ompl.view.browser.view import save_page
-from safe_ompl.view.content import ViewerContent
-from safe_ompl.view.pictures.path import DrawnPath, choose_camera, render_path
-from safe_ompl.view.pictures.results import render_comparison, save_png
+from safe_ompl.view.content import ViewerContent, read_recording
+from safe_ompl.view.pictures.path import DrawnPath, choose_camera, render_comparison, render_path, save_png
 from safe_ompl.view.plots.paths import plot_speeds
 from safe_ompl.view.plots.planar import plot_bubbles, plot_field
 from safe_ompl.view.plots.planners import plot_profiles
-from safe_ompl.view.recordings import read_recording
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "pictures"

@@ -38,8 +38,8 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from safe_ompl import DangerObjective, Robot, SafeSetup, Scene
-from safe_ompl.common.arrays import FloatArray
-from safe_ompl.paths.simplify.cost import PathCost
+from safe_ompl.common import FloatArray
+from safe_ompl.paths.cost import PathCost
 from safe_ompl.planning.planners.registry import make_planner
 from safe_ompl.view.plots.page import GREY, Page
 from safe_ompl.view.style import planner_styles

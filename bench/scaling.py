@@ -18,8 +18,8 @@ import numpy as np
 from _scenes import scattered
 
 from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Robot
-from safe_ompl.common.arrays import FloatArray
-from safe_ompl.danger.evaluation import AGGREGATES
+from safe_ompl.common import FloatArray
+from safe_ompl.danger.points import AGGREGATES
 from safe_ompl.planning.ompl.objective import DangerObjective, StateCost
 from safe_ompl.planning.ompl.states import StateBridge
 from safe_ompl.planning.planners.parts.tree import Tree

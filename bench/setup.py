@@ -23,7 +23,7 @@ from ompl import util as ou
 
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.person import STANDING, Person

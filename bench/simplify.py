@@ -29,7 +29,7 @@ from _problems import problem_parser, problems
 from ompl import geometric as og
 
 from safe_ompl import PathReport, SafeSetup
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 
 OURS, THEIRS = "SafeRRTConnect", ("RRTConnect", "PaperRRTConnect")
 INSTANTS = (0.005, 0.01, 0.02, 0.05, 0.1)  # [s]

@@ -20,11 +20,11 @@ import numpy as np
 import pinocchio as pin
 from _timing import print_table
 
-from safe_ompl.certificates.verifier.distances import corners
+from safe_ompl.certificates.verifier.bodies import corners
 from safe_ompl.collision.broad_phase import fresh_data
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.people import People
 from safe_ompl.scene.scenario import Scenario, find_scenario

@@ -23,11 +23,12 @@ if TYPE_CHECKING:
     )
     from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
     from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
-    from safe_ompl.io import JointPath, load, save
+    from safe_ompl.io import JointPath, load, read_motion, save
+    from safe_ompl.motions import Motion, check, widest_tube
     from safe_ompl.paths import PathReport, simplify_danger
     from safe_ompl.people import Tracker
     from safe_ompl.people.replanning import Replanner
-    from safe_ompl.planning import PlanResult, SafeSetup, plan, planner_data
+    from safe_ompl.planning import PlanResult, SafeSetup, plan, planner_data, repair
     from safe_ompl.planning.ompl import (
         CertifiedMotionValidator,
         CollisionFreeValidity,
@@ -74,6 +75,7 @@ __all__ = [
     "JointPath",
     "KinetostaticField",
     "Mesh",
+    "Motion",
     "Obstacle",
     "PathReport",
     "PathTimer",
@@ -106,17 +108,21 @@ __all__ = [
     "Verdict",
     "WorkspaceGoal",
     "certificate",
+    "check",
     "inverse_kinematics",
     "load",
     "make_planner",
     "plan",
     "planner_data",
     "planner_names",
+    "read_motion",
+    "repair",
     "save",
     "simplify_danger",
     "time_path",
     "verify",
     "view",
+    "widest_tube",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

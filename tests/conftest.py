@@ -1,5 +1,6 @@
 """Robots and an independent collision check for the tests; robots are frozen, so all tests share them."""
 
+import gc
 import os
 import signal
 from functools import cache
@@ -9,16 +10,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from crank import CRANK
 from hypothesis import settings
 from ompl import util as ou
 
-from safe_ompl.common.errors import warn_once
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.reach import bounding_hull
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Capsule, Cylinder, Obstacle, Pose, Robot, Scene, Sphere
+from safe_ompl.common import warn_once
+from safe_ompl.robot import bounding_hull
 
 os.environ["SAFE_OMPL_CACHE"] = "off"  # tests neither read nor leave anything in the user's cache
 
@@ -40,6 +38,7 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
     "people/simulation/",
     "planning/ompl/test_constraints.py::test_quickly_and_in_words",
     "planning/ompl/test_goals.py::test_nothing_is_left_over_at_exit",
+    "planning/ompl/test_goals.py::test_out_of_reach",
     "planning/ompl/test_goals.py::test_the_tip_never_leaves_its_reach",
     "planning/ompl/test_objective.py::test_optimising_planners_stop",
     "planning/planners/printed/",
@@ -67,6 +66,15 @@ END_TO_END = (  # whole programs, and comparisons that take long: folders, files
 )
 
 
+def pytest_collection_finish():
+    """Spare the collector all that has been imported: many tests ask for a collection."""
+    gc.freeze()
+
+
+def pytest_sessionfinish():
+    gc.unfreeze()
+
+
 def pytest_collection_modifyitems(items):
     """Mark the tests that only the whole suite runs."""
     for item in items:
@@ -80,11 +88,15 @@ settings.load_profile("reproducible")
 
 
 @cache
-def _robot(name: str) -> Robot:
+def _robot(name):
     if name == "twin_arm":  # prismatic, continuous and revolute joints, and a branch
         return Robot.from_urdf(DATA / "twin_arm.urdf")
     if name == "slider":  # its right arm alone: two of four joints slide
         return Robot.from_urdf(DATA / "twin_arm.urdf", tip="right_hand", name="slider")
+    if name == "gripper":  # two links and two fingers: grip_mirror = 1.5·grip + 0.001
+        return Robot.from_urdf(DATA / "gripper_arm.urdf", tip="finger_1")
+    if name == "parallel":  # two links and a hand that turns back by twice the angle of the elbow, less 0.3
+        return Robot.from_urdf(DATA / "parallel_arm.urdf")
     return Robot.from_example(name)
 
 
@@ -110,7 +122,7 @@ def edited(data_folder, tmp_path):
 
 @pytest.fixture(scope="session")
 def robot_named():
-    """Return a function from a name to a shared robot: "twin_arm", "slider", or an example robot."""
+    """Return a function from a name to a shared robot: one of `_robot`, or an example robot."""
     return _robot
 
 
@@ -134,6 +146,14 @@ def kinova():
 def twin_arm():
     """Two arms on a lift: prismatic, continuous and revolute joints, and a branch."""
     return _robot("twin_arm")
+
+
+@pytest.fixture(scope="session")
+def crank(tmp_path_factory):
+    """One joint about z that turns a ball of 0.05 m at a distance of 0.5 m."""
+    urdf = tmp_path_factory.mktemp("crank") / "crank.urdf"
+    urdf.write_text(CRANK)
+    return Robot.from_urdf(urdf)
 
 
 @pytest.fixture(autouse=True)
@@ -170,7 +190,7 @@ class Ticks:
 def ticks(monkeypatch):
     """Give setups a clock that counts, so that limits of time do not depend on the machine."""
     clock = Ticks()
-    for module in ("run", "safe_setup", "optimise"):
+    for module in ("planners.registry", "safe_setup", "optimise"):
         monkeypatch.setattr(f"safe_ompl.planning.{module}.clock", clock)
     return clock
 
@@ -197,7 +217,7 @@ def clutter():
 class PlainCheck:
     """Robot against scene by coal's pairwise distances alone: no broad phase, no margins, nothing left out."""
 
-    def __init__(self, robot: Robot, scene: Scene) -> None:
+    def __init__(self, robot, scene):
         self.robot = robot
         self.geometry = robot.collision_model.copy()
         bodies = list(robot.collision_model.geometryObjects)
@@ -245,7 +265,7 @@ def plain_check():
 class BodyPoints:
     """Points of the bodies of a robot, among them the extreme ones, at any configuration."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot):
         self.robot = robot
         parts = list(robot.collision_model.geometryObjects)
         self.hulls = [bounding_hull(part.geometry).moved(part.placement) for part in parts]

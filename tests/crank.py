@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.paths.report import PathReport
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, Obstacle, PathReport, Pose, Scene, Sphere
 
 CRANK = """<robot name="crank"><link name="base"/>
   <link name="ball"><collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision></link>

@@ -1,7 +1,5 @@
 """A plain OMPL and Pinocchio script becomes a safe one by changing three lines."""
 
-from __future__ import annotations
-
 import difflib
 import subprocess
 import sys
@@ -11,17 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.paths.report import PathReport
-from safe_ompl.robot.loading.packages import find_example, robots_folder
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, PathReport, Robot, Scene
+from safe_ompl.robot.loading import find_example, robots_folder
 
 EXAMPLES = Path(__file__).parent / "examples"
 PILLAR = {"name": "pillar", "box": {"size": [0.15, 0.15, 1.0]}, "position": [0.45, 0.0, 0.4], "weight": 1}
 
 
-def test_three_lines_differ() -> None:
+def test_three_lines_differ():
     plain, safe = (
         (EXAMPLES / name).read_text(encoding="utf-8").splitlines() for name in ("plain.py", "safe.py")
     )
@@ -30,7 +25,7 @@ def test_three_lines_differ() -> None:
 
 
 @pytest.mark.parametrize("name", ["plain.py", "safe.py"])
-def test_both_run(name: str) -> None:
+def test_both_run(name):
     folder, arm = robots_folder(), find_example("ur5")
     files = [str(folder / arm.urdf), str(folder / arm.srdf), str(folder.parent.parent)]
     run = subprocess.run(

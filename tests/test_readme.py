@@ -10,31 +10,31 @@ from typing import Any
 
 import pytest
 
+from safe_ompl import UnknownNameError
 from safe_ompl.apps.cli.program import command_line
-from safe_ompl.common import UnknownNameError
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
 
 
 @pytest.fixture(scope="module")
-def blocks() -> list[str]:
+def blocks():
     return re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
 
 
 @pytest.fixture(scope="module")
-def names(blocks: list[str]) -> dict[str, Any]:
+def names(blocks):
     names: dict[str, Any] = {}
     exec(blocks[0], names)
     return names
 
 
-def test_ten_lines_of_python(names: dict[str, Any]) -> None:
+def test_ten_lines_of_python(names):
     assert names["result"]
     assert names["result"].report.certified
 
 
-def test_the_diff_is_that_of_the_two_scripts() -> None:
+def test_the_diff_is_that_of_the_two_scripts():
     before, after = (
         (ROOT / f"tests/examples/{name}.py").read_text(encoding="utf-8") for name in ("plain", "safe")
     )
@@ -43,7 +43,7 @@ def test_the_diff_is_that_of_the_two_scripts() -> None:
     assert sorted(shown) == sorted(line[0] + line[2:] for line in changes if line[0] in "+-")
 
 
-def test_commands_of_the_readme_exist(capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_of_the_readme_exist(capsys):
     rows = README.read_text(encoding="utf-8").split("## Commands")[1].split("\n\n")[1].splitlines()[2:]
     command = ""
     for row in rows:
@@ -55,13 +55,13 @@ def test_commands_of_the_readme_exist(capsys: pytest.CaptureFixture[str]) -> Non
         assert all(option in words for option in re.findall(r"--[a-z-]+", row)), row
 
 
-def test_planners_of_the_readme_exist() -> None:
+def test_planners_of_the_readme_exist():
     from safe_ompl import planner_names
 
     table = README.read_text(encoding="utf-8").split("## Planners")[1].split("##")[0]
     assert set(re.findall(r"^\| `(\w+)`", table, re.MULTILINE)) <= set(planner_names())
 
 
-def test_errors_reach_other_processes() -> None:
+def test_errors_reach_other_processes():
     error = UnknownNameError("joint", "elbow", ("hip", "knee"), "arm.urdf")
     assert str(pickle.loads(pickle.dumps(error))) == str(error)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from importlib import import_module
 from pathlib import Path
@@ -25,6 +24,7 @@ FLOORS = (  # rooms; each imports from those before it only
     "trajectories",
     "planning.ompl",
     "paths",
+    "motions",
     "planning.planners",
     "planning",
     "io",
@@ -47,11 +47,11 @@ class Import(NamedTuple):
     name: str
     for_types_only: bool
 
-    def __str__(self) -> str:
+    def __str__(self):
         return f"{self.importer}:{self.line} imports {self.source}.{self.name}"
 
 
-def module_of(path: Path) -> str:
+def module_of(path):
     """Return the dotted name of a file of the package."""
     parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
@@ -61,13 +61,13 @@ FILES = {module_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 PACKAGES = {module for module, path in FILES.items() if path.name == "__init__.py"}
 
 
-def room_of(module: str) -> str:
+def room_of(module):
     """Return the innermost room of a module; nothing for the package itself."""
     inside = module.removeprefix("safe_ompl.")
     return max((room for room in FLOORS if f"{inside}.".startswith(f"{room}.")), key=len, default="")
 
 
-def imports(module: str) -> Iterator[Import]:
+def imports(module):
     """Yield what a module imports from the package."""
     tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
     blocks = [
@@ -96,13 +96,13 @@ BETWEEN_ROOMS = [
 ]
 
 
-def test_rooms_import_names_of_doors_only() -> None:
+def test_rooms_import_names_of_doors_only():
     past = [found for found in BETWEEN_ROOMS if found.name not in (DOORS.get(found.source) or ())]
     assert not past, "\n".join(map(str, past))
 
 
-def test_rooms_import_from_lower_floors_only() -> None:
-    def floor(module: str) -> int:
+def test_rooms_import_from_lower_floors_only():
+    def floor(module):
         return FLOORS.index(room_of(module)) if room_of(module) else len(FLOORS)
 
     upwards = [found for found in BETWEEN_ROOMS if floor(found.source) > floor(found.importer)]
@@ -111,7 +111,7 @@ def test_rooms_import_from_lower_floors_only() -> None:
     assert not upwards, "\n".join(map(str, upwards))
 
 
-def test_no_module_needs_itself_to_be_imported() -> None:
+def test_no_module_needs_itself_to_be_imported():
     sources: dict[str, set[str]] = {}
     for found in ALL:
         if found.for_types_only or found.importer in PACKAGES:
@@ -125,7 +125,7 @@ def test_no_module_needs_itself_to_be_imported() -> None:
 
 
 @pytest.mark.parametrize("door", [door for door, names in DOORS.items() if names])
-def test_doors_hold_what_they_list(door: str) -> None:
+def test_doors_hold_what_they_list(door):
     module, names = import_module(door), DOORS[door] or ()
     assert sorted(names) == sorted(set(names))
     for name in names:

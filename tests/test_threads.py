@@ -9,19 +9,10 @@ import pinocchio as pin
 import pytest
 from ompl import geometric as og
 
-from safe_ompl.collision import bounds as distance_bounds
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.distances import Proximity
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.danger.certified import CertifiedDanger
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.states import StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, CertifiedDanger, DangerField, Obstacle, Pose, Scene
+from safe_ompl.collision import DISTANCE_ERROR, CertifiedMotion, CollisionChecker, Proximity
+from safe_ompl.collision import pairs as distance_bounds
+from safe_ompl.planning.ompl import CertifiedMotionValidator, CollisionFreeValidity, StateBridge, joint_space
 
 THREADS, NUMBER = 3, 60
 
@@ -45,7 +36,7 @@ def restless(monkeypatch):
 
     with_pauses(pin, "updateGeometryPlacements")
     with_pauses(pin, "computeDistances")
-    with_pauses(distance_bounds, "prove_edge")
+    with_pauses(distance_bounds, "prove_curve")
     yield
     sys.setswitchinterval(switch)
 
@@ -163,7 +154,7 @@ def test_a_proof_is_of_one_scene_though_another_thread_moves_the_obstacle(panda,
     checker.move(left)
     motion = CertifiedMotion(checker)
     assert not motion.is_free(start, end)
-    prove, moves = distance_bounds.prove_edge, iter([right])
+    prove, moves = distance_bounds.prove_curve, iter([right])
 
     def moved_meanwhile(*args):
         """Prove the edge in one scene, and find the other one when the proof has ended."""
@@ -175,7 +166,7 @@ def test_a_proof_is_of_one_scene_though_another_thread_moves_the_obstacle(panda,
 
     far = left.moved({"box": Pose((3.0, 3.0, 0.4))})
     checker.move(far)
-    monkeypatch.setattr(distance_bounds, "prove_edge", moved_meanwhile)
+    monkeypatch.setattr(distance_bounds, "prove_curve", moved_meanwhile)
     assert not motion.is_free(start, end), "free where the box was, and not where it is"
     assert not motion.is_free(start, end)
 

@@ -9,7 +9,7 @@ from _timing import in_turn
 from ompl import geometric as og
 
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.ompl.states import StateBridge, joint_space
 from safe_ompl.planning.ompl.validity import CollisionFreeValidity

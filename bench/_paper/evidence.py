@@ -10,7 +10,7 @@ import numpy as np
 
 from _paper.studies import Effort, Pair, Study
 from safe_ompl.apps.benchmark.campaign import BAND, Summary, summarize
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.planning.result import PlanResult
 
 COLUMNS: Mapping[str, Callable[[PlanResult], float]] = {

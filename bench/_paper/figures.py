@@ -12,10 +12,8 @@ from safe_ompl.apps.cli.compare import draw_comparison
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.view.pictures.path import render_path
-from safe_ompl.view.pictures.results import save_png
-from safe_ompl.view.plots.cspace import plot_cspace_path
-from safe_ompl.view.plots.planar import plot_bubbles, plot_field
+from safe_ompl.view.pictures.path import render_path, save_png
+from safe_ompl.view.plots.planar import plot_bubbles, plot_cspace_path, plot_field
 from safe_ompl.view.style import planner_styles
 
 _IN_CSPACE = ("ClassicRRTConnect", "SafeRRTConnect")

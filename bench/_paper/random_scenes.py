@@ -15,14 +15,13 @@ from _paper.studies import Pair, with_crossed
 from _paper.tables import markdown_table
 from safe_ompl.apps.benchmark.campaign import Campaign
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.geometry.basic import Box, Shape, Sphere
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene.scenario import Goal, Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
 
 SCENES, SEED = 30, 2013

@@ -15,7 +15,7 @@ from _paper.smoothing import Smoothing
 from _paper.studies import Pair, Study
 from safe_ompl.apps.benchmark.campaign import Summary
 from safe_ompl.apps.benchmark.runs import Run
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.paths.measures import DangerReport
 from safe_ompl.paths.report import PathReport
 from safe_ompl.planning.result import PlanResult

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from safe_ompl.apps.benchmark.runs import Run
-from safe_ompl.common.counts import Counts
+from safe_ompl.common import Counts
 from safe_ompl.common.errors import InputError
 from safe_ompl.paths.measures import ClearanceReport, DangerReport
 from safe_ompl.paths.report import PathReport

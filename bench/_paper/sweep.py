@@ -16,7 +16,7 @@ from _paper.studies import Pair
 from safe_ompl.apps.benchmark.campaign import Campaign
 from safe_ompl.apps.benchmark.runs import do_tasks
 from safe_ompl.apps.cli.output import error_console, progress_bar
-from safe_ompl.common.arrays import FloatArray
+from safe_ompl.common import FloatArray
 from safe_ompl.common.errors import SafeOmplError
 from safe_ompl.paths.measures import PROFILE_POINTS, Curve
 from safe_ompl.planning.from_scenario import setup_scenario

@@ -12,8 +12,8 @@ import coal
 import numpy as np
 
 from safe_ompl import Robot
+from safe_ompl.robot.joint_tables import Skeleton
 from safe_ompl.robot.loading.packages import EXAMPLES, robots_folder
-from safe_ompl.robot.skeleton import Skeleton
 from safe_ompl.scene.mbm import MbmFile, MbmProblem
 
 

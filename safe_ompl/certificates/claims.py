@@ -19,25 +19,7 @@ import numpy as np
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import PointCloud
-from safe_ompl.io import (
-    FORMAT,
-    VERSION,
-    RobotDocument,
-    SceneDocument,
-    array,
-    by_name,
-    check_form,
-    key,
-    number,
-    one_of,
-    or_none,
-    plain,
-    record,
-    sha,
-    some,
-    text,
-    whole,
-)
+from safe_ompl.io import RobotDocument, SceneDocument, schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -46,17 +28,17 @@ _UNBOUNDED = 1e300  # [m]
 _MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
 _DIGITS = 6  # of numbers in sentences
 
-_zero_or_more, _positive = number(at_least=0.0), number(above=0.0)
-_obstacle_names = some(text, least=1, of="obstacle")
+_zero_or_more, _positive = schema.number(at_least=0.0), schema.number(above=0.0)
+_obstacle_names = schema.some(schema.text, least=1, of="obstacle")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Clearance:
     """The links keep a distance [m] from obstacles, except some pairs of a link and an obstacle."""
 
-    distance: float = key(_zero_or_more)
-    obstacles: tuple[str, ...] = key(_obstacle_names)
-    exempt: tuple[tuple[str, str], ...] = key(some(some(text, count=2)))
+    distance: float = schema.key(_zero_or_more)
+    obstacles: tuple[str, ...] = schema.key(_obstacle_names)
+    exempt: tuple[tuple[str, str], ...] = schema.key(schema.some(schema.some(schema.text, count=2)))
 
     def check(self, robot: Robot, scene: Scene) -> None:
         """Raise InputError unless robot and scene have what is named."""
@@ -83,8 +65,8 @@ class Clearance:
 class MovingObstacles:
     """The same holds while obstacles move no faster than their speeds [m/s], for a time [s]."""
 
-    speeds: Mapping[str, float] = key(by_name(_zero_or_more, least=1, of="obstacle"))
-    time: float = key(_zero_or_more)
+    speeds: Mapping[str, float] = schema.key(schema.by_name(_zero_or_more, least=1, of="obstacle"))
+    time: float = schema.key(_zero_or_more)
 
     def check(self, scene: Scene) -> None:
         """Raise InputError unless the scene has the obstacles."""
@@ -102,7 +84,7 @@ class MovingObstacles:
 
 
 def _direction(name: str, value: Any) -> FloatArray:
-    vector: FloatArray = array(3)(name, value)
+    vector: FloatArray = schema.array(3)(name, value)
     if not _SHORTEST <= float(np.linalg.norm(vector)) <= _LONGEST:
         raise InputError(f"must be a direction, got {vector.tolist()!r}", name)
     return vector
@@ -112,18 +94,18 @@ def _direction(name: str, value: Any) -> FloatArray:
 class Orientation:
     """An axis of the tip stays within an angle [rad] of a direction in the world."""
 
-    axis: FloatArray = key(_direction)
-    direction: FloatArray = key(_direction)
-    angle: float = key(number(above=0.0, at_most=pi))
+    axis: FloatArray = schema.key(_direction)
+    direction: FloatArray = schema.key(_direction)
+    angle: float = schema.key(schema.number(above=0.0, at_most=pi))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tool:
     """Limits of the tool: an orientation, bounds of the tip's position [m] by axis, or both."""
 
-    orientation: Orientation | None = key(record(Orientation), optional=True)
-    position: Mapping[str, FloatArray] | None = key(
-        by_name(array(2), least=1, of="axis", known="xyz"), optional=True
+    orientation: Orientation | None = schema.key(schema.record(Orientation), optional=True)
+    position: Mapping[str, FloatArray] | None = schema.key(
+        schema.by_name(schema.array(2), least=1, of="axis", known="xyz"), optional=True
     )
 
     def __post_init__(self) -> None:
@@ -159,12 +141,12 @@ def _range(axis: str, low: float, high: float) -> str:
 class Danger:
     """The danger of a path has a bound: of which kind it is, and how far the danger points are apart [m]."""
 
-    bound: float = key(_zero_or_more)
-    spacing: float = key(_positive)
-    aggregate: str = key(one_of("max", "mean", "softmax"))
-    weighting: str = key(one_of("unit", "length"))
-    k1: float = key(_positive)
-    sharpness: float = key(_positive)
+    bound: float = schema.key(_zero_or_more)
+    spacing: float = schema.key(_positive)
+    aggregate: str = schema.key(schema.one_of("max", "mean", "softmax"))
+    weighting: str = schema.key(schema.one_of("unit", "length"))
+    k1: float = schema.key(_positive)
+    sharpness: float = schema.key(_positive)
 
     def check(self, scene: Scene) -> None:
         """Raise InputError if the scene would have more danger points than can be looked at."""
@@ -188,8 +170,8 @@ class Danger:
 class MovingDanger(Danger):
     """The danger of a motion in time has a bound."""
 
-    k2: float = key(_zero_or_more)
-    gamma: float = key(_zero_or_more)
+    k2: float = schema.key(_zero_or_more)
+    gamma: float = schema.key(_zero_or_more)
 
     def sentence(self, *, moving: bool = False) -> str:
         more = f", k2 {exact(self.k2)}, gamma {exact(self.gamma)}"
@@ -218,13 +200,13 @@ class Stops:
     Where a contact is claimed no point of the robot is then faster than its speed [m/s].
     """
 
-    who: tuple[str, ...] = key(_obstacle_names)
-    speed: float = key(_zero_or_more)
-    speeds: Mapping[str, float] = key(by_name(_zero_or_more))
-    reaction_time: float = key(_zero_or_more)
-    clearance: float = key(_zero_or_more)
-    brakes: FloatArray = key(array(None))
-    contact: Mapping[str, float] | None = key(by_name(_zero_or_more), optional=True)
+    who: tuple[str, ...] = schema.key(_obstacle_names)
+    speed: float = schema.key(_zero_or_more)
+    speeds: Mapping[str, float] = schema.key(schema.by_name(_zero_or_more))
+    reaction_time: float = schema.key(_zero_or_more)
+    clearance: float = schema.key(_zero_or_more)
+    brakes: FloatArray = schema.key(schema.array(None))
+    contact: Mapping[str, float] | None = schema.key(schema.by_name(_zero_or_more), optional=True)
 
     def check(self, scene: Scene) -> None:
         """Raise InputError unless the scene has the people, and they have the limbs."""
@@ -260,30 +242,30 @@ def _parts(scene: Scene, name: str) -> list[str]:
 class Piece:
     """A cubic in joint space: what it and its derivatives are where it begins, and its length."""
 
-    start: FloatArray = key(array(None))
-    slope: FloatArray = key(array(None))
-    bend: FloatArray = key(array(None))
-    swing: FloatArray = key(array(None))
-    length: float = key(_positive)
+    start: FloatArray = schema.key(schema.array(None))
+    slope: FloatArray = schema.key(schema.array(None))
+    bend: FloatArray = schema.key(schema.array(None))
+    swing: FloatArray = schema.key(schema.array(None))
+    length: float = schema.key(_positive)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TimedMotion:
     """The path in time: its curve, its time law or the plan that is averaged over a window, and its limits."""
 
-    pieces: tuple[Piece, ...] = key(some(record(Piece), least=1, of="piece"))
-    corners: tuple[int, ...] = key(some(whole))
-    edges: FloatArray = key(array(None))
-    squares: FloatArray = key(array(None))
-    duration: float = key(_positive)
-    velocity: FloatArray = key(array(None))
-    acceleration: FloatArray = key(array(None))
-    stops: Stops | None = key(or_none(record(Stops)))
-    window: float | None = key(_positive, optional=True)
-    jerk: FloatArray | None = key(array(None), optional=True)
-    tool_speed: float | None = key(_positive, optional=True)
-    link_speed: float | None = key(_positive, optional=True)
-    danger: MovingDanger | None = key(record(MovingDanger), optional=True)
+    pieces: tuple[Piece, ...] = schema.key(schema.some(schema.record(Piece), least=1, of="piece"))
+    corners: tuple[int, ...] = schema.key(schema.some(schema.whole))
+    edges: FloatArray = schema.key(schema.array(None))
+    squares: FloatArray = schema.key(schema.array(None))
+    duration: float = schema.key(_positive)
+    velocity: FloatArray = schema.key(schema.array(None))
+    acceleration: FloatArray = schema.key(schema.array(None))
+    stops: Stops | None = schema.key(schema.or_none(schema.record(Stops)))
+    window: float | None = schema.key(_positive, optional=True)
+    jerk: FloatArray | None = schema.key(schema.array(None), optional=True)
+    tool_speed: float | None = schema.key(_positive, optional=True)
+    link_speed: float | None = schema.key(_positive, optional=True)
+    danger: MovingDanger | None = schema.key(schema.record(MovingDanger), optional=True)
 
     def check(self, robot: Robot, scene: Scene) -> None:
         """Raise InputError unless the claims have a meaning for robot and scene."""
@@ -330,45 +312,45 @@ class TimedMotion:
 class Interval:
     """A part of an edge, by its centre and its half-length, and the distance of each pair at its centre [m]."""
 
-    centre: float = key(number(at_least=0.0, at_most=1.0))
-    half_length: float = key(_zero_or_more)
-    margins: FloatArray = key(array(None))
+    centre: float = schema.key(schema.number(at_least=0.0, at_most=1.0))
+    half_length: float = schema.key(_zero_or_more)
+    margins: FloatArray = schema.key(schema.array(None))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
     """What the file says it was made from; nothing is read from there, and nothing of it is printed."""
 
-    scenario: Any = key(plain, optional=True)
-    robot: Any = key(plain, optional=True)
+    scenario: Any = schema.key(schema.plain, optional=True)
+    robot: Any = schema.key(schema.plain, optional=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
     """All that a certificate says."""
 
-    format: str = key(one_of(FORMAT))
-    version: int = key(one_of(VERSION))
-    source: Source = key(record(Source))
-    robot: RobotDocument = key(record(RobotDocument))
-    scene: SceneDocument = key(record(SceneDocument))
-    joint_names: tuple[str, ...] = key(some(text))
-    path: FloatArray = key(array(None, None))
-    pairs: tuple[tuple[str, str], ...] = key(some(some(text, count=2)))
-    clearance: Clearance | None = key(or_none(record(Clearance)))
-    danger: Danger | None = key(or_none(record(Danger)))
-    moving_obstacles: MovingObstacles | None = key(or_none(record(MovingObstacles)))
-    also_sampled: str | None = key(or_none(text))
-    edges: tuple[tuple[Interval, ...], ...] = key(some(some(record(Interval))))
-    digest: str = key(sha)
-    tool: Tool | None = key(record(Tool), optional=True)
-    trajectory: TimedMotion | None = key(record(TimedMotion), optional=True)
+    format: str = schema.key(schema.one_of(schema.FORMAT))
+    version: int = schema.key(schema.one_of(schema.VERSION))
+    source: Source = schema.key(schema.record(Source))
+    robot: RobotDocument = schema.key(schema.record(RobotDocument))
+    scene: SceneDocument = schema.key(schema.record(SceneDocument))
+    joint_names: tuple[str, ...] = schema.key(schema.some(schema.text))
+    path: FloatArray = schema.key(schema.array(None, None))
+    pairs: tuple[tuple[str, str], ...] = schema.key(schema.some(schema.some(schema.text, count=2)))
+    clearance: Clearance | None = schema.key(schema.or_none(schema.record(Clearance)))
+    danger: Danger | None = schema.key(schema.or_none(schema.record(Danger)))
+    moving_obstacles: MovingObstacles | None = schema.key(schema.or_none(schema.record(MovingObstacles)))
+    also_sampled: str | None = schema.key(schema.or_none(schema.text))
+    edges: tuple[tuple[Interval, ...], ...] = schema.key(schema.some(schema.some(schema.record(Interval))))
+    digest: str = schema.key(schema.sha)
+    tool: Tool | None = schema.key(schema.record(Tool), optional=True)
+    trajectory: TimedMotion | None = schema.key(schema.record(TimedMotion), optional=True)
 
     @classmethod
     def read(cls, content: Any) -> Certificate:
         """Read a certificate from plain data; raise InputError, naming the key, if anything in it has no place."""
-        check_form(content)
-        return record(cls)("certificate", content)
+        schema.check_form(content)
+        return schema.record(cls)("certificate", content)
 
     def check(self, robot: Robot, scene: Scene) -> None:
         """Raise InputError, naming key and value, unless the claims have a meaning for robot and scene."""

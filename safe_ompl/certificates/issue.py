@@ -15,21 +15,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacles, Tool
-from safe_ompl.certificates.terms import Terms
+from safe_ompl.certificates.verifier.verify import Terms
 from safe_ompl.collision import DISTANCE_ERROR, TipBounds, ToolLimit, ToolOrientation, Verdict
 from safe_ompl.common import BoolArray, FloatArray, InputError, PlanningError, finite_array
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
-from safe_ompl.io import (
-    FORMAT,
-    OBSTACLE,
-    VERSION,
-    as_plain,
-    carried_robot,
-    carried_scene,
-    digest,
-    edges_of,
-    record,
-)
+from safe_ompl.io import carried_robot, carried_scene, schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
 from safe_ompl.trajectories import RateLimits, SmoothLaw, Trajectory, contact_speed, robot_mass
@@ -103,35 +93,32 @@ def certificate(
     points = finite_array(path, (None, robot.n), "path")
     if not len(points):
         raise InputError("path must have a configuration at least, got none")
-    clear = None if clearance is None else record(Clearance)("clearance", as_plain(clearance))
-    moving = (
-        None
-        if moving_obstacles is None
-        else record(MovingObstacles)("moving_obstacles", as_plain(moving_obstacles))
-    )
-    if clear is not None:
+    clear = moving = None
+    if clearance is not None:
+        clear = schema.record(Clearance)("clearance", schema.as_plain(clearance))
         clear.check(robot, scene)
-    if moving is not None:
+    if moving_obstacles is not None:
+        moving = schema.record(MovingObstacles)("moving_obstacles", schema.as_plain(moving_obstacles))
         moving.check(scene)
     pairs = Pairs(robot, scene)
     required = pairs.required(clear, moving)
     apart = scene.spacing if spacing is None else spacing
     content = {
-        "format": FORMAT,
-        "version": VERSION,
-        "source": as_plain(source or {}),
+        "format": schema.FORMAT,
+        "version": schema.VERSION,
+        "source": schema.as_plain(source or {}),
         "robot": carried_robot(robot),
         "scene": carried_scene(scene),
         "joint_names": list(robot.joint_names),
         "path": points.tolist(),
         "pairs": [list(names) for names in pairs.names],
-        "clearance": None if clear is None else as_plain(vars(clear)),
+        "clearance": None if clear is None else schema.as_plain(vars(clear)),
         "danger": None if field is None else _danger_claim(field, apart, points, max_danger),
-        "moving_obstacles": None if moving is None else as_plain(vars(moving)),
+        "moving_obstacles": None if moving is None else schema.as_plain(vars(moving)),
         "also_sampled": also_sampled,
         "edges": [
             _intervals(pairs, required, k, start, robot.difference(start, end))
-            for k, (start, end) in enumerate(edges_of(points))
+            for k, (start, end) in enumerate(schema.edges_of(points))
         ],
     }
     if tool is not None:
@@ -142,7 +129,7 @@ def certificate(
         if moving_field is not None:
             danger = moving_danger_claim(trajectory, moving_field, apart, scene)
             content["trajectory"] |= {} if danger is None else {"danger": danger}
-    signed = {**content, "digest": digest(content)}
+    signed = {**content, "digest": schema.digest(content)}
     Certificate.read(signed).check(robot, scene)
     return signed
 
@@ -165,7 +152,7 @@ class Pairs:
         self._owners: list[str | None] = [None] * len(bodies)
         for obstacle in scene:
             for name, shape, placement in obstacle.geometries():
-                added = pin.GeometryObject(f"{OBSTACLE}{name}", 0, placement, shape)
+                added = pin.GeometryObject(f"{schema.OBSTACLE}{name}", 0, placement, shape)
                 number = self._geometry.addGeometryObject(added)
                 self._owners.append(obstacle.name)
                 for k, body in enumerate(bodies):
@@ -236,8 +223,8 @@ def _intervals(
 
 def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray) -> dict[str, Any]:
     """Return a claim about the tool in plain numbers, if every edge keeps to it."""
-    plain: dict[str, Any] = as_plain(given)
-    claim, limits = record(Tool)("tool", plain), list[ToolLimit]()
+    plain: dict[str, Any] = schema.as_plain(given)
+    claim, limits = schema.record(Tool)("tool", plain), list[ToolLimit]()
     if claim.orientation is not None:
         wanted = claim.orientation
         limits.append(ToolOrientation(robot, wanted.axis, wanted.direction, wanted.angle))
@@ -245,7 +232,7 @@ def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray) -> dic
         bounds = [list(claim.position.get(axis, (-np.inf, np.inf))) for axis in "xyz"]
         limits.append(TipBounds(robot, *np.transpose(bounds)))
     for limit in limits:
-        for k, (start, end) in enumerate(edges_of(path)):
+        for k, (start, end) in enumerate(schema.edges_of(path)):
             if limit.check(start, end).verdict is not Verdict.FREE:
                 raise PlanningError(f"edge {k} cannot be certified: its {limit.name} is not proven")
     return plain
@@ -258,7 +245,7 @@ def _danger_claim(
     bound = max(bounds.upper, (1 + _LEAST_SLACK) * bounds.lower)
     if limit and limit < bound:
         keeps = DangerLimit(field, limit).allows_motion
-        bound = limit if all(keeps(start, end) for start, end in edges_of(path)) else bound
+        bound = limit if all(keeps(start, end) for start, end in schema.edges_of(path)) else bound
     if not np.isfinite(bound):
         return None
     return {"bound": bound, "spacing": spacing, **{name: getattr(field, name) for name in _KIND}}
@@ -269,7 +256,14 @@ def _danger_claim(
 
 def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict[str, Any]:
     """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
-    curve, law = trajectory.curve, trajectory.law
+    curve, law, jerk = trajectory.curve, trajectory.law, trajectory.limits.jerk
+    more: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
+    if isinstance(law, SmoothLaw) and jerk is not None:
+        more |= {"window": law.window, "jerk": jerk.tolist()}
+    stops = None
+    if trajectory.people is not None and trajectory.brakes is not None:
+        people = _people(trajectory.people, robot, scene)
+        stops = {**people, "brakes": trajectory.brakes.tolist()}
     return {
         "pieces": [
             {
@@ -284,16 +278,9 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
         "duration": law.duration,
         "velocity": trajectory.limits.velocity.tolist(),
         "acceleration": trajectory.limits.acceleration.tolist(),
-        "stops": _stops(trajectory, robot, scene),
-        **_more(trajectory),
+        "stops": stops,
+        **{key: value for key, value in more.items() if value is not None},
     }
-
-
-def _stops(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict[str, Any] | None:
-    people = trajectory.people
-    if people is None or trajectory.brakes is None:
-        return None
-    return {**_people(people, robot, scene), "brakes": trajectory.brakes.tolist()}
 
 
 def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
@@ -314,25 +301,13 @@ def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
     return found
 
 
-def _more(trajectory: Trajectory) -> dict[str, Any]:
-    law, jerk = trajectory.law, trajectory.limits.jerk
-    found: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
-    if isinstance(law, SmoothLaw) and jerk is not None:
-        found |= {"window": law.window, "jerk": jerk.tolist()}
-    return {key: value for key, value in found.items() if value is not None}
-
-
 def moving_danger_claim(
     trajectory: Trajectory, field: KinetostaticField, spacing: float, scene: Scene
 ) -> dict[str, Any] | None:
     """Return the claim of the danger in motion: the limit that the trajectory was made for, or else its proven peak.
 
-    None where it cannot be kept from a danger point.
-
-    Raises
-    ------
-    InputError
-        If the field's danger points are not those of the scene: a verification would not look at them.
+    None where it cannot be kept from a danger point. InputError if the field's danger points are not those of the
+    scene: a verification would not look at them.
     """
     still = field.field
     if still.points is None or not np.array_equal(still.points, scene.danger_points(spacing)[0]):
@@ -355,14 +330,8 @@ def moving_danger_claim(
 def terms_of(scenario: Scenario, robot: Robot, *, timed: bool = True) -> Terms:
     """Return what claims about a scenario must agree with: its options of the danger, its limits, its people.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        The scenario.
-    robot : Robot
-        Its robot, or the one that takes its place.
-    timed : bool
-        Whether a motion in time is claimed: the limits of the joints need not be known otherwise.
+    The robot is its own, or one that takes its place. The limits of its joints need not be known if no motion in time
+    is claimed.
     """
     scene, motion, people = scenario.scene, scenario.motion, scenario.people
     danger: dict[str, Any] = {}

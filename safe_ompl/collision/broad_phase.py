@@ -12,30 +12,18 @@ import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
+from safe_ompl.collision.kernels import near_boxes
 from safe_ompl.collision.tree_distances import TreeDistances
 from safe_ompl.common import BoolArray, Changes, FloatArray, IntArray, PerThread
-from safe_ompl.geometry.kernels import near_boxes
 
 _PROBE = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.5, 0.7), np.array([1.0, 2.0, 3.0]))
 DISTANCE_ERROR = 1e-5  # [m]; coal's iterative distances are at most this far off
 
 
 class BroadPhase:
-    """Finds the pairs of one geometry model whose bounding boxes are near; pairs of two obstacles are never tested.
+    """Finds those of P pairs of a geometry model whose bounding boxes are nearer than `margins: (P,)` [m], 0 at first.
 
-    Parameters
-    ----------
-    geometry : pin.GeometryModel
-        The G bodies.
-    data : pin.GeometryData
-        Where the bodies are now. It is kept alive.
-    pairs : ndarray of int, shape (P, 2)
-        The pairs.
-
-    Attributes
-    ----------
-    margins : ndarray, shape (P,)
-        [m] Zero, until others are written here.
+    Pairs of two obstacles are never tested. The bodies are where `data`, which is kept alive, has them.
     """
 
     def __init__(self, geometry: pin.GeometryModel, data: pin.GeometryData, pairs: IntArray) -> None:
@@ -58,20 +46,12 @@ class BroadPhase:
     def found(self) -> list[int]:
         """Return the pairs that may be nearer than their margins, where the bodies are now; no other is."""
         number = near_boxes(self._places, self._boxes, self._pairs, self.margins, self._near)
-        if not number:
-            return []
-        pairs: list[int] = self._near[:number].tolist()
+        pairs: list[int] = self._near[:number].tolist() if number else []
         return pairs
 
 
 def _places(data: pin.GeometryData) -> FloatArray:
-    """Return the places of all bodies as a view (G, 12): rotation, column by column, and translation.
-
-    Raises
-    ------
-    RuntimeError
-        If Pinocchio keeps them in memory otherwise than the view takes for granted.
-    """
+    """Return the places of all bodies as a view (G, 12): rotation, column by column, and translation."""
     number = len(data.oMg)
     if not number:
         return np.empty((0, 12))
@@ -86,22 +66,11 @@ def _places(data: pin.GeometryData) -> FloatArray:
 
 
 class Queries:
-    """Boolean queries over the pairs of one geometry model; any thread may ask.
+    """Boolean queries over the P pairs of one geometry model; any thread may ask.
 
     Margins are an argument of every query; they are written to coal's requests where they are not those of the query
     before. Coal is only asked about pairs whose boxes are near each other (`BroadPhase`): Pinocchio's managers compare
-    obstacles with obstacles, too, and overlook bodies without volume.
-
-    Parameters
-    ----------
-    model : pin.Model
-        The robot.
-    geometry : pin.GeometryModel
-        The bodies and the P pairs.
-    pairs : ndarray of int, shape (P, 2)
-        The same pairs.
-    changes : Changes
-        Of the places of the bodies.
+    obstacles with obstacles, too, and overlook bodies without volume. `changes` are those of the places of the bodies.
     """
 
     def __init__(
@@ -113,7 +82,14 @@ class Queries:
         self.no_margins: FloatArray = np.zeros(len(pairs))
         self.no_margins.setflags(write=False)
         self._all: WeakSet[_Memory] = WeakSet()
-        self._memory = PerThread(partial(_remembered, self._all, changes, model, geometry, pairs))
+
+        def remembered() -> _Memory:
+            with changes.none():
+                memory = _Memory(model, geometry, pairs)
+                self._all.add(memory)  # which takes the shapes that bodies have from now on
+                return memory
+
+        self._memory = PerThread(remembered)
 
     def take_shapes(self, bodies: Sequence[int]) -> None:
         """Renew what follows from the shapes of some bodies, which have changed."""
@@ -180,16 +156,6 @@ class _Memory:
         self._margin_entries[self._entries] = margins + DISTANCE_ERROR
         self.broad_phase.margins[:] = margins + 2 * DISTANCE_ERROR  # coal is as far off
         self.data.setSecurityMargins(self._geometry, self._margins, True, False)
-
-
-def _remembered(
-    known: WeakSet[_Memory], changes: Changes, model: pin.Model, geometry: pin.GeometryModel, pairs: IntArray
-) -> _Memory:
-    """Return working memory that takes the shapes that bodies have from now on."""
-    with changes.none():
-        memory = _Memory(model, geometry, pairs)
-        known.add(memory)
-        return memory
 
 
 class Distances:

@@ -32,12 +32,8 @@ _HALF_TURN = 3.1  # [rad] as far as a joint that wraps goes: at π both ways bac
 def common_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
     """Return the weights (n,) of the paper's bubble: Σ r_i·|Δ_i| < d_c = min_p d_p, eq. (9).
 
-    Parameters
-    ----------
-    radii : ndarray, shape (P, n)
-        Displacement radii at the centre, of pairs or of bodies: r_i is the largest.
-    distances : ndarray, shape (P,)
-        Distances at the centre, positive.
+    Displacement radii (P, n) at the centre are of pairs or of bodies: r_i is the largest. Distances (P,) at the centre
+    are positive.
     """
     weights: FloatArray = radii.max(axis=0, initial=0.0) / distances.min(initial=np.inf)
     return weights
@@ -53,19 +49,13 @@ def link_diamond(radii: FloatArray, distances: FloatArray) -> FloatArray:
 
 
 def inscribed_cube(radii: FloatArray, distances: FloatArray) -> FloatArray:
-    """Return the weights (n,), all equal, of the largest cube in the bubble: |Δ_i| < min_p d_p/Σ_j R_pj.
-
-    Parameters as for `common_diamond`.
-    """
+    """Return the weights (n,), all equal, of the largest cube in the bubble: |Δ_i| < min_p d_p/Σ_j R_pj."""
     weight = float((radii.sum(axis=1) / distances).max(initial=0.0))
     return np.full(radii.shape[1], weight)
 
 
 def common_cube(radii: FloatArray, distances: FloatArray) -> FloatArray:
-    """Return the weights (n,), all equal, of the largest cube in the paper's bubble (9): |Δ_i| < d_c/Σ_j r_j.
-
-    Parameters as for `common_diamond`.
-    """
+    """Return the weights (n,), all equal, of the largest cube in the paper's bubble (9): |Δ_i| < d_c/Σ_j r_j."""
     return np.full(radii.shape[1], common_diamond(radii, distances).sum())
 
 
@@ -86,14 +76,7 @@ def axis_points(center: FloatArray, reaches: FloatArray, lower: FloatArray, uppe
 def reach_along(motion: FloatArray, radii: FloatArray, distances: FloatArray) -> float:
     """Return the largest t for which all motions shorter than t·Δ are in the bubble: min_p d_p / Σ_i R_pi·|Δ_i|.
 
-    This is the whole bubble, not the diamond or cube within it.
-
-    Parameters
-    ----------
-    motion : ndarray, shape (n,)
-        Δ.
-    radii, distances
-        As for `common_diamond`.
+    This is the whole bubble, not the diamond or cube within it. Δ is `motion: (n,)`, the rest as for `common_diamond`.
     """
     approach = radii @ np.abs(motion)
     reaches = np.divide(distances, approach, out=np.full_like(distances, np.inf), where=approach > 0)
@@ -103,13 +86,9 @@ def reach_along(motion: FloatArray, radii: FloatArray, distances: FloatArray) ->
 class Meetings(NamedTuple):
     """How N pairs of bubbles meet.
 
-    Attributes
-    ----------
-    gaps : ndarray, shape (N,)
-        The factor by which both bubbles must grow or shrink to touch; they intersect iff it is below 1.
-    shares : ndarray, shape (N, n)
-        s ∈ [0, 1]ⁿ: at x = q₁ + s ∘ (q₂ − q₁) the bubbles so scaled touch. If they intersect x is in both, as far
-        from leaving the one as the other.
+    The gaps (N,) are the factors by which both bubbles must grow or shrink to touch; they intersect iff it is below 1.
+    At x = q₁ + s ∘ (q₂ − q₁), with shares s ∈ [0, 1]ⁿ (N, n), the bubbles so scaled touch. If they intersect x is in
+    both, as far from leaving the one as the other.
     """
 
     gaps: FloatArray
@@ -119,13 +98,9 @@ class Meetings(NamedTuple):
 def diamond_meetings(u: FloatArray, v: FloatArray) -> Meetings:
     """Return how diamonds meet, exactly, also where their weights differ (`docs/mathematics.md` §3).
 
-    The gap is min_s max(Σ u_i s_i, Σ v_i (1 − s_i)). As s fills up in descending order of v_i/u_i, the first sum
-    rises and the second falls as fast as it can; the optimum is where they are equal.
-
-    Parameters
-    ----------
-    u, v : ndarray, shape (N, n)
-        Weights of the first and of the second diamond times |q₂ − q₁|.
+    `u` and `v` (N, n) are the weights of the first and of the second diamond times |q₂ − q₁|. The gap is
+    min_s max(Σ u_i s_i, Σ v_i (1 − s_i)). As s fills up in descending order of v_i/u_i, the first sum rises and the
+    second falls as fast as it can; the optimum is where they are equal.
     """
     ratios = np.divide(v, u, out=np.full_like(v, np.inf), where=u > 0)
     order = np.argsort(-ratios, axis=1)
@@ -169,10 +144,8 @@ class BubbleShape(NamedTuple):
     enclosing : bool
         Whether the radii are those of the cylinders about the joints' axes that enclose the links, as in (9): how far
         every body can move, whatever it may meet. Otherwise they are those of the pairs, which are no larger.
-    may_meet : callable
-        From weighted gaps u, v (N, n) to which of N pairs may meet (N,): cheap, and never wrongly False.
-    meetings : callable
-        From weighted gaps u, v (N, n) to how they meet.
+    may_meet, meetings : callable
+        From weighted gaps u, v (N, n) to which of N pairs may meet (N,): cheap, and never wrongly False; and to how.
     """
 
     weights: Callable[[FloatArray, FloatArray], FloatArray]
@@ -191,18 +164,9 @@ BUBBLE_SHAPES = {
 
 @dataclass(frozen=True)
 class Bubble:
-    """Configurations proven free: all those that lie within the shape around `q`.
+    """Configurations proven free: {x : ‖weights ∘ (x − q)‖ < 1} around `q: (n,)`, see `safe_ompl.collision.bubbles`.
 
-    Attributes
-    ----------
-    q : ndarray, shape (n,)
-        The centre.
-    weights : ndarray, shape (n,)
-        The shape is {x : ‖weights ∘ (x − q)‖ < 1}, see `safe_ompl.collision.bubbles`.
-    radii : ndarray, shape (P, n)
-        Displacement radii of the pairs at the centre [m/rad].
-    distances : ndarray, shape (P,)
-        Their distances [m].
+    The radii (P, n) [m/rad] and the distances (P,) [m] are those of the pairs at the centre.
     """
 
     q: FloatArray
@@ -216,16 +180,8 @@ class Bubble:
     ) -> Bubble | None:
         """Return the bubble around `q: (n,)`, or None where the clearance is not more than `least` [m].
 
-        Parameters
-        ----------
-        q : ndarray, shape (n,)
-            Configuration.
-        checker : CollisionChecker
-            Gives distances of all checked pairs, the robot's own included, and their radii at `q`.
-        shape : str
-            One of `safe_ompl.collision.BUBBLE_SHAPES`.
-        least : float
-            [m]
+        The checker gives distances of all checked pairs, the robot's own included, and their radii at `q`; the shape is
+        one of `safe_ompl.collision.BUBBLE_SHAPES`.
         """
         distances = checker.pair_distances(q) - DISTANCE_ERROR
         if distances.min(initial=np.inf) <= least:

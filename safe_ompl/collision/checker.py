@@ -23,16 +23,9 @@ _REACH = 0.05  # [m]
 
 @dataclass(frozen=True)
 class Clearance:
-    """The smallest distance between the robot and the obstacles at one configuration.
+    """The smallest distance [m] between the robot and the obstacles at one configuration; between which two.
 
-    Attributes
-    ----------
-    distance : float
-        [m]; zero or negative in contact, infinity where there is no obstacle.
-    link : str or None
-        Link that is nearest.
-    obstacle : str or None
-        Obstacle that is nearest.
+    It is zero or negative in contact, and infinite where there is no obstacle.
     """
 
     distance: float
@@ -54,14 +47,12 @@ class CollisionChecker:
 
     Parameters
     ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        The obstacles.
+    robot, scene : Robot, Scene
+        The robot, and the obstacles.
     counts : Counts, optional
         Counters to share with other models.
     movable : sequence of str
-        Names of the obstacles that may move. All their pairs are kept, wherever they are.
+        Names of the obstacles that may move, else UnknownNameError. All their pairs are kept, wherever they are.
 
     Attributes
     ----------
@@ -73,11 +64,6 @@ class CollisionChecker:
         The P pairs that may touch.
     links : tuple of str
         The link of each of the robot's bodies.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no obstacle of a name in `movable`.
     """
 
     def __init__(
@@ -144,11 +130,6 @@ class CollisionChecker:
 
         Verdicts, distances and proofs are those of a checker made anew for that scene, from here on.
 
-        Parameters
-        ----------
-        scene : Scene
-            Such as `Scene.moved` makes.
-
         Raises
         ------
         InputError
@@ -169,10 +150,7 @@ class CollisionChecker:
     def in_collision(self, q: ArrayLike) -> bool:
         """Return whether the robot touches an obstacle or itself at `q: (n,)`; limits are not looked at.
 
-        Raises
-        ------
-        InputError
-            If `q` has the wrong shape or is not finite; so do the other queries.
+        Raises InputError if `q` has the wrong shape or is not finite; so do the other queries.
         """
         return self.touches(configuration(q, self.robot.n))
 
@@ -259,13 +237,7 @@ class CollisionChecker:
 
 
 def _margins(margins: ArrayLike, pairs: int) -> FloatArray:
-    """Return security margins [m] as a float array (P,): one for each pair, or one number for all.
-
-    Raises
-    ------
-    InputError
-        If they are not numeric, have another shape, are not finite, or negative.
-    """
+    """Return security margins [m] as a float array (P,): one for each pair, or one number for all; or InputError."""
     number = np.ndim(margins) == 0
     checked = finite_array(margins, () if number else (pairs,), "margins")
     if not (checked >= 0).all():

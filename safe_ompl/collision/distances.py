@@ -9,31 +9,20 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
+from safe_ompl.collision import kernels
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR, fresh_data
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.kernels import hinge_costs as kernel
 from safe_ompl.collision.tree_distances import TreeDistances
 from safe_ompl.common import BoolArray, FloatArray, IntArray, PerThread, positive
 from safe_ompl.robot import Robot, plain
 
 
 class PairDistances:
-    """Distances of the K pairs of a link and an obstacle that may come nearer to each other than a reach.
+    """Distances of the K pairs of a link and an obstacle that may come nearer to each other than a reach [m].
 
     Lower bounds by the convex bodies that hold links and obstacles come first, for all pairs and configurations at
-    once (`DistanceBounds`); coal is asked only about pairs that these cannot tell from near ones.
-
-    Parameters
-    ----------
-    checker : CollisionChecker
-        Robot and scene.
-    reach : float
-        [m]
-
-    Attributes
-    ----------
-    joints : ndarray of int, shape (K,)
-        Pinocchio's number of the joint that carries the link of each pair.
+    once (`DistanceBounds`); coal is asked only about pairs that these cannot tell from near ones. `joints: (K,)` has
+    Pinocchio's number of the joint that carries the link of each pair.
     """
 
     def __init__(self, checker: CollisionChecker, reach: float) -> None:
@@ -42,13 +31,10 @@ class PairDistances:
         self._geometry = self._set.geometry
         self._indices: IntArray = np.flatnonzero(self._set.meets_obstacle)
         self._coal_indices: list[int] = self._indices.tolist()
-        links = self._set.bodies[self._indices, 0].tolist()
-        self.joints: IntArray = np.array(
-            [self._geometry.geometryObjects[link].parentJoint for link in links], dtype=np.intp
-        )
-        self._memory = PerThread(
-            partial(_Memory, self._robot.shared.model, self._geometry, self._coal_indices)
-        )
+        carriers = [body.parentJoint for body in self._geometry.geometryObjects]
+        self.joints: IntArray = np.array(carriers, dtype=np.intp)[self._set.bodies[self._indices, 0]]
+        model = self._robot.shared.model
+        self._memory = PerThread(partial(_Memory, model, self._geometry, self._coal_indices))
 
     def __len__(self) -> int:
         return len(self._indices)
@@ -79,8 +65,7 @@ class PairDistances:
 
     def _bounds(self, Q: FloatArray, enough: float) -> FloatArray:
         """Return lower bounds (B, K) [m] of what coal calls the distances."""
-        bounds = self._set.bounds.of(Q, self._indices, enough + DISTANCE_ERROR)
-        return bounds - DISTANCE_ERROR
+        return self._set.bounds.of(Q, self._indices, enough + DISTANCE_ERROR) - DISTANCE_ERROR
 
     def _exact(self, q: FloatArray, pairs: Sequence[int]) -> list[float]:
         """Return the distances of pairs [m] at `q: (n,)`."""
@@ -135,16 +120,11 @@ class Witnesses:
 
     Attributes
     ----------
-    robot : Robot
-        Whose links they are.
-    rows : ndarray of int, shape (C,)
-        Configuration of each pair.
-    joints : ndarray of int, shape (C,)
-        Pinocchio's number of the joint that carries the link.
-    points : ndarray, shape (C, 3)
-        Nearest point of the link, in the frame of its joint [m].
-    normals : ndarray, shape (C, 3)
-        Unit vectors from the obstacle to the link, in the world frame.
+    rows, joints : ndarray of int, shape (C,)
+        Configuration of each pair, and Pinocchio's number of the joint that carries the link.
+    points, normals : ndarray, shape (C, 3)
+        Nearest point of the link, in the frame of its joint [m]; unit vectors from the obstacle to the link, in the
+        world.
     offsets : ndarray, shape (C,)
         Abscissa of the obstacle's nearest point along the normal [m].
     """
@@ -157,58 +137,22 @@ class Witnesses:
     offsets: FloatArray
 
     def hinge_costs(self, Q: FloatArray, hinges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² of the distances d at `Q: (B, n)`, near where the witnesses were found.
+        """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,) of the distances d at `Q: (B, n)`, near where witnesses were found.
 
         The link's witness moves with the link, the obstacle stays behind the plane at its own: exact to the first
-        order where the witnesses were found, and for moves in which they remain the nearest points.
-
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-        hinges : ndarray, shape (H, 2)
-            D > 0 [m] and w.
-
-        Returns
-        -------
-        costs : ndarray, shape (B,)
-        gradients : ndarray, shape (B, n)
-        bends : ndarray, shape (C, n)
-            Vectors v: the costs bend like Σ vvᵀ (Gauss-Newton).
+        order where the witnesses were found, and for moves in which they remain the nearest points. `hinges: (H, 2)`
+        are D > 0 [m] and w. Besides the costs there are their gradients (B, n), and vectors v (C, n): the costs bend
+        like Σ vvᵀ (Gauss-Newton).
         """
         coupling = self.robot.coupling
-        costs, gradients, bends = kernel.hinge_costs(
-            self.robot.kinematics.joints,
-            plain(coupling.values(Q)),
-            self.rows,
-            self.joints,
-            self.points,
-            self.normals,
-            self.offsets,
-            hinges,
-        )
+        joints, pairs = (self.robot.kinematics.joints, plain(coupling.values(Q))), (self.rows, self.joints)
+        found = kernels.hinge_costs(*joints, *pairs, self.points, self.normals, self.offsets, hinges)
+        costs, gradients, bends = found
         return costs, coupling.columns(gradients), coupling.columns(bends)
 
 
 class Proximity:
-    """Finds the pairs of link and obstacle that are nearer to each other than a distance.
-
-    Parameters
-    ----------
-    checker : CollisionChecker
-        Robot and scene.
-    within : float
-        [m], > 0
-
-    Attributes
-    ----------
-    distances : PairDistances
-        Of all pairs that may come as near.
-
-    Raises
-    ------
-    InputError
-        If the distance is not positive.
-    """
+    """Finds the pairs of link and obstacle that are nearer to each other than a distance [m], which is positive."""
 
     def __init__(self, checker: CollisionChecker, within: float) -> None:
         self.checker = checker
@@ -234,12 +178,9 @@ class Proximity:
         on_link, ends = on_link.reshape(-1, 3), on_obstacle.reshape(-1, 3)
         normals = on_link - ends
         normals /= np.sqrt(np.einsum("ci,ci->c", normals, normals))[:, None]
-        robot = self.checker.robot
-        local, offsets = (
-            _in_joint_frames(robot, Q[rows], joints, on_link),
-            np.einsum("ci,ci->c", normals, ends),
-        )
-        return Witnesses(robot, rows, joints, local, normals, offsets)
+        local = _in_joint_frames(self.checker.robot, Q[rows], joints, on_link)
+        offsets = np.einsum("ci,ci->c", normals, ends)
+        return Witnesses(self.checker.robot, rows, joints, local, normals, offsets)
 
 
 def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: FloatArray) -> FloatArray:

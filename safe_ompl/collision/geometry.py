@@ -18,17 +18,7 @@ _KEPT = (coal.Capsule, coal.Sphere)  # stay the same objects when they are measu
 
 @dataclass
 class ObstaclePart:
-    """One part of an obstacle where it is now.
-
-    Attributes
-    ----------
-    index : int
-        Of the geometry model.
-    shape : coal.CollisionGeometry
-        What it is.
-    local, world : pin.SE3
-        Where it is in the frame of its obstacle, and in the world.
-    """
+    """One part of an obstacle where it is now: a body of the geometry model, its places in obstacle and world."""
 
     index: int
     shape: coal.CollisionGeometry
@@ -65,32 +55,10 @@ class ObstaclePart:
 
 
 class SceneGeometry:
-    """The bodies of a robot and, after them, the parts of the obstacles of a scene.
+    """The bodies of a robot and, after them, the parts of the obstacles of a scene, of which some may move.
 
-    Parameters
-    ----------
-    bodies : pin.GeometryModel
-        The robot's, with the pairs of these that are checked.
-    scene : Scene
-        The obstacles.
-    movable : sequence of str
-        Names of those that may move.
-
-    Attributes
-    ----------
-    names : list of str
-        Link or obstacle of each body.
-    self_pairs : list of (int, int)
-        Pairs of the robot's own bodies, by their indices.
-    movable : frozenset of str
-        As given.
-
-    Raises
-    ------
-    UnknownNameError
-        If the scene has no obstacle of a name.
-    InputError
-        If the names are no list.
+    `names` has the link or obstacle of each body, `self_pairs` the pairs of the robot's own bodies that are checked, by
+    their indices. Raises InputError if the scene has no movable obstacle of a name, or the names are no list.
     """
 
     def __init__(self, bodies: pin.GeometryModel, scene: Scene, movable: Sequence[str]) -> None:
@@ -130,10 +98,7 @@ class SceneGeometry:
     def move(self, scene: Scene) -> tuple[list[ObstaclePart], list[int]]:
         """Take the places of another scene; return what has moved, and the indices of what was measured anew.
 
-        Raises
-        ------
-        InputError
-            If anything but the place of a movable obstacle differs. Then nothing moves.
+        Raises InputError if anything but the place of a movable obstacle differs. Then nothing moves.
         """
         moves = self._moves(scene)
         moved, measured = list[ObstaclePart](), list[int]()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import ceil
@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.collision.bounds import BoundsProof
 from safe_ompl.collision.checker import CollisionChecker
+from safe_ompl.collision.pairs import BoundsProof, Curve, PairSet
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
-from safe_ompl.common import FloatArray, InputError, positive, unchecked
+from safe_ompl.common import FloatArray, InputError, finite_array, positive, shaped_configuration
 from safe_ompl.robot import JointLimits
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
@@ -55,7 +55,12 @@ class MotionVerdict:
 
 
 class MotionLimit(Protocol):
-    """A further requirement that can be proven of motions."""
+    """A further requirement that can be proven of motions.
+
+    It is proven of curves, and of tubes about motions, if it also has a `holds_within(q, steps) -> bool`, which says
+    that every configuration keeps to it whose joints are within `steps: (n,)` of `q: (n,)`; an `allows(q) -> bool`,
+    which says it of one; and a `name`.
+    """
 
     def check(self, start: FloatArray, end: FloatArray) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`."""
@@ -67,7 +72,7 @@ class CertifiedMotion:
     While the joints move by Δ, the bodies of pair p approach each other by at most W_p = Σ_i R_pi·|Δ_i|. So if at
     the centre of an interval of half-length s (a fraction of the edge) every pair keeps more than s·W_p, the
     whole interval is free: one boolean query. An interval that fails is divided in three, if its centre is free of
-    contact; the middle one keeps the centre. (Halves would cost a sixth more.)
+    contact; the middle one keeps the centre. (Halves would cost a sixth more.) Curves are proven alike (`check_curve`).
 
     Motions that leave the robot's limits are refused: the pairs that are checked are those that may meet within them.
     Any number of threads may ask at the same time.
@@ -77,20 +82,13 @@ class CertifiedMotion:
     checker : CollisionChecker
         Answers the queries.
     floor : float
-        [m] Give up on an interval in which the bodies move less than this: an edge with less clearance than
+        [m] > 0 Give up on an interval in which the bodies move less than this: an edge with less clearance than
         about half the floor stays undecided.
     separation : Separation
-        What the robot must keep from obstacles. By default it must not touch them; see also `with_margin`,
+        What the robot must keep from obstacles of the scene. By default it must not touch them; see also `with_margin`,
         `with_min_clearance` and `with_moving_obstacles`.
     limits : sequence of MotionLimit
         What else must be proven of a motion that is free, such as a `DangerLimit`.
-
-    Raises
-    ------
-    InputError
-        If the floor is not positive.
-    UnknownNameError
-        If the scene has no obstacle of a name in the separation.
     """
 
     def __init__(
@@ -166,10 +164,8 @@ class CertifiedMotion:
 
         Raises
         ------
-        UnknownNameError
-            If the scene has no obstacle of such a name.
         InputError
-            If a speed or the time is negative or not finite.
+            If the scene has no obstacle of such a name, or a speed or the time is negative or not finite.
         """
         return self.with_separation(replace(self._separation, speeds=speeds, time=time))
 
@@ -179,7 +175,7 @@ class CertifiedMotion:
 
     def with_separation(self, separation: Separation) -> CertifiedMotion:
         """Return the same that proves another separation."""
-        return CertifiedMotion(self._checker, self._floor, separation=separation, limits=self._limits)
+        return self.with_checker(self._checker, separation)
 
     def with_limits(self, limits: Sequence[MotionLimit]) -> CertifiedMotion:
         """Return the same that proves other limits besides."""
@@ -199,15 +195,12 @@ class CertifiedMotion:
         if self._decided(start, end, required)[0] is not Verdict.FREE:
             return False
         limits = self._limits
-        return not limits or all(limit.check(start, end).verdict is Verdict.FREE for limit in limits)
+        return not limits or all(self._keeps(limit, start, end).verdict is Verdict.FREE for limit in limits)
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.
 
-        Raises
-        ------
-        InputError
-            If a configuration has the wrong shape or is not finite.
+        Raises InputError if a configuration has the wrong shape or is not finite.
         """
         return self._check(*self._edge(start, end), self._required)
 
@@ -221,7 +214,7 @@ class CertifiedMotion:
         """Check a motion among obstacles that move, however they do, no faster than their speeds.
 
         See `docs/mathematics.md` §3. At time 0 obstacles are where the scene has them; at time t an obstacle has moved
-        by no more than speed·t.
+        by no more than speed·t. Errors as `check`; also for unknown obstacles, and speeds or spans that are none.
 
         Parameters
         ----------
@@ -236,16 +229,45 @@ class CertifiedMotion:
         -------
         MotionVerdict
             FREE: proven whatever the obstacles do. BLOCKED: at `at` an obstacle may have come to the robot.
-
-        Raises
-        ------
-        UnknownNameError
-            If the scene has no obstacle of such a name.
-        InputError
-            If a speed is negative or not finite, or the span is not one; and as `check`.
         """
         required = self._separation.required_during(self._checker, speeds, span)
         return self._check(*self._edge(start, end), required)
+
+    def check_curve(
+        self,
+        coefficients: ArrayLike,
+        speeds: Mapping[str, float] | None = None,
+        span: tuple[float, float] = (0.0, 0.0),
+    ) -> MotionVerdict:
+        """Check the motion q(t) = Σ_k c_k t^k, t in [0, 1].
+
+        Joint values are taken as they are: no continuous joint goes the short way. What is proven is the curve itself,
+        not a polygon near it (`docs/mathematics.md` §4).
+
+        Parameters
+        ----------
+        coefficients : array_like, shape (d + 1, n)
+            c_0 … c_d [rad or m], d ≥ 1.
+        speeds, span
+            Obstacles that move, as `check_moving`.
+
+        Returns
+        -------
+        MotionVerdict
+            As `check`; `at` is t. Limits of which nothing is known but at single configurations are UNDECIDED.
+
+        Raises
+        ------
+        InputError
+            If the coefficients have another shape or are not finite; and as `check_moving`.
+        """
+        curve = finite_array(coefficients, (None, self._checker.robot.n), "coefficients of a motion")
+        if len(curve) < 2:
+            raise InputError("a motion must have a start and a way at least, got one coefficient")
+        required = self._required
+        if speeds:
+            required = self._separation.required_during(self._checker, speeds, span)
+        return self._of_curve(tuple(curve), required)
 
     def _widened(self, margin: float) -> RequiredDistances:
         """Return the required distances with a margin [m] besides; that of the last call is kept."""
@@ -259,57 +281,107 @@ class CertifiedMotion:
 
     def _edge(self, start: ArrayLike, end: ArrayLike) -> tuple[FloatArray, FloatArray]:
         n = self._checker.robot.n
-        return unchecked(start, n, "start of a motion"), unchecked(end, n, "end of a motion")
+        first = shaped_configuration(start, n, "start of a motion")
+        return first, shaped_configuration(end, n, "end of a motion")
 
     def _check_finite(self, start: FloatArray, end: FloatArray) -> None:
         if not (np.isfinite(start).all() and np.isfinite(end).all()):
             raise InputError(f"motion between {start.tolist()} and {end.tolist()} is not finite")
 
     def _check(self, start: FloatArray, end: FloatArray, required: RequiredDistances) -> MotionVerdict:
-        robot, checker = self._checker.robot, self._checker
+        robot = self._checker.robot
         self._check_finite(start, end)
         for fraction, q in ((0.0, start), (1.0, end)):
             for i in np.flatnonzero(~robot.within_limits(q)):
                 return MotionVerdict(Verdict.BLOCKED, fraction, (robot.joint_names[i], "its limits"))
-        verdict, at = self._decided(start, end, required)
-        if verdict is Verdict.BLOCKED and at is not None:
-            q = start + at * robot.difference(start, end)
-            return MotionVerdict(verdict, at, checker.colliding_pair(q) or required.violating_pair(q, at))
-        if verdict is not Verdict.FREE:
-            return MotionVerdict(verdict, at)
-        verdicts = (limit.check(start, end) for limit in self._limits)
-        refused = (found for found in verdicts if found.verdict is not Verdict.FREE)
-        return next(refused, MotionVerdict(Verdict.FREE))
+        collision = self._free(
+            *self._decided(start, end, required), (start, robot.difference(start, end)), required
+        )
+        if collision.verdict is not Verdict.FREE:
+            return collision
+        verdicts = (self._keeps(limit, start, end) for limit in self._limits)
+        return next((found for found in verdicts if found.verdict is not Verdict.FREE), collision)
 
-    def _refused(self, q: FloatArray, t: float, required: RequiredDistances) -> bool:
-        """Return whether the robot touches something, or is nearer than it must be, at the fraction t of an edge."""
-        return self._checker.touches(q) or required.violated(q, t)
+    def _of_curve(self, curve: Curve, required: RequiredDistances) -> MotionVerdict:
+        """Return the verdict on a curve."""
+        outside = self._joint_limits.left_by(curve)
+        if outside is not None:
+            joint, at = outside
+            return MotionVerdict(Verdict.BLOCKED, at, (self._checker.robot.joint_names[joint], "its limits"))
+        collision = self._free(*self._curve_decided(curve, required), curve, required)
+        if collision.verdict is not Verdict.FREE:
+            return collision
+        verdicts = (self._curve_keeps(limit, curve) for limit in self._limits)
+        return next((found for found in verdicts if found.verdict is not Verdict.FREE), collision)
+
+    def _free(
+        self, verdict: Verdict, at: float | None, curve: Curve, required: RequiredDistances
+    ) -> MotionVerdict:
+        """Return the verdict on collisions, with the pair that is too near."""
+        if verdict is not Verdict.BLOCKED or at is None:
+            return MotionVerdict(verdict, at)
+        q = place(curve, at)
+        return MotionVerdict(verdict, at, self._checker.colliding_pair(q) or required.violating_pair(q, at))
+
+    def _keeps(self, limit: MotionLimit, start: FloatArray, end: FloatArray) -> MotionVerdict:
+        """Return the verdict of a limit on an edge, and on the tube about it."""
+        if self._separation.tube:
+            return self._curve_keeps(limit, (start, self._checker.robot.difference(start, end)))
+        return limit.check(start, end)
+
+    def _curve_keeps(self, limit: MotionLimit, curve: Curve) -> MotionVerdict:
+        """Return the verdict of a limit on a curve and the tube about it, by bisection."""
+        name = getattr(limit, "name", type(limit).__name__)
+        witness = (name, "its limit")
+        holds: Callable[[FloatArray, FloatArray], bool] | None = getattr(limit, "holds_within", None)
+        if holds is None:
+            return MotionVerdict(Verdict.UNDECIDED, 0.0, witness)
+        allows: Callable[[FloatArray], bool] = limit.allows  # type: ignore[attr-defined]
+        tube = np.array(self._separation.tube or 0.0)
+        radii = self._checker.robot.bounds.displacement_radii
+        intervals = [(0.5, 0.5)]
+        for q, at in ((place(curve, 0.0), 0.0), (place(curve, 1.0), 1.0)):
+            if not allows(q):
+                return MotionVerdict(Verdict.BLOCKED, at, witness)
+        while intervals:
+            t, half = intervals.pop()
+            q, steps = place(curve, t), half * speeds_about(curve, t, half)
+            if holds(q, steps + tube):
+                continue
+            if not allows(q):
+                return MotionVerdict(Verdict.BLOCKED, t, witness)
+            if (radii @ steps).max(initial=0.0) < self._floor:
+                return MotionVerdict(Verdict.UNDECIDED, t, witness)
+            half /= 2
+            intervals += [(t + half, half), (t - half, half)]
+        return MotionVerdict(Verdict.FREE)
 
     def _decided(
         self, start: FloatArray, end: FloatArray, required: RequiredDistances
     ) -> tuple[Verdict, float | None]:
+        """Return the verdict on an edge, and where."""
+        return self._curve_decided((start, self._checker.robot.difference(start, end)), required)
+
+    def _curve_decided(self, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
         """Return the verdict, and where; a proof during which another thread moves obstacles is begun anew."""
         changes = self._checker.changes
         done = changes.done
-        found = self._subdivide(start, end, required)
+        found = self._subdivide(curve, required)
         if changes.begun == done:
             return found
         with changes.none():
-            return self._subdivide(start, end, required)
+            return self._subdivide(curve, required)
 
-    def _subdivide(
-        self, start: FloatArray, end: FloatArray, required: RequiredDistances
-    ) -> tuple[Verdict, float | None]:
+    def _subdivide(self, curve: Curve, required: RequiredDistances) -> tuple[Verdict, float | None]:
         checker, pairs = self._checker, required.pairs
-        delta = checker.robot.difference(start, end)
-        known = pairs.bounds.prove(start, delta, required.allowed_for, required.growth, self._floor)
+        known = pairs.bounds.prove(curve, required.allowed_for, required.growth, self._floor)
         if known.proven:
             return Verdict.FREE, None
-        if known.at >= 0 and self._refused(start + known.at * delta, known.at, required):
-            return Verdict.BLOCKED, known.at
-        approach = pairs.radii @ np.abs(delta)
-        if required.growth is not None:
-            approach = approach + required.growth
+        if known.at >= 0:
+            q = place(curve, known.at)
+            if checker.touches(q) or required.violated(q, known.at):
+                return Verdict.BLOCKED, known.at
+        approach = _approach(pairs, speeds_about(curve, 0.5, 0.5), required)
         widest = float(approach.max(initial=0.0))
         count = max(1, ceil(0.5 * widest / _FIRST_REACH))
         half = 0.5 / count
@@ -320,9 +392,11 @@ class CertifiedMotion:
             margins = half * approach + required.provable(0.0)
             margins.setflags(write=False)  # so that queries see that it does not change
             for t in centres:
-                if required.growth is not None:
+                if len(curve) > 2:
+                    approach = _approach(pairs, speeds_about(curve, t, half), required)
+                if len(curve) > 2 or required.growth is not None:
                     margins = half * approach + required.provable(t)
-                q = start + t * delta
+                q = place(curve, t)
                 if pairs.within_margins(q, margins):
                     if t not in known_free and checker.touches(q):
                         return Verdict.BLOCKED, t
@@ -330,7 +404,7 @@ class CertifiedMotion:
             if not unproven:
                 return Verdict.FREE, None
             for t in unproven:
-                q = start + t * delta
+                q = place(curve, t)
                 if t not in known_free and pairs.within_margins(q, required.provable(t)):
                     return Verdict.BLOCKED if required.violated(q, t) else Verdict.UNDECIDED, t
             if half * widest < self._floor:
@@ -339,6 +413,32 @@ class CertifiedMotion:
             centres = _unknown(
                 [t + side for t in unproven for side in (-2 * half, 0.0, 2 * half)], half, known
             )
+
+
+def place(curve: Curve, t: float) -> FloatArray:
+    """Return the joint values (n,) at t of a curve."""
+    q = curve[-1]
+    for coefficient in curve[-2::-1]:
+        q = coefficient + t * q
+    return q
+
+
+def speeds_about(curve: Curve, t: float, half: float) -> FloatArray:
+    """Return v (n,) ≥ 0 with |q(t + x) − q(t)| ≤ |x| v for |x| ≤ half, by Taylor's expansion at t."""
+    taylor = list(curve)
+    for k in range(len(taylor) - 1):
+        for j in range(len(taylor) - 2, k - 1, -1):
+            taylor[j] = taylor[j] + t * taylor[j + 1]
+    speeds = np.abs(taylor[-1])
+    for coefficient in taylor[-2:0:-1]:
+        speeds = np.abs(coefficient) + half * speeds
+    return speeds
+
+
+def _approach(pairs: PairSet, speeds: FloatArray, required: RequiredDistances) -> FloatArray:
+    """Return how fast (P,) what pairs keep beyond what they must may vanish [m per unit of the motion]."""
+    approach: FloatArray = pairs.radii @ speeds
+    return approach if required.growth is None else approach + required.growth
 
 
 def _unknown(centres: list[float], half: float, known: BoundsProof) -> list[float]:

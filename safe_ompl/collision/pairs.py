@@ -1,19 +1,118 @@
-"""The table of all body pairs of a robot and a scene, and sets of those that may come near each other."""
+"""All pairs of bodies of a robot and a scene, sets of those that may come near each other, bounds of distances."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
+from typing import NamedTuple, TypeAlias
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.collision.bounds import DistanceBounds
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
-from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray
-from safe_ompl.robot import ReachCylinder, Robot
+from safe_ompl.collision.kernels import Pairs, pair_bounds, prove_curve
+from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
+from safe_ompl.robot import ConvexBodies, ReachCylinder, Robot, plain
+
+# [m] By this much more than it must, everything that is proven is apart: coal, at most DISTANCE_ERROR off, then never
+# calls a configuration of the motion too near, and its certificate can be issued. Rounding is far below.
+ALLOWANCE = 2 * DISTANCE_ERROR
+
+_INTERVALS = 64  # that wait to be proven, at most
+_NOTHING = np.zeros(0)
+
+
+# Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
+Curve: TypeAlias = Sequence[FloatArray]
+
+
+class BoundsProof(NamedTuple):
+    """What lower bounds of distances prove of a motion.
+
+    Either all is proven; or some parts are `left`, from one fraction of it to another, and `at` is a fraction
+    where the convex bodies that hold some pair seem to be nearer than required, or −1.
+    """
+
+    proven: bool
+    at: float
+    left: list[list[float]]
+
+    def covers(self, low: float, high: float) -> bool:
+        """Return whether the motion is proven from one fraction to another."""
+        return not any(first < high and last > low for first, last in self.left)
+
+
+_UNKNOWN = BoundsProof(False, -1.0, [[0.0, 1.0]])
+_FREE = BoundsProof(True, -1.0, [])
+
+
+class DistanceBounds:
+    """Lower bounds of the distances of pairs of bodies, by the convex bodies that hold them.
+
+    Every bound holds, whatever the configuration. Nothing is kept from one question to the next: an edge is always
+    decided alike. The geometry has the robot's bodies and, after them, the parts of the obstacles; `pairs: (P, 2)` have
+    displacement radii (P, m) by the joints of Pinocchio's model.
+    """
+
+    def __init__(
+        self, robot: Robot, geometry: pin.GeometryModel, pairs: IntArray, radii: FloatArray, counts: Counts
+    ) -> None:
+        own = robot.bounds.convex_bodies
+        links = len(own.bodies)
+        bodies = own.joined(ConvexBodies.of(list(geometry.geometryObjects)[links:]))
+        moved = np.zeros((len(bodies.bodies), robot.bounds.joint_radii.shape[1]), dtype=bool)
+        moved[:links] = robot.bounds.joint_radii > 0
+        pair_table = Pairs(np.array(pairs), np.array(radii), moved)
+        self._data = robot.kinematics.joints, bodies.shapes, pair_table
+        self._flat = robot.kinematics.joints, *bodies.shapes, pair_table
+        # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
+        self._memory = PerThread(partial(_memory, radii.shape[1]))
+        self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
+
+    def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
+        """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.
+
+        They are no better than they need be: as good as `enough`, or good enough to show that the convex bodies are
+        not farther apart than about that.
+        """
+        bounds = np.full((len(Q), len(pairs)), -np.inf)
+        if self._bounded and bounds.size:
+            joints, shapes, known = self._data
+            pair_bounds(joints, shapes, known.bodies[pairs], plain(self._coupling.values(Q)), enough, bounds)
+            self._counts.bound_queries += len(Q)
+        return bounds
+
+    def prove(
+        self, curve: Curve, required: FloatArray, growth: FloatArray | None, floor: float
+    ) -> BoundsProof:
+        """Try to prove a motion.
+
+        Parameters
+        ----------
+        required, growth : ndarray, shape (P,)
+            [m] What pairs must keep at the start, `ALLOWANCE` in it, and how much more at the end, if anything.
+        floor : float
+            [m] Give up on an interval in whose halves the bodies move less than this.
+        """
+        if not self._bounded:
+            return _UNKNOWN
+        edge, left = self._memory.own
+        coefficients = edge if len(curve) == 2 else np.empty((len(curve), edge.shape[1]))
+        coefficients[0] = self._coupling.values(curve[0])
+        for k in range(1, len(curve)):
+            coefficients[k] = self._coupling.motions(curve[k])
+        more = _NOTHING if growth is None else growth
+        number, at, places = prove_curve(*self._flat, coefficients, required, more, floor, left)
+        self._counts.bound_queries += places
+        return BoundsProof(False, at, left[:number].tolist()) if number else _FREE
+
+
+def _memory(joints: int) -> tuple[FloatArray, FloatArray]:
+    """Return arrays for an edge (2, m), and for the intervals that are not proven."""
+    return np.empty((2, joints)), np.empty((_INTERVALS, 2))
+
 
 _ROUNDING = 1e-9  # [m] of what bounds by balls say
 _HOLLOW = (coal.BVHModelBase, coal.OcTree)
@@ -25,24 +124,9 @@ class PairTable:
     It knows which pairs can come near each other at all: bounds by balls decide most of them; coal decides the rest,
     once, when it is asked for. The robot's own pairs always count as near, and so do those of obstacles that may move.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    geometry : SceneGeometry
-        Its bodies and the parts of obstacles.
-
-    Attributes
-    ----------
-    robot, geometry
-        As given.
-    bodies : ndarray of int, shape (T, 2)
-        Indices of the bodies in the geometry, the smaller one first.
-    with_obstacle : ndarray of int
-        Rows of the pairs of a link and an obstacle.
-    obstacle_radii : ndarray, shape (G, m)
-        [m] How far each of the G bodies is from the axes of the model's m ≥ n joints at most, where obstacles are now;
-        infinite for the robot's own.
+    `bodies: (T, 2)` are their indices in the geometry, the smaller one first; `with_obstacle` the rows of pairs of a
+    link and an obstacle. `obstacle_radii: (G, m)` say how far each of the G bodies is from the axes of the model's m ≥
+    n joints at most [m], where obstacles are now; infinite for the robot's own.
     """
 
     def __init__(self, robot: Robot, geometry: SceneGeometry) -> None:
@@ -132,29 +216,16 @@ def _distance(reach: coal.CollisionObject, part: ObstaclePart) -> float:
 class PairSet:
     """The P pairs of bodies of a robot and a scene that may come nearer to each other than some reach.
 
-    Made by `CollisionChecker.pairs_within`; the checker's `move` alone changes it, and then only places and radii. What
-    stands between a user and a proof is checked by `CollisionChecker` and `CertifiedMotion`: here `q` must be a finite
-    float array (n,), margins one of (P,).
-
-    Parameters
-    ----------
-    table : PairTable
-        All pairs.
-    rows : ndarray of int, shape (P,)
-        Which of them these are.
-    counts : Counts
-        Counts the queries.
-    changes : Changes
-        Of the places of obstacles.
+    Made by `CollisionChecker.pairs_within` of rows of a table; the checker's `move` alone changes it, and then only
+    places and radii. What stands between a user and a proof is checked by `CollisionChecker` and `CertifiedMotion`:
+    here `q` must be a finite float array (n,), margins one of (P,).
 
     Attributes
     ----------
     geometry : pin.GeometryModel
         The robot's bodies and, after them, the parts of the obstacles, with the pairs.
-    names : tuple of (str, str)
-        Names of the pairs: link and obstacle, or link and link.
-    bodies : ndarray of int, shape (P, 2)
-        Their indices in the geometry, the smaller one first.
+    names, bodies : tuple of (str, str), ndarray of int, shape (P, 2)
+        Names of the pairs, link and obstacle, or link and link; their indices in the geometry, the smaller one first.
     revision : int
         How often obstacles have moved.
     radii : ndarray, shape (P, n)
@@ -183,13 +254,7 @@ class PairSet:
         self.radii.setflags(write=False)
 
     def follow(self, measured: Sequence[int]) -> None:
-        """Renew what follows from the places of obstacles, which have moved; for `CollisionChecker`.
-
-        Parameters
-        ----------
-        measured : sequence of int
-            Bodies whose shapes, or the sizes of these, are others now.
-        """
+        """Renew what follows from the places of obstacles, which have moved, and of bodies that were measured anew."""
         self._queries.take_shapes(measured)
         self._take_radii()
         vars(self).pop("bounds", None)
@@ -208,6 +273,18 @@ class PairSet:
         margins: FloatArray = np.where(self.meets_obstacle, obstacles, links)
         margins.setflags(write=False)
         return margins
+
+    def approach(self, steps: FloatArray) -> FloatArray:
+        """Return by how much (P,) [m] bodies approach at most while joints move by up to `steps: (n,)` ≥ 0.
+
+        Other than with `radii`, this holds wherever obstacles are.
+        """
+        links, coupling = self._robot.bounds.joint_radii, self._robot.coupling
+        radii = coupling.radii(
+            _pair_radii(links, self.bodies, np.full_like(self._table.obstacle_radii, np.inf))
+        )
+        nearer: FloatArray = radii @ steps
+        return nearer
 
     def within_margins(self, q: FloatArray, margins: FloatArray) -> bool:
         """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`.

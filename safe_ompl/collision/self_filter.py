@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, finite_array, number
-from safe_ompl.geometry import PointCloud, placed
+from safe_ompl.geometry import Obstacle, PointCloud, placed
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -27,28 +27,17 @@ def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Sc
     """Return a scene whose clouds have no points of the robot; the log says how many are left out.
 
     A point goes if it is inside one of the robot's collision bodies, or nearer than `margin` to one. What remains of a
-    cloud keeps all else; a cloud of which nothing remains leaves the scene. Other obstacles stay as they are.
+    cloud keeps all else; a cloud of which nothing remains leaves the scene. Other obstacles stay as they are. Points of
+    a person's hand on the robot go, too: keep the margin small.
 
     Parameters
     ----------
-    scene : Scene
-        The scene, with clouds.
-    robot : Robot
-        The robot that the camera saw.
+    scene, robot : Scene, Robot
+        The scene, with clouds, and the robot that the camera saw.
     q : array_like, shape (n,)
         Where it stood then [rad or m].
     margin : float
         How near to its bodies points are its own, ≥ 0 [m]: what the camera and the joints may be off.
-
-    Returns
-    -------
-    Scene
-        The scene without these points. Those of a person's hand on the robot are among them: keep the margin small.
-
-    Raises
-    ------
-    InputError
-        If `q` has the wrong shape or is not finite, or the margin is negative.
     """
     obstacles = []
     for obstacle in scene:
@@ -62,19 +51,14 @@ def without_robot(scene: Scene, robot: Robot, q: ArrayLike, margin: float) -> Sc
             obstacles.append(obstacle)
         elif not own.all():
             kept = replace(obstacle.shape, points=points[~own], file=None)
-            obstacles.append(
-                type(obstacle)(obstacle.name, kept, obstacle.pose, obstacle.weight, obstacle.color)
-            )
+            obstacles.append(Obstacle(obstacle.name, kept, obstacle.pose, obstacle.weight, obstacle.color))
     return Scene(tuple(obstacles), scene.spacing)
 
 
 def robot_points(points: ArrayLike, robot: Robot, q: ArrayLike, margin: float) -> BoolArray:
     """Return which of `points: (M, 3)`, in the world frame [m], are within `margin` of the robot's bodies at `q`.
 
-    Raises
-    ------
-    InputError
-        If points or `q` have the wrong shape or are not finite, or the margin is negative.
+    Raises InputError if points or `q` have the wrong shape or are not finite, or the margin is negative.
     """
     places = finite_array(points, (None, 3), "points")
     configuration = finite_array(q, (robot.n,), "q")

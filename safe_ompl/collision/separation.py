@@ -10,27 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision.bounds import ALLOWANCE
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR
 from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.pairs import PairSet
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.collision.pairs import ALLOWANCE, PairSet
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number
 from safe_ompl.scene import Scene
 
 
 @dataclass(frozen=True)
 class MinClearance:
-    """A distance that links must keep from obstacles.
-
-    Attributes
-    ----------
-    distance : float
-        [m]
-    obstacles : tuple of str
-        From which.
-    exempt : frozenset of (str, str)
-        Pairs of a link and an obstacle that need not keep it, only not touch.
-    """
+    """A distance [m] that links must keep from obstacles; exempt pairs of link and obstacle only must not touch."""
 
     distance: float
     obstacles: tuple[str, ...]
@@ -45,30 +34,14 @@ class MinClearance:
         scene: Scene,
         links: Sequence[str],
     ) -> MinClearance | None:
-        """Return what is asked for; None where the distance is 0.
+        """Return what is asked for; None where the distance [m] is 0.
 
-        Parameters
-        ----------
-        distance : float
-            [m] 0 requires nothing.
-        obstacles : sequence of str or None
-            Keep it from these; None: from those with a danger weight, such as people.
-        exempt : sequence of (str, str)
-            Pairs of a link and an obstacle that need not keep it, only not touch.
-        scene : Scene
-            The obstacles.
-        links : sequence of str
-            The links that have bodies.
-
-        Raises
-        ------
-        InputError
-            If the distance is not a finite number ≥ 0, or there is nothing to keep it from.
-        UnknownNameError
-            If there is no such obstacle or link.
+        It is kept from these obstacles, by default from those of the scene with a danger weight, such as people. Pairs
+        of a link and an obstacle that are exempt must only not touch. `links` are those that have bodies. Raises
+        InputError if the distance is not a finite number ≥ 0, there is nothing to keep it from, or no such obstacle or
+        link.
         """
-        if not (isinstance(distance, (int, float, np.number)) and np.isfinite(distance) and distance >= 0):
-            raise InputError(f"min clearance must be a length >= 0 [m], got {distance!r}")
+        distance = number("min clearance", distance, at_least=0.0, kind="length [m]")
         if isinstance(obstacles, str) or not (obstacles is None or isinstance(obstacles, Sequence)):
             raise InputError(f"obstacles must be a list of names, got {obstacles!r}")
         names = [o.name for o in scene if o.weight > 0] if obstacles is None else obstacles
@@ -87,7 +60,7 @@ class MinClearance:
             return None
         if not chosen:
             raise InputError("min clearance: no obstacle has a danger weight > 0; name those to keep it from")
-        return cls(float(distance), chosen, frozenset((link, obstacle) for link, obstacle in exempt))
+        return cls(distance, chosen, frozenset((link, obstacle) for link, obstacle in exempt))
 
     def between(self, link: str, obstacle: str) -> float:
         """Return the distance [m] that a link must keep from an obstacle, or 0."""
@@ -113,31 +86,36 @@ class Separation:
         Bound of the speed [m/s] of the obstacles that move, by name. The others stand still.
     time : float
         [s] How long after the moment of the scene motions may be driven. What obstacles may move until then is added.
+    tube : tuple of float
+        How far each of the n joints may be from where it should be [rad or m]; empty: nowhere else. What is proven
+        holds for every motion within this of the one that is checked, and within the limits of joints that slide.
 
     Raises
     ------
     InputError
-        If the margin, a speed or the time is negative or not finite.
+        If the margin, a speed, the time or a width of the tube is negative or not finite.
     """
 
     min_clearance: MinClearance | None = None
     margin: float = 0.0
     speeds: Mapping[str, float] = field(default_factory=dict, hash=False)
     time: float = 0.0
+    tube: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.margin, (int, float, np.number)) and 0 <= self.margin < np.inf):
-            raise InputError(f"margin must be a length >= 0 [m], got {self.margin!r}")
-        object.__setattr__(self, "margin", float(self.margin))
+        margin = number("margin", self.margin, at_least=0.0, kind="length [m]")
+        object.__setattr__(self, "margin", margin)
         object.__setattr__(self, "speeds", MappingProxyType(dict(self.speeds)))
         for name, speed in self.speeds.items():
-            if not (isinstance(speed, (int, float, np.number)) and 0 <= speed < np.inf):
-                raise InputError(f"speed of {name!r} must be a number >= 0 [m/s], got {speed!r}")
-        if not (isinstance(self.time, (int, float, np.number)) and 0 <= self.time < np.inf):
-            raise InputError(f"time must be a number >= 0 [s], got {self.time!r}")
+            number(f"speed of {name!r}", speed, at_least=0.0, kind="number [m/s]")
+        number("time", self.time, at_least=0.0, kind="number of seconds")
+        widths = finite_array(self.tube, (None,), "tube")
+        if (widths < 0).any():
+            raise InputError(f"tube must be widths >= 0 [rad or m], got {widths.tolist()}")
+        object.__setattr__(self, "tube", tuple(widths.tolist()) if widths.any() else ())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Separation, (self.min_clearance, self.margin, dict(self.speeds), self.time)
+        return Separation, (self.min_clearance, self.margin, dict(self.speeds), self.time, self.tube)
 
     def with_min_clearance(
         self,
@@ -155,6 +133,8 @@ class Separation:
 
         Raises
         ------
+        InputError
+            If the tube is not of the robot's joints.
         UnknownNameError
             If its scene has no obstacle of a name.
         """
@@ -162,7 +142,7 @@ class Separation:
         kept_from = () if self.min_clearance is None else self.min_clearance.obstacles
         for name in (*speeds, *kept_from):
             checker.scene[name]  # raises where there is none
-        pairs = checker.pairs_within(self.reach)
+        pairs = checker.pairs_within(self.reach + self._swing(checker))
         return RequiredDistances(pairs, self._at_rest(pairs) + time * _rates(pairs, speeds))
 
     def required_during(
@@ -170,19 +150,13 @@ class Separation:
     ) -> RequiredDistances:
         """Return the distances that pairs must keep on an edge that is driven from the first to the last instant [s].
 
-        Parameters
-        ----------
-        checker : CollisionChecker
-            Robot and scene.
-        speeds : mapping of str to float
-            Bound of the speed [m/s] of the obstacles that move in this time, by name, besides `self.speeds`.
-        span : (float, float)
-            0 ≤ first ≤ last.
+        `speeds` bounds those [m/s] of the obstacles that move in this time, by name, besides `self.speeds`; of the span
+        0 ≤ first ≤ last.
         """
         first, last = checked_span(span)
         moving = Separation(self.min_clearance, self.margin, speeds, last)
         moving.required(checker)  # checks the names
-        pairs = checker.pairs_within(self.reach + moving.travel)
+        pairs = checker.pairs_within(self.reach + moving.travel + self._swing(checker))
         rates = _rates(pairs, speeds)
         at_start = self._at_rest(pairs) + self.time * _rates(pairs, self.speeds) + first * rates
         return RequiredDistances(pairs, at_start, (last - first) * rates)
@@ -198,13 +172,19 @@ class Separation:
         least = 0.0 if self.min_clearance is None else self.min_clearance.distance
         return max(self.margin, least) + self.travel
 
+    def _swing(self, checker: CollisionChecker) -> float:
+        """Return how far [m] any body may be from where it should be, because the joints are."""
+        if not self.tube:
+            return 0.0
+        widths = finite_array(self.tube, (checker.robot.n,), "tube")
+        return float((checker.robot.bounds.displacement_radii @ widths).max(initial=0.0))
+
     def _at_rest(self, pairs: PairSet) -> FloatArray:
-        wanted = self.min_clearance
-        kept = pairs.margins(self.margin)
-        if wanted is None:
-            return kept
-        between = np.array([wanted.between(*pair) for pair in pairs.names], dtype=np.float64)
-        return np.maximum(kept, between * pairs.meets_obstacle)
+        wanted, kept = self.min_clearance, pairs.margins(self.margin)
+        if wanted is not None:
+            between = np.array([wanted.between(*pair) for pair in pairs.names], dtype=np.float64)
+            kept = np.maximum(kept, between * pairs.meets_obstacle)
+        return kept + pairs.approach(np.array(self.tube)) if self.tube else kept
 
 
 TOUCHING_ONLY = Separation()
@@ -214,21 +194,8 @@ _SPARE = ALLOWANCE - DISTANCE_ERROR  # [m] Queries add the latter; together it i
 class RequiredDistances:
     """Distances (P,) [m] that pairs of bodies must keep: at the start of an edge, and how much more at its end.
 
-    Parameters
-    ----------
-    pairs : PairSet
-        The pairs.
-    at_start : ndarray, shape (P,)
-        [m], ≥ 0
-    growth : ndarray, shape (P,), optional
-        [m], ≥ 0; none where the distances stay what they are.
-
-    Attributes
-    ----------
-    allowed_for : ndarray, shape (P,)
-        [m] `at_start` with what distance bounds keep besides, so that coal agrees.
-    any : bool
-        Whether any pair must keep more than not touching.
+    `allowed_for` is `at_start` with what distance bounds keep besides, so that coal agrees; `any` says whether any pair
+    must keep more than not touching.
     """
 
     def __init__(self, pairs: PairSet, at_start: FloatArray, growth: FloatArray | None = None) -> None:

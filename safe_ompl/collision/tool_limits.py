@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision.motion import MotionVerdict, Verdict
-from safe_ompl.common import FloatArray, InputError, edge, finite_array, float_array, number
+from safe_ompl.common import FloatArray, InputError, finite_array, float_array, motion_ends, number
 from safe_ompl.robot import Hull, Robot
 
 TOOL_FLOOR = 1e-4  # [rad or m] a motion that keeps less from its limit than about this stays undecided
@@ -21,23 +21,10 @@ _LEAST_LENGTH = 1e-9  # of a direction
 class ToolLimit(ABC):
     """A requirement on the tool at every configuration, such as a largest tilt; a `MotionLimit` of `CertifiedMotion`.
 
-    While the joints move by Δ, its `excess` changes by at most Σ_i r_i·|Δ_i| with constant rates r. If the excess at
-    the centre of an interval of half-length s (a fraction of the edge) is below −s·Σ_i r_i·|Δ_i|, the whole interval
-    keeps to the limit; an interval that fails is halved.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot; its tip is the tool.
-    rates : ndarray, shape (n,)
-        The rates r.
-    floor : float
-        [rad or m] Intervals in which the excess may change by less are not divided any more.
-
-    Attributes
-    ----------
-    name : str
-        What it limits, for reports.
+    While the joints move by Δ, its `excess` changes by at most Σ_i r_i·|Δ_i| with constant rates r (n,). If the excess
+    at the centre of an interval of half-length s (a fraction of the edge) is below −s·Σ_i r_i·|Δ_i|, the whole interval
+    keeps to the limit; an interval that fails is halved, down to a change of `floor` [rad or m]. The `name` says what
+    it limits, for reports.
     """
 
     name: str
@@ -60,21 +47,17 @@ class ToolLimit(ABC):
         """Return whether the limit is kept at `q: (n,)`."""
         return self.excess(q) <= 0.0
 
+    def holds_within(self, q: FloatArray, steps: FloatArray) -> bool:
+        """Return whether the limit is proven to be kept while the joints are within `steps: (n,)` of `q: (n,)`."""
+        return self.excess(q) + float(self.rates @ steps) + _ROUNDING <= 0.0
+
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
-        """Check the straight motion between two configurations (n,).
+        """Check the straight motion between two configurations (n,); raise InputError for others.
 
-        Returns
-        -------
-        MotionVerdict
-            FREE: every configuration keeps to the limit, proven. BLOCKED: the one at `at` does not. UNDECIDED: near
-            `at` the limit is too near to tell. The `pair` is the limit's name and "its limit".
-
-        Raises
-        ------
-        InputError
-            If a configuration has the wrong shape or is not finite.
+        FREE: every configuration keeps to the limit, proven. BLOCKED: the one at `at` does not. UNDECIDED: near `at`
+        the limit is too near to tell. The `pair` is the limit's name and "its limit".
         """
-        first, last = edge(start, end, self.robot.n)
+        first, last = motion_ends(start, end, self.robot.n)
         delta = self.robot.difference(first, last)
         change = float(self.rates @ np.abs(delta))
         witness = (self.name, "its limit")
@@ -98,31 +81,23 @@ class ToolLimit(ABC):
 class ToolOrientation(ToolLimit):
     """Keeps an axis of the tool within an angle of a direction: a cup upright, a torch towards the wall.
 
-    A joint that turns by Δ turns the axis by at most |Δ|·sin β, with β the largest angle (up to 90°) that its own axis
-    can have with it: nothing where a wrist turns about the axis itself.
-
     Parameters
     ----------
     robot : Robot
         The robot; the axis is fixed to its tip.
-    axis : array_like, shape (3,)
-        The axis, in the frame of the tip; of any length.
-    direction : array_like, shape (3,)
-        Where it is to point, in the world frame; of any length.
+    axis, direction : array_like, shape (3,)
+        The axis, in the frame of the tip, and where it is to point, in the world frame; of any length but 0.
     angle : float
         [rad] The largest angle between the two, in (0, π].
     floor : float
         [rad] A motion that keeps less than about this from the limit stays undecided.
 
-    Raises
-    ------
-    InputError
-        Wrong shape, not finite, a direction of no length, an angle out of range.
-
     Notes
     -----
     The axis a moves with ω × a, where ω = Σ_j z_j·dq_j sums over the joints that turn the tip: |ω × a| ≤ Σ_j sin β_j
-    |dq_j|. Joints that slide turn nothing; mimic joints count with their multipliers. No joint limit is used.
+    |dq_j|, with β_j the largest angle (up to 90°) that the axis of joint j can have with it: nothing where a wrist
+    turns about the axis itself. Joints that slide turn nothing; mimic joints count with their multipliers. No joint
+    limit is used.
     """
 
     name = "tool orientation"
@@ -174,14 +149,9 @@ class TipBounds(ToolLimit):
     robot : Robot
         The robot.
     lower, upper : array_like, shape (3,)
-        Opposite corners of the box [m]; infinite where there is no wall.
+        Opposite corners of the box [m], the lower one below the upper one; infinite where there is no wall.
     floor : float
         [m] A motion that keeps less than about this from a wall stays undecided.
-
-    Raises
-    ------
-    InputError
-        Wrong shape, NaN, or a lower corner that is not below the upper one.
     """
 
     name = "tip position"

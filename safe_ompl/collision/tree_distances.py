@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import coal
 import numpy as np
@@ -19,7 +19,7 @@ _Placed: TypeAlias = tuple[coal.CollisionGeometry, pin.SE3]
 
 
 class TreeDistances:
-    """Exact distances of pairs of which one body is a `coal.OcTree`.
+    """Exact distances of those pairs of a geometry model of which one body is a `coal.OcTree`.
 
     Coal skips branches of a tree whose axis-aligned box is farther away than the best leaf so far. A long oblique link
     has a large box, and nearly every leaf is measured. Here both bodies are turned to a frame with one axis along the
@@ -27,11 +27,6 @@ class TreeDistances:
     it is now, an upper bound. The leaves that are skipped are farther than that, so that the result is the same up to
     rounding. If the bound does not hold, because the tree is another one, coal finds nothing below it; then it is
     asked once more without it.
-
-    Parameters
-    ----------
-    geometry : pin.GeometryModel
-        Bodies and pairs.
     """
 
     def __init__(self, geometry: pin.GeometryModel) -> None:
@@ -145,13 +140,12 @@ def _measured(first: _Placed, second: _Placed, frame: pin.SE3, seed: float) -> c
     result = coal.DistanceResult()
     if seed < np.inf:
         result.min_distance = seed
-    placed = [x for shape, place in (first, second) for x in (shape, _transform(frame.actInv(place)))]
+    placed: list[Any] = []
+    for shape, place in (first, second):
+        here = frame.actInv(place)
+        placed += [shape, coal.Transform3s(here.rotation, here.translation)]
     coal.distance(*placed, _REQUEST, result)
     return result
-
-
-def _transform(placement: pin.SE3) -> coal.Transform3s:
-    return coal.Transform3s(placement.rotation, placement.translation)
 
 
 def _along(direction: FloatArray) -> FloatArray:

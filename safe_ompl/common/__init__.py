@@ -1,4 +1,4 @@
-"""Shared by all rooms: array types, checks of input, errors, documents, threads, and compiled kernels."""
+"""Shared by all rooms: array types, checks of input, errors, documents, what models share, compiled kernels."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.common import cache, documents
-    from safe_ompl.common.arrays import BoolArray, FloatArray, IntArray, halton_point
     from safe_ompl.common.compilation import clock, compiled, part
-    from safe_ompl.common.counts import Counts
     from safe_ompl.common.documents import within
     from safe_ompl.common.errors import (
         CertificateError,
@@ -24,21 +22,25 @@ if TYPE_CHECKING:
         warn_once,
     )
     from safe_ompl.common.inputs import (
+        BoolArray,
+        FloatArray,
+        IntArray,
         configuration,
         configurations,
-        edge,
         finite_array,
         flag,
         float_array,
         fraction,
+        halton_point,
+        motion_ends,
         number,
         positive,
         seed,
+        shaped_configuration,
         shown,
-        unchecked,
         whole_number,
     )
-    from safe_ompl.common.threads import Changes, PerThread
+    from safe_ompl.common.models import Changes, Counts, PerThread
 
 __all__ = [
     "BoolArray",
@@ -60,19 +62,19 @@ __all__ = [
     "configuration",
     "configurations",
     "documents",
-    "edge",
     "finite_array",
     "flag",
     "float_array",
     "fraction",
     "halton_point",
+    "motion_ends",
     "number",
     "part",
     "pass_on",
     "positive",
     "seed",
+    "shaped_configuration",
     "shown",
-    "unchecked",
     "warn_once",
     "whole_number",
     "within",

@@ -18,14 +18,13 @@ from typing import Any
 _log = logging.getLogger(__name__)
 
 VARIABLE = "SAFE_OMPL_CACHE"
-_OFF = "off"
 
 
 def cache_folder() -> Path | None:
     """Return the folder for kept results, which need not exist; None if nothing is to be kept."""
     chosen = os.environ.get(VARIABLE, "")
     if chosen:
-        return None if chosen.lower() == _OFF else Path(chosen).expanduser()
+        return None if chosen.lower() == "off" else Path(chosen).expanduser()
     try:
         return _users_folder() / "safe-ompl"
     except RuntimeError as error:  # a user without a home

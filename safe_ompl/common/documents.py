@@ -14,10 +14,11 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import MISSING, Field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 else:
     _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # six times as fast
 _DEEPEST = 100  # levels of lists and mappings in one another
+_Section = TypeVar("_Section")
 
 
 @contextmanager
@@ -69,6 +71,24 @@ def require(data: Mapping[str, Any], key: str) -> Any:
     if key not in data:
         raise InputError("missing, but needed", key)
     return data[key]
+
+
+def check_fields(cls: Any, data: Mapping[str, Any]) -> None:
+    """Raise InputError unless the keys of `data` are fields of a dataclass, those without a default among them."""
+    check_keys(data, [field.name for field in fields(cls)])
+    for field in fields(cls):
+        if _default(field) is MISSING:
+            require(data, field.name)
+
+
+def changed_fields(value: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that differ from their defaults."""
+    given = ((field, getattr(value, field.name)) for field in fields(value))
+    return {field.name: found for field, found in given if found != _default(field)}
+
+
+def _default(field: Field[Any]) -> Any:
+    return field.default if field.default_factory is MISSING else field.default_factory()
 
 
 def text(key: str, value: Any) -> str:
@@ -125,6 +145,27 @@ def numbers(
     return tuple(number(key, item, above=above, at_most=at_most) for item in items)
 
 
+def numbers_by_name(
+    key: str,
+    value: Any,
+    valid: Iterable[str] | None = None,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+) -> dict[str, float]:
+    """Return `value` as a mapping of names, among `valid` if given, to finite floats within bounds."""
+    given = mapping(key, value, valid)
+    with within(key):
+        return {name: number(name, item, above=above, at_least=at_least) for name, item in given.items()}
+
+
+def section(key: str, value: Any, read: Callable[[dict[str, Any]], _Section]) -> _Section:
+    """Return what `read` makes of a mapping; nothing is an empty one."""
+    given = mapping(key, {} if value is None else value)
+    with within(key):
+        return read(given)
+
+
 def sequence(key: str, value: Any) -> list[Any]:
     """Return `value` as a list; arrays are welcome, text is not."""
     if hasattr(value, "tolist"):
@@ -141,16 +182,10 @@ def kind_of(value: Any) -> str:
 
 @contextmanager
 def reading(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the mapping that the YAML file `path` holds; put file and line before the key of InputErrors inside.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not YAML, or holds no mapping.
-    """
+    """Yield the mapping that a YAML file holds; put file and line before the key of every InputError meanwhile."""
     content = ""
     try:
-        content = _file_text(path)
+        content = file_text(path)
         yield parse_document(content)
     except InputError as error:
         message = str(error)
@@ -161,7 +196,8 @@ def reading(path: Path) -> Iterator[dict[str, Any]]:
         raise
 
 
-def _file_text(path: Path) -> str:
+def file_text(path: Path) -> str:
+    """Return the text of a file, or raise InputError where it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -200,8 +236,8 @@ def _child(node: yaml.Node | None, rest: str) -> tuple[yaml.Node, int, str] | No
 
 def _after_name(item: yaml.Node, rest: str) -> str:
     """Return `rest` without the name of a list's item, which messages put behind its number, and the dot."""
-    fields = item.value if isinstance(item, yaml.MappingNode) else []
-    for name in (str(value.value) for key, value in fields if key.value == "name"):
+    entries = item.value if isinstance(item, yaml.MappingNode) else []
+    for name in (str(value.value) for key, value in entries if key.value == "name"):
         for shown in (f" {name!r}", f" {name}"):
             if rest.startswith(shown):
                 return rest[len(shown) :].removeprefix(".")
@@ -209,13 +245,7 @@ def _after_name(item: yaml.Node, rest: str) -> str:
 
 
 def parse_document(content: str) -> dict[str, Any]:
-    """Return the mapping that YAML text holds; nothing at all is an empty mapping.
-
-    Raises
-    ------
-    InputError
-        If it is not YAML (the message names the line) or holds no mapping.
-    """
+    """Return the mapping that YAML text holds, empty where there is none; raise InputError for anything else."""
     _check_depth(content)
     try:
         data = yaml.load(content, Loader=_StrictLoader)

@@ -15,12 +15,8 @@ class SafeOmplError(Exception):
 class InputError(SafeOmplError, ValueError):
     """A value given by the user cannot be used.
 
-    Parameters
-    ----------
-    message : str
-        What is wrong, with the offending value, and what would be right.
-    source : str, optional
-        The file (and key) that the value came from; put before the message.
+    The message says what is wrong, with the offending value, and what would be right; `source` is the file (and key)
+    that it came from, put before the message.
     """
 
     def __init__(self, message: str, source: str | None = None) -> None:
@@ -28,19 +24,7 @@ class InputError(SafeOmplError, ValueError):
 
 
 class UnknownNameError(InputError):
-    """A name that does not exist, with the names that do.
-
-    Parameters
-    ----------
-    kind : str
-        What is named: "joint", "link", "planner", …
-    name : str
-        The name that was asked for.
-    known : iterable of str
-        The names that exist.
-    source : str, optional
-        The file (and key) that the name came from.
-    """
+    """A `name` of a `kind` ("joint") that does not exist, with the `known` ones; `source` as for `InputError`."""
 
     def __init__(self, kind: str, name: object, known: Iterable[str], source: str | None = None) -> None:
         known = tuple(known)

@@ -1,4 +1,4 @@
-"""Checks of what users give: numbers, flags, text, arrays and configurations, with messages of one form.
+"""Types of arrays, and checks of what users give: numbers, flags, text, arrays and configurations.
 
 Every function takes what people have (Python's and NumPy's scalars, lists, arrays), returns it as the plain type that
 it stands for, or raises an `InputError` that reads ``<name> must be <what would be right>, got <what was given>``.
@@ -8,13 +8,18 @@ A bool is never taken for a number, and NaN never for a value.
 from __future__ import annotations
 
 import math
+import re
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from safe_ompl.common.errors import InputError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.intp]
+BoolArray: TypeAlias = NDArray[np.bool_]
 
 _SHOWN = 200  # characters of a value in a message
 _LISTED = 12  # numbers of an array in a message
@@ -31,23 +36,9 @@ def number(
     at_most: float | None = None,
     kind: str = "number",
 ) -> float:
-    """Return `value` as a finite float within bounds.
+    """Return `value` as a finite float within bounds (of the lower ones at most one), or raise InputError.
 
-    Parameters
-    ----------
-    name : str
-        What the value is, for the message.
-    value : number
-        What the user gave.
-    above, at_least, at_most : float, optional
-        Bounds; of the lower ones at most one.
-    kind : str
-        What sort of number it is, for the message: "length", "number of seconds".
-
-    Raises
-    ------
-    InputError
-        If it is not a number, not finite, or out of bounds.
+    For the message: `name` says what the value is, `kind` what sort of number it is ("length", "number of seconds").
     """
     if type(value) is float and above is at_least is at_most is None and math.isfinite(value):
         return value  # as nearly all are; the rest takes five times as long
@@ -66,13 +57,7 @@ def number(
 
 
 def whole_number(name: str, value: Any, *, at_least: int | None = None, at_most: int | None = None) -> int:
-    """Return `value` as an int within bounds; a float is refused, even 3.0.
-
-    Raises
-    ------
-    InputError
-        If it is not a whole number, or out of bounds.
-    """
+    """Return `value` as an int within bounds, or raise InputError; a float is refused, even 3.0."""
     plain = _scalar(value)
     if isinstance(plain, Integral) and not isinstance(plain, bool):
         result = int(plain)
@@ -106,22 +91,13 @@ def text(name: str, value: Any) -> str:
     return str(value)
 
 
-def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> NDArray[np.float64]:
-    """Return `value` as a new float array of the given shape, free of NaN and infinity.
-
-    Parameters
-    ----------
-    value : array_like
-        What the user gave.
-    shape : tuple
-        Expected shape; None stands for any length.
-    name : str
-        What the value is, for the message.
+def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
+    """Return `value` as a new float array of the given shape (None: any length), free of NaN and infinity.
 
     Raises
     ------
     InputError
-        If it is not numeric, has another shape, or holds NaN or infinity.
+        If it is not numeric, has another shape, or holds NaN or infinity; the message starts with `name`.
     """
     array = float_array(value, shape, name)
     if not np.isfinite(array).all():
@@ -129,7 +105,7 @@ def finite_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> 
     return array
 
 
-def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> NDArray[np.float64]:
+def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
     """Return `value` as `finite_array` does, but let NaN and infinity pass: for the data of sensors."""
     try:
         given = np.asarray(value)
@@ -146,20 +122,14 @@ def float_array(value: ArrayLike, shape: tuple[int | None, ...], name: str) -> N
     return array
 
 
-def configuration(q: ArrayLike, n: int, name: str = "configuration") -> NDArray[np.float64]:
-    """Return `q` as a float array (n,); what is one already is returned as it is, within half a microsecond.
-
-    Raises
-    ------
-    InputError
-        If it is not numeric, has another shape, or holds NaN or infinity.
-    """
+def configuration(q: ArrayLike, n: int, name: str = "configuration") -> FloatArray:
+    """Return `q` as a float array (n,), itself where it is one (half a microsecond); errors as `finite_array`."""
     if type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == (n,) and math.isfinite(q.dot(q)):
         return q
     return finite_array(q, (n,), name)
 
 
-def configurations(Q: ArrayLike, n: int) -> NDArray[np.float64]:
+def configurations(Q: ArrayLike, n: int) -> FloatArray:
     """Return `Q` as a float array (B, n); see `configuration`."""
     is_batch = isinstance(Q, np.ndarray) and Q.dtype is _FLOAT and Q.ndim == 2 and Q.shape[1] == n
     if isinstance(Q, np.ndarray) and is_batch and math.isfinite(np.vdot(Q, Q)):
@@ -167,13 +137,13 @@ def configurations(Q: ArrayLike, n: int) -> NDArray[np.float64]:
     return finite_array(Q, (None, n), "configurations")
 
 
-def edge(start: ArrayLike, end: ArrayLike, n: int) -> NDArray[np.float64]:
+def motion_ends(start: ArrayLike, end: ArrayLike, n: int) -> FloatArray:
     """Return the ends (2, n) of a motion as a float array; errors as `configuration`."""
     return np.array([configuration(start, n, "start of a motion"), configuration(end, n, "end of a motion")])
 
 
-def unchecked(q: ArrayLike, n: int, name: str) -> NDArray[np.float64]:
-    """Return `q` as a float array (n,); the caller must check that what is one already is finite."""
+def shaped_configuration(q: ArrayLike, n: int, name: str) -> FloatArray:
+    """Return `q` as a float array (n,); that what is one already is finite is for the caller to check."""
     if type(q) is np.ndarray and q.dtype is _FLOAT and q.shape == (n,):
         return q
     return finite_array(q, (n,), name)
@@ -185,8 +155,8 @@ def positive(value: Any, name: str, kind: str = "number") -> float:
 
 
 def shown(value: Any) -> str:
-    """Return how a value reads in a message: its `repr`, cut where it is long."""
-    written = repr(value)
+    """Return how a value reads in a message: its `repr` on one line, cut where it is long."""
+    written = re.sub(r"\s*\n\s*", " ", repr(value))
     return written if len(written) <= _SHOWN else f"{written[:_SHOWN]}…"
 
 
@@ -215,8 +185,36 @@ def _bounded(sort: str, kind: str, above: float | None, at_least: float | None, 
     return f"a {sort} {kind} in {opening}{least:g}, {at_most:.10g}]"
 
 
-def _not_finite(array: NDArray[np.float64]) -> str:
+def _not_finite(array: FloatArray) -> str:
     if array.size <= _LISTED:
         return str(array.tolist())
     first = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
     return f"{array[first]} at {list(first)}"
+
+
+def halton_point(index: int, dimension: int) -> FloatArray:
+    """Return point number `index` ≥ 1 of Halton's sequence in [0, 1)ⁿ, which fills the cube evenly.
+
+    Its i-th coordinate is the radical inverse of the index in the i-th prime: the digits mirrored at the point.
+    """
+    return np.array([_radical_inverse(index, prime) for prime in first_primes(dimension)])
+
+
+def first_primes(count: int) -> list[int]:
+    """Return the first `count` primes."""
+    primes: list[int] = []
+    candidate = 2
+    while len(primes) < count:
+        if all(candidate % prime for prime in primes):
+            primes.append(candidate)
+        candidate += 1
+    return primes
+
+
+def _radical_inverse(index: int, base: int) -> float:
+    inverse, place = 0.0, 1.0
+    while index:
+        index, digit = divmod(index, base)
+        place /= base
+        inverse += digit * place
+    return inverse

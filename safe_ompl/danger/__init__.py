@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from safe_ompl.danger.certified import CertifiedDanger, DangerBounds, DangerLimit
     from safe_ompl.danger.field import DangerField
     from safe_ompl.danger.kinetostatic import KinetostaticField
-    from safe_ompl.danger.link_field import segment_bounds
     from safe_ompl.danger.motion_rates import JointMotions
 
 __all__ = [
@@ -20,7 +19,6 @@ __all__ = [
     "DangerLimit",
     "JointMotions",
     "KinetostaticField",
-    "segment_bounds",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

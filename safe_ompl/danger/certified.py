@@ -1,8 +1,4 @@
-"""Certified danger: proven bounds of the peak danger of an edge and of a path, from few evaluations.
-
-Samples give a lower bound of the peak, and `maths.bounds` an upper one for everything between two samples. The
-interval with the highest bound is halved until both agree within a tolerance.
-"""
+"""Certified danger: proven bounds of the peak danger of an edge and of a path, from few evaluations."""
 
 from __future__ import annotations
 
@@ -12,8 +8,9 @@ from math import inf
 from numpy.typing import ArrayLike
 
 from safe_ompl.collision import MotionVerdict, Verdict
-from safe_ompl.common import InputError, edge, positive
+from safe_ompl.common import FloatArray, InputError, motion_ends, positive
 from safe_ompl.danger.field import DangerField
+from safe_ompl.danger.link_field import segment_bounds
 from safe_ompl.danger.search import PeakSearch
 
 _WITNESS = ("danger", "its limit")
@@ -23,16 +20,8 @@ _WITNESS = ("danger", "its limit")
 class DangerBounds:
     """What is proven of the peak danger of a motion: lower ≤ peak ≤ upper.
 
-    Attributes
-    ----------
-    lower : float
-        The largest danger found.
-    upper : float
-        No configuration of the motion is more dangerous; +inf where it cannot be kept from a danger point.
-    edge : int
-        The edge where `lower` was found,
-    at : float
-        and at which fraction of it.
+    The largest danger found, `lower`, is on the edge `edge`, at the fraction `at` of it. No configuration of the motion
+    is more dangerous than `upper`, +inf where it cannot be kept from a danger point.
     """
 
     lower: float
@@ -60,9 +49,10 @@ class CertifiedDanger:
 
     Notes
     -----
-    Speed and acceleration of the key points at the ends of an interval are computed exactly, and the proven bounds of
-    `KeypointRates` say how far they can grow between. From that `maths.bounds.chords` bounds the field of every link at
-    every danger point. Aggregates are monotone and convex in the fields, so that they inherit the bounds.
+    Samples give a lower bound of the peak. Between two of them speed and acceleration of the key points are known at
+    the ends, and `KeypointRates` bounds how far they can grow; from that `danger.kernels.danger.chords` bounds the
+    field of every link at every danger point from above. Aggregates are monotone and convex in the fields, so that they
+    inherit the bounds. The interval with the highest bound is halved until both agree within the tolerance.
     """
 
     def __init__(self, field: DangerField, tolerance: float = 0.05, floor: float = 1e-4) -> None:
@@ -80,7 +70,7 @@ class CertifiedDanger:
 
     def of_edge(self, start: ArrayLike, end: ArrayLike) -> DangerBounds:
         """Return bounds of the peak danger of the straight motion between two configurations (n,)."""
-        return self.of_path(edge(start, end, self.field.robot.n))
+        return self.of_path(motion_ends(start, end, self.field.robot.n))
 
     def of_path(self, path: ArrayLike) -> DangerBounds:
         """Return bounds of the peak danger of a path (N, n) of straight motions.
@@ -88,8 +78,7 @@ class CertifiedDanger:
         Raises
         ------
         InputError
-            If the path is empty, not finite, or leaves the limits of a prismatic joint (their strokes bound
-            the radii).
+            If it is empty, not finite, or leaves the limits of a prismatic joint (their strokes bound the radii).
         """
         search = PeakSearch(self.field, path, self.floor, lambda lower: (1 + self.tolerance) * lower)
         search.narrow()
@@ -105,15 +94,12 @@ class DangerLimit:
     field : DangerField
         The danger; its danger points must be fixed.
     limit : float
-        The largest danger that is allowed.
+        The largest danger that is allowed, > 0.
     floor : float
         [m] A motion that is nearer to the limit than about what the danger changes over this stays undecided.
-
-    Raises
-    ------
-    InputError
-        If the limit is not positive; and as `CertifiedDanger`.
     """
+
+    name = "danger"
 
     def __init__(self, field: DangerField, limit: float, floor: float = 1e-4) -> None:
         self.limit = positive(limit, "max danger")
@@ -135,32 +121,43 @@ class DangerLimit:
         """Return whether the danger at `q: (n,)` is within the limit."""
         return self.danger(q) <= self.limit
 
+    def holds_within(self, q: FloatArray, steps: FloatArray) -> bool:
+        """Return whether no configuration is more dangerous, proven, whose joints are within `steps: (n,)` of `q`."""
+        return _danger_within(self.field, q, steps) <= self.limit
+
     def allows_motion(self, start: ArrayLike, end: ArrayLike) -> bool:
         """Return whether the danger is proven to keep to the limit on the straight motion between two (n,)."""
         return self.check(start, end).verdict is Verdict.FREE
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
-        """Check the straight motion between two configurations (n,).
+        """Check the straight motion between two configurations (n,); errors as `CertifiedDanger.of_path`.
 
         Returns
         -------
         MotionVerdict
             FREE: no configuration is more dangerous, proven. BLOCKED: the one at `at` is. UNDECIDED: near `at` the
             danger is too near to the limit to tell. The `pair` is "danger" and "its limit".
-
-        Raises
-        ------
-        InputError
-            As `CertifiedDanger.of_path`.
         """
         bounds = self._bounds
-        ends = edge(start, end, bounds.field.robot.n)
-        search = PeakSearch(
-            bounds.field, ends, bounds.floor, lambda lower: inf if lower > self.limit else self.limit
-        )
+        ends = motion_ends(start, end, bounds.field.robot.n)
+        ceiling = self.limit
+        search = PeakSearch(bounds.field, ends, bounds.floor, lambda low: inf if low > ceiling else ceiling)
         search.narrow(give_up=True)
         if search.best.danger > self.limit:
             return MotionVerdict(Verdict.BLOCKED, search.best.t, _WITNESS)
         if search.upper > self.limit:
             return MotionVerdict(Verdict.UNDECIDED, search.undecided_at, _WITNESS)
         return MotionVerdict(Verdict.FREE)
+
+
+def _danger_within(field: DangerField, q: FloatArray, steps: FloatArray) -> float:
+    """Return a proven bound of the danger while the joints are within `steps: (n,)` of `q: (n,)`; +inf: not known."""
+    robot = field.robot
+    fields, distances = field.link_fields(robot.keypoints(q)[None])
+    moved = (robot.bounds.keypoint_radii @ steps)[robot.segments].max(axis=1)
+    grown = segment_bounds(fields, distances, moved[:, None])
+    if field.weighting == "length":
+        if field.segments.lengths is None:
+            return float("inf")
+        grown *= field.segments.lengths.reshape(1, -1, 1)
+    return float(field.aggregated(grown.sum(axis=1))[0])

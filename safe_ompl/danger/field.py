@@ -9,12 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, number, positive
-from safe_ompl.danger import link_field as maths
-from safe_ompl.danger.evaluation import AGGREGATES, Aggregate, Evaluation, PointGroups
+from safe_ompl.danger.kernels.groups import Points
 from safe_ompl.danger.kinetostatic import LEAD, KinetostaticField
-from safe_ompl.danger.link_field import Weighting
-from safe_ompl.danger.points import DangerousObstacles, DangerPoints, PointSource
-from safe_ompl.danger.robot_field import RobotField
+from safe_ompl.danger.link_field import RobotField, Weighting, segment_distances, segment_fields
+from safe_ompl.danger.points import (
+    AGGREGATES,
+    Aggregate,
+    DangerousObstacles,
+    DangerPoints,
+    Evaluation,
+    PointSource,
+)
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -55,17 +60,13 @@ class DangerField(RobotField):
 
     Attributes
     ----------
-    robot, aggregate, weighting, k1, k2, gamma, sharpness, tolerance, counts
-        As given.
     revision : int
         How often obstacles have moved. What was computed at another revision is of another scene.
 
     Raises
     ------
     InputError
-        If the robot has no links; if points or weights have the wrong shape, are not finite,
-        or weights are not positive; if `aggregate` or `weighting` is unknown; if `k1` or `sharpness` is not positive,
-        or `tolerance` is not in [0, 0.1].
+        If the robot has no links, or a value is out of range, of the wrong shape, not finite or unknown.
 
     Notes
     -----
@@ -73,9 +74,7 @@ class DangerField(RobotField):
     this leaves out (∂CDF/∂p)·(dp/dq). It vanishes where a point stays (on a corner, say) and where it is the
     point of its obstacle at which the field is greatest (envelope theorem). The point *nearest* to the robot
     is close to that one but not the same: there the gradient is an approximation, the better the smaller the
-    obstacle. Values are exact for the points used.
-
-    With "max" the gradient is that of the most dangerous point: one of the subgradients where two points tie.
+    obstacle. With "max" the gradient is that of the most dangerous point: one of the subgradients where two points tie.
 
     More than 400 fixed points are kept in groups of neighbours. The maximum over them is exact: groups that cannot
     hold it are left out. In a mean or a softmax far groups count by their centre, as many as have proven errors that
@@ -110,14 +109,8 @@ class DangerField(RobotField):
         self.k2 = LEAD * self.k1 if k2 is None else number("k2", k2, at_least=0.0)
         self.gamma = number("gamma", gamma, at_least=0.0)
         self.tolerance = number("tolerance", tolerance, at_least=0.0, at_most=0.1)
-        self._evaluation = Evaluation(
-            robot,
-            self._segments,
-            by_length=weighting == "length",
-            aggregate=aggregate,
-            sharpness=self.sharpness,
-            tolerance=self.tolerance,
-        )
+        measure = aggregate, self.sharpness, self.tolerance
+        self._evaluation = Evaluation(robot, self.segments, self._by_length, measure)
         self._obstacles: DangerousObstacles | None = None
         self._frozen: DangerField | None = None
         self.revision = 0
@@ -129,16 +122,7 @@ class DangerField(RobotField):
     ) -> DangerField:
         """Return the field at the danger points of a scene (`Scene.danger_points`); it can `move` with them.
 
-        Parameters
-        ----------
-        robot : Robot
-            The robot.
-        scene : Scene
-            The obstacles.
-        spacing : float, optional
-            Distance between danger points [m]; default: the scene's own.
-        **options
-            As of the class.
+        `spacing` is the distance between danger points [m], by default the scene's own; options are those of the class.
         """
         obstacles = DangerousObstacles(scene, spacing)
         field = cls(robot, *obstacles.points, **options)
@@ -149,20 +133,14 @@ class DangerField(RobotField):
     def move(self, scene: Scene) -> None:
         """Take the danger points of a scene in which nothing but places of obstacles differs, such as `Scene.moved`.
 
-        From here on the danger is that of a field made anew for that scene.
-
-        Raises
-        ------
-        InputError
-            If anything else differs, or the field was not made by `of_scene`. Then it stays as it was.
+        From here on the danger is that of a field made anew for that scene. Raises InputError if anything else differs,
+        or the field was not made by `of_scene`. Then it stays as it was.
         """
-        if self._of_known_scene.move(scene):
-            self._take_obstacles()
+        self._follow(self._of_known_scene.move(scene))
 
     def stand_in(self, scene: Scene) -> None:
         """Take the danger points of any other scene; errors as `move`."""
-        if self._of_known_scene.replace(scene):
-            self._take_obstacles()
+        self._follow(self._of_known_scene.replace(scene))
 
     @property
     def _of_known_scene(self) -> DangerousObstacles:
@@ -172,9 +150,10 @@ class DangerField(RobotField):
             )
         return self._obstacles
 
-    def _take_obstacles(self) -> None:
-        self._take_points(DangerPoints(*self._of_known_scene.points, self.k1))
-        self.revision += 1
+    def _follow(self, moved: bool) -> None:
+        if moved:
+            self._take_points(DangerPoints(*self._of_known_scene.points, self.k1))
+            self.revision += 1
 
     def _take_points(self, points: DangerPoints) -> None:
         """Take danger points and what follows from them, at once, as other threads may ask."""
@@ -217,10 +196,7 @@ class DangerField(RobotField):
     def value(self, q: ArrayLike) -> float:
         """Return the danger CDF(q) at `q: (n,)`; +inf where a segment passes through a danger point.
 
-        Raises
-        ------
-        InputError
-            If `q` has the wrong shape or is not finite.
+        Raises InputError if `q` has the wrong shape or is not finite.
         """
         return float(self._danger(self._single(q))[0])
 
@@ -229,13 +205,7 @@ class DangerField(RobotField):
         return self._danger(self._batch(Q))
 
     def gradient(self, q: ArrayLike) -> FloatArray:
-        """Return ∇CDF(q), (n,), at `q: (n,)` [danger/rad or danger/m]; see the Notes of the class.
-
-        Raises
-        ------
-        InputError
-            If `q` has the wrong shape or is not finite.
-        """
+        """Return ∇CDF(q), (n,), at `q: (n,)` [danger/rad or danger/m]; see the Notes of the class. Errors: `value`."""
         gradient: FloatArray = self.gradients(self._single(q))[0]
         return gradient
 
@@ -246,54 +216,37 @@ class DangerField(RobotField):
     def values_and_gradients(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)` at the cost of the gradients."""
         Q = self._batch(Q)
-        field = self.frozen()
-        points, charges = field._prepared(Q)
-        if not points.size:
+        points = self.frozen()._points_for(Q)
+        if not points.columns.size:
             return np.zeros(len(Q)), np.zeros(Q.shape)
-        if field._groups is not None:
-            return self._evaluation.grouped_values_and_gradients(Q, field._groups)
-        return self._evaluation.values_and_gradients(Q, points, charges)
+        return self._evaluation.values_and_gradients(Q, points)
 
     def terms_above(self, Q: ArrayLike, level: float) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the terms of the danger that are above a level at `Q: (B, n)`.
+        """Return rows (C,), values (C,) and gradients (C, n) of the terms of the danger above a level at `Q: (B, n)`.
 
         Where the danger is the maximum over danger points, its terms are w_m CDF(p_m); else it is its own only term.
-
-        Returns
-        -------
-        rows : ndarray of int, shape (C,)
-            Configuration of each of them.
-        values : ndarray, shape (C,)
-        gradients : ndarray, shape (C, n)
-            [danger/rad or danger/m]
-
-        Raises
-        ------
-        InputError
-            If `Q` has the wrong shape or is not finite.
+        Gradients are in danger/rad or danger/m, errors as `value`.
         """
         Q = self._batch(Q)
         if self.aggregate != "max":
             values, gradients = self.values_and_gradients(Q)
             above = np.flatnonzero(values > level)
             return above, values[above], gradients[above]
-        points, charges = self._prepared(Q)
-        levels = self._evaluation.levels(Q, points, charges)
+        points = self._every_point(Q)
+        levels = self._evaluation.levels(Q, points)
         rows, terms = np.nonzero(levels > level)
-        alone = points[rows % len(points), :, terms][..., None]  # each term is the danger of its point alone
-        _, gradients = self._evaluation.values_and_gradients(Q[rows], alone, charges[0, terms][:, None])
-        return rows, levels[rows, terms], gradients
+        # Each term is the danger of its point alone.
+        alone = points.columns[rows % len(points.columns), :, terms][..., None]
+        own = points._replace(columns=alone, charges=points.charges[0, terms][:, None])
+        return rows, levels[rows, terms], self._evaluation.values_and_gradients(Q[rows], own)[1]
 
     def most_dangerous_point(self, q: ArrayLike) -> int:
         """Return the index of the danger point with the largest w_m CDF(p_m) at `q: (n,)`.
 
-        Raises
-        ------
-        InputError
-            If `q` has the wrong shape or is not finite, or there are no danger points.
+        Errors as `value`; also if there are no danger points.
         """
         Q = self._single(q)
-        levels = self._evaluation.levels(Q, *self._prepared(Q))[0]
+        levels = self._evaluation.levels(Q, self._every_point(Q))[0]
         if not len(levels):
             raise InputError("there are no danger points; give an obstacle a weight > 0")
         return int(levels.argmax())
@@ -311,85 +264,55 @@ class DangerField(RobotField):
     def _minimum(self) -> float:
         if self.points is None or not len(self.points):
             return 0.0
-        if self.weighting == "length" and self._segments.lengths is None:
+        if self.weighting == "length" and self.segments.lengths is None:
             return 0.0
         ends = self.robot.bounds.keypoint_reaches(self.points)[self.robot.segments]
         farthest = ends.max(axis=1)  # (L, M): no point of a segment is farther away than both of its ends
-        lengths = self._segments.lengths if self.weighting == "length" else None
+        lengths = self.segments.lengths if self.weighting == "length" else None
         charges = np.ones(len(farthest)) if lengths is None else lengths
         return float(self.aggregated(self.k1 * (charges @ (1.0 / farthest))[None])[0])
 
     def link_fields(self, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the field of every link at the danger points, and the points' distances from the links.
+        """Return the field of every link at the danger points, and their distances from the links [m], (B, L, M) each.
 
-        Parameters
-        ----------
-        keypoints : ndarray, shape (B, K, 3)
-            Key points of the skeleton at B configurations [m].
-
-        Returns
-        -------
-        fields : ndarray, shape (B, L, M)
-            φ_l(p_m) with unit weighting (4), unweighted; +inf on a segment.
-        distances : ndarray, shape (B, L, M)
-            [m]
-
-        Raises
-        ------
-        InputError
-            If a callable gives the danger points.
+        `keypoints: (B, K, 3)` are those of the skeleton at B configurations [m]. The fields are φ_l(p_m) with unit
+        weighting (4), unweighted; +inf on a segment. Raises InputError if a callable gives the danger points.
         """
         points = self.points
         if points is None:
             raise InputError("the danger points depend on the configuration; fields of links need fixed ones")
         self.count(keypoints, points)
         if not len(points):
-            nothing = np.zeros((len(keypoints), len(self._segments.pairs), 0))
+            nothing = np.zeros((len(keypoints), len(self.segments.pairs), 0))
             return nothing, nothing
-        fields = maths.segment_fields(keypoints, self._segments, points, k1=self.k1)
-        return fields, maths.segment_distances(keypoints, self._segments, points)
+        fields = self.k1 * segment_fields(keypoints, self.segments, points)
+        return fields, segment_distances(keypoints, self.segments, points)
 
     def aggregated(self, fields: FloatArray) -> FloatArray:
         """Return the danger (B,) where the robot's field at the danger points is `fields: (B, M)`, unweighted."""
         return self._evaluation.aggregated(fields if self.weights is None else fields * self.weights)
 
     def active(self, Q: ArrayLike, share: float) -> DangerField:
-        """Return the field of those danger points that matter near the configurations `Q: (B, n)`.
+        """Return the field of those danger points that matter near the configurations `Q: (B, n)`; errors as `value`.
 
         These are the points whose w_m CDF(p_m) reaches the given share of the maximum at one of them, at least. Where
         the danger is a mean, or a callable gives the points, all of them matter, and the field itself is returned.
-
-        Raises
-        ------
-        InputError
-            If `Q` has the wrong shape or is not finite.
         """
         field = self.frozen()
         points, weights = field.points, field.weights
         if points is None or not len(points) or self.aggregate != "max":
             return self
         Q = self._batch(Q)
-        levels = self._evaluation.levels(Q, *field._prepared(Q))
+        levels = self._evaluation.levels(Q, field._every_point(Q))
         near = (levels >= share * levels.max(axis=1, keepdims=True)).any(axis=0)
-        return (
-            self if near.all() else self.with_points(points[near], None if weights is None else weights[near])
-        )
+        if near.all():
+            return self
+        return self.with_points(points[near], None if weights is None else weights[near])
 
     def with_points(self, points: FloatArray, weights: FloatArray | None) -> DangerField:
         """Return the field at other danger points (M, 3) with weights (M,)."""
-        return DangerField(
-            self.robot,
-            points,
-            weights,
-            aggregate=self.aggregate,
-            weighting=self.weighting,
-            k1=self.k1,
-            sharpness=self.sharpness,
-            tolerance=self.tolerance,
-            k2=self.k2,
-            gamma=self.gamma,
-            counts=self.counts,
-        )
+        keys = ("aggregate", "weighting", "k1", "sharpness", "tolerance", "k2", "gamma", "counts")
+        return DangerField(self.robot, points, weights, **{key: getattr(self, key) for key in keys})
 
     def push(self, q: ArrayLike) -> FloatArray:
         """Return the joint motion (n,) that the field's vectors ask for at `q: (n,)`, Σ_m Σ_l J_lᵀ w_m CDF(p_m).
@@ -418,27 +341,23 @@ class DangerField(RobotField):
         return points, shares if self.weights is None else shares * self.weights
 
     def _danger(self, Q: FloatArray) -> FloatArray:
-        field = self.frozen()
-        points, charges = field._prepared(Q)
-        if not points.size:
-            return np.zeros(len(Q))
-        if field._groups is not None:
-            return self._evaluation.grouped_values(Q, field._groups)
-        return self._evaluation.values(Q, points, charges)
+        points = self.frozen()._points_for(Q)
+        return self._evaluation.values(Q, points) if points.columns.size else np.zeros(len(Q))
 
     @property
-    def groups(self) -> PointGroups | None:
+    def groups(self) -> Points | None:
         """The danger points in groups, where there are many of which a maximum is sought; else None."""
-        return self._groups if self.aggregate == "max" else None
+        return self._danger_points.groups if self.aggregate == "max" else None
 
-    @property
-    def _groups(self) -> PointGroups | None:
-        """The danger points in groups, where not all of them need be looked at."""
+    def _every_point(self, Q: FloatArray) -> Points:
+        """Return the danger points for kernels, without groups, and count an evaluation."""
+        points = self._danger_points.prepared(Q)
+        self.count(Q, points.columns.transpose(0, 2, 1))
+        return points
+
+    def _points_for(self, Q: FloatArray) -> Points:
+        """Return the same, in groups where not all of them need be looked at."""
+        points = self._every_point(Q)
         exact = self.aggregate != "max" and self.tolerance == 0.0
-        return None if exact else self._danger_points.groups
-
-    def _prepared(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return danger points (1 or B, 3, M) and charges (1, M) for kernels, and count an evaluation."""
-        points, charges = self._danger_points.prepared(Q)
-        self._count(len(Q), points.shape[2])
-        return points, charges
+        groups = None if exact else self._danger_points.groups
+        return points if groups is None else groups

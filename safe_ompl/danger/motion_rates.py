@@ -11,18 +11,7 @@ from safe_ompl.robot import Robot
 
 
 class JointMotions:
-    """The frames and twists of a robot's joints while they move.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-
-    Attributes
-    ----------
-    prismatic : ndarray of bool, shape (m,)
-        Which of the m joints of Pinocchio's model slide.
-    """
+    """The frames and twists of a robot's joints while they move; `prismatic: (m,)` says which slide."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -35,19 +24,10 @@ class JointMotions:
     def twists(
         self, origins: FloatArray, axes: FloatArray, rates: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return what each joint adds to the motion of what it carries: x moves with angular × x + linear.
+        """Return what each joint adds to what it carries, (B, m, 3) each: x moves with angular × x + linear.
 
-        Parameters
-        ----------
-        origins, axes : ndarray, shape (B, m, 3)
-            From `frames`.
-        rates : ndarray, shape (B, n)
-            Rates of the planned joints.
-
-        Returns
-        -------
-        two ndarrays, shape (B, m, 3)
-            Angular, and linear at the origin of the world.
+        `origins` and `axes` are those of `frames`, `rates: (B, n)` of the planned joints. The linear part is that at
+        the origin of the world.
         """
         moved = self.robot.coupling.motions(rates)[..., None] * axes
         sliding = self.prismatic[:, None]
@@ -56,15 +36,10 @@ class JointMotions:
 
 @dataclass(frozen=True)
 class KeypointRates:
-    """Proven bounds over whole edges q₁ + tΔ, t ∈ [0, 1].
+    """Proven bounds of speed, acceleration and jerk (E, K) [m] of the key points over whole edges q₁ + tΔ, t ∈ [0, 1].
 
     Differentiated by joints i ≤ j, counted from the base, key point k changes by at most R̄_kj, the proven radius, if
     joint i turns, and not at all if it slides; and so on for more joints.
-
-    Attributes
-    ----------
-    speed, acceleration, jerk : ndarray, shape (E, K)
-        Of the K key points of the skeleton on E edges [m].
     """
 
     speed: FloatArray
@@ -91,20 +66,10 @@ class KeypointRates:
     def between(
         self, edges: IntArray, h: FloatArray, first: FloatArray, last: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of speed and acceleration between two configurations of an edge.
+        """Return bounds of speed and acceleration, each (I, K), between two configurations of an edge, of I intervals.
 
-        Parameters
-        ----------
-        edges : ndarray of int, shape (I,)
-            The edge of each of I intervals.
-        h : ndarray, shape (I,)
-            Their lengths, as fractions of the edge.
-        first, last : ndarray, shape (I, 2, K)
-            The exact speed and acceleration at their ends.
-
-        Returns
-        -------
-        two ndarrays, shape (I, K)
+        `h: (I,)` is the length of each as a fraction of its edge, `first` and `last` (I, 2, K) are the exact speed and
+        acceleration at its ends.
         """
         middle = (first + last) / 2
         speed, acceleration = middle[:, 0], middle[:, 1]

@@ -1,45 +1,41 @@
-"""Danger points, their weights, and the obstacles that they belong to."""
+"""Danger points: their weights, obstacles and groups, and the danger that a robot has at them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sized
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, finite_array
-from safe_ompl.danger.evaluation import PointGroups
-from safe_ompl.danger.link_field import columns
+from safe_ompl.danger.kernels import danger as kernel
+from safe_ompl.danger.kernels import field as field_kernel
+from safe_ompl.danger.kernels import groups as group_kernel
+from safe_ompl.danger.kernels.groups import BALL, Points
+from safe_ompl.danger.link_field import Segments, columns
+from safe_ompl.robot import Robot, plain
 from safe_ompl.scene import Scene
 
 _MANY = 400  # points that are worth grouping
+_GROUP = 48  # points in a group
+_BLOCK = 32  # groups in a block
+_LEVELS = 12  # halvings of each side of the points' box in the curve that goes through them
+_NO_BALLS: Any = np.empty(0, BALL)
+
+Aggregate: TypeAlias = Literal["max", "mean", "softmax"]
+AGGREGATES: tuple[Aggregate, ...] = ("max", "mean", "softmax")
+_KINDS = {"max": group_kernel.MAXIMUM, "mean": group_kernel.MEAN, "softmax": group_kernel.SOFTMAX}
 
 PointSource: TypeAlias = Callable[[FloatArray], ArrayLike]
 
 
 class DangerPoints:
-    """Danger points that are fixed, or given by a callable for every configuration, with their weights.
+    """Danger points with weights (M,) > 0, 1 by default; k₁ of the field scales their charges.
 
-    Parameters
-    ----------
-    source : array_like, shape (M, 3), or callable
-        The points [m], or what maps a configuration (n,) to them, always equally many.
-    weights : array_like, shape (M,), optional
-        w > 0; 1 by default.
-    k1 : float
-        k₁ of the field, by which the charges are scaled.
-
-    Attributes
-    ----------
-    source : ndarray, shape (M, 3), read-only, or callable
-    weights : ndarray, shape (M,), read-only, or None
-
-    Raises
-    ------
-    InputError
-        If points or weights have the wrong shape, are not finite, or weights are not positive.
+    The source is an array (M, 3) [m], or a callable that maps a configuration (n,) to one, always of equally many.
+    Raises InputError if points or weights have the wrong shape, are not finite, or weights are not positive.
     """
 
     def __init__(self, source: ArrayLike | PointSource, weights: ArrayLike | None, k1: float) -> None:
@@ -47,21 +43,17 @@ class DangerPoints:
         number = None if self.fixed is None else len(self.fixed)
         self.weights: FloatArray | None = None if weights is None else _checked_weights(weights, number)
         self._k1 = k1
-        self._columns = None if self.fixed is None else columns(self.fixed)
-        self._charges = self._charged(number)
+        self._prepared = None if self.fixed is None else self._ungrouped(self.fixed)
 
     @property
     def fixed(self) -> FloatArray | None:
-        """The points (M, 3) [m]; None where a callable gives them."""
+        """The points (M, 3) [m], read-only; None where a callable gives them."""
         return self.source if isinstance(self.source, np.ndarray) else None
 
     def at(self, Q: FloatArray) -> FloatArray:
         """Return the points, (M, 3) or, where they depend on the configuration, (B, M, 3), at `Q: (B, n)`.
 
-        Raises
-        ------
-        InputError
-            If the callable gives other numbers of points, or points that are none.
+        Raises InputError if the callable gives other numbers of points, or points that are none.
         """
         if isinstance(self.source, np.ndarray):
             return self.source
@@ -73,21 +65,16 @@ class DangerPoints:
             raise InputError(f"the number of danger points must not change, got {sorted(numbers)}")
         return np.reshape(found, (len(Q), *(numbers or {1}), 3))
 
-    def prepared(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points (1 or B, 3, M) and charges k₁w (1, M), as kernels read them, at `Q: (B, n)`."""
-        if self._columns is not None and self._charges is not None:
-            return self._columns, self._charges
-        turned = columns(self.at(Q))
-        charges = self._charges if self._charges is not None else self._charged(turned.shape[2])
-        assert charges is not None
-        return turned, charges
+    def prepared(self, Q: FloatArray) -> Points:
+        """Return points (1 or B, 3, M) and charges k₁w (1, M), as kernels read them, at `Q: (B, n)`; no groups."""
+        return self._ungrouped(self.at(Q)) if self._prepared is None else self._prepared
 
     @cached_property
-    def groups(self) -> PointGroups | None:
+    def groups(self) -> Points | None:
         """The points in groups of neighbours; None where they are few, or a callable gives them."""
-        if self.fixed is None or self._charges is None or len(self.fixed) <= _MANY:
+        if self.fixed is None or self._prepared is None or len(self.fixed) <= _MANY:
             return None
-        return PointGroups.of(self.fixed, self._charges[0])
+        return grouped(self.fixed, self._prepared.charges[0])
 
     def chosen(self, points: FloatArray, rows: IntArray, terms: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return points (C, 1, 3) and weights (C, 1): for each of `rows: (C,)` the one of `terms: (C,)`."""
@@ -95,11 +82,10 @@ class DangerPoints:
         weights = np.ones(len(terms)) if self.weights is None else self.weights[terms]
         return places[:, None], weights[:, None]
 
-    def _charged(self, number: int | None) -> FloatArray | None:
-        """Return the charges (1, M); None where their number is not known."""
-        if self.weights is not None:
-            return (self._k1 * self.weights)[None]
-        return None if number is None else np.full((1, number), self._k1)
+    def _ungrouped(self, points: FloatArray) -> Points:
+        turned = columns(points)
+        weights = np.ones(turned.shape[2]) if self.weights is None else self.weights
+        return Points(turned, (self._k1 * weights)[None], _NO_BALLS)
 
 
 def _checked_points(points: ArrayLike) -> FloatArray:
@@ -124,12 +110,7 @@ def _checked_weights(weights: ArrayLike, number: int | None) -> FloatArray:
 class DangerousObstacles:
     """The danger points of a scene, and of scenes in which nothing but places of obstacles differs.
 
-    Parameters
-    ----------
-    scene : Scene
-        The obstacles.
-    spacing : float, optional
-        Distance between danger points [m]; default: the scene's own.
+    `spacing` is the distance between danger points [m]; None: the scene's own.
     """
 
     def __init__(self, scene: Scene, spacing: float | None = None) -> None:
@@ -144,10 +125,7 @@ class DangerousObstacles:
     def move(self, scene: Scene) -> bool:
         """Take the places of another scene; return whether a dangerous obstacle is elsewhere.
 
-        Raises
-        ------
-        InputError
-            If anything but places differs. Then all stays as it was.
+        Raises InputError if anything but places differs. Then all stays as it was.
         """
         before = self._scene
         if scene.names != before.names or scene.spacing != before.spacing:
@@ -165,3 +143,115 @@ class DangerousObstacles:
         changed = known[0] != known[1] or scene.spacing != self._scene.spacing
         self._scene = scene
         return changed
+
+
+# ------------------------------------------------------------------------------------------------------ groups
+
+
+def grouped(points: FloatArray, charges: FloatArray) -> Points:
+    """Return `points: (M ≥ 1, 3)` with `charges: (M,)` in groups of neighbours of the same weight, these in blocks.
+
+    Columns are (1, 3, M + H + G): after the points the centres of the H blocks and the G groups [m], means that are
+    weighted by charges; charges (1, M); balls (H + G,).
+    """
+    order = np.lexsort((_places_on_curve(points), charges))
+    points, charges = np.ascontiguousarray(points[order].T), charges[order]
+    groups, blocks = (_runs(len(order), size) for size in (_GROUP, _GROUP * _BLOCK))
+    found = [_balls(points, charges, runs) for runs in (blocks, groups)]
+    balls = np.concatenate([records for _, records in found])
+    held = np.concatenate([len(blocks) + _runs(len(groups), _BLOCK), groups])
+    balls["begin"], balls["end"] = held.T
+    places = np.concatenate([points, *(centres for centres, _ in found)], axis=1)
+    return Points(places[None], charges[None], balls)
+
+
+def _runs(number: int, size: int) -> IntArray:
+    """Return begin and end (R, 2) of runs of `size`, the last one perhaps shorter."""
+    begins = np.arange(0, number, size)
+    return np.stack([begins, np.minimum(begins + size, number)], axis=1)
+
+
+def _balls(points: FloatArray, charges: FloatArray, runs: IntArray) -> tuple[FloatArray, Any]:
+    """Return centres (3, R) and records (R,) of balls that hold the runs of points (3, M)."""
+    begins, numbers = runs[:, 0], runs[:, 1] - runs[:, 0]
+    balls = np.zeros(len(runs), BALL)
+    total = np.add.reduceat(charges, begins)
+    centres = np.add.reduceat(charges * points, begins, axis=1) / total
+    squared = np.square(points - np.repeat(centres, numbers, axis=1)).sum(axis=0)
+    balls["radius"] = np.sqrt(np.maximum.reduceat(squared, begins)) * (1 + 1e-12)
+    balls["spread"] = np.add.reduceat(charges * squared, begins) / total
+    balls["lightest"] = np.minimum.reduceat(charges, begins)
+    balls["heaviest"] = np.maximum.reduceat(charges, begins)
+    balls["charge"], balls["number"] = total / numbers, numbers
+    return centres, balls
+
+
+def _places_on_curve(points: FloatArray) -> IntArray:
+    """Return where points (M, 3) are on Hilbert's curve, whose neighbours are neighbours in space (Skilling 2004)."""
+    low = points.min(axis=0)
+    side = max(float((points.max(axis=0) - low).max()), 1e-300)
+    x = np.minimum((points - low).T / side * 2**_LEVELS, 2**_LEVELS - 1).astype(np.intp)
+    for bit in range(_LEVELS - 1, 0, -1):
+        below = (1 << bit) - 1
+        for axis in range(3):
+            swapped = (x[0] ^ x[axis]) & below
+            turned = (x[axis] >> bit) & 1 == 1
+            x[axis] ^= np.where(turned, 0, swapped)
+            x[0] ^= np.where(turned, below, swapped)
+    x[1] ^= x[0]
+    x[2] ^= x[1]
+    parity = np.zeros_like(x[0])
+    for bit in range(_LEVELS - 1, 0, -1):
+        parity ^= np.where((x[2] >> bit) & 1 == 1, (1 << bit) - 1, 0)
+    x ^= parity
+    places: IntArray = np.zeros(len(points), dtype=np.intp)
+    for bit in range(_LEVELS - 1, -1, -1):
+        for axis in range(3):
+            places = (places << 1) | ((x[axis] >> bit) & 1)
+    return places
+
+
+# -------------------------------------------------------------------------------------------------- evaluation
+
+
+class Evaluation:
+    """Danger of a robot at points given as kernels read them; nothing is checked. Arguments as of `DangerField`."""
+
+    def __init__(
+        self, robot: Robot, segments: Segments, by_length: bool, measure: tuple[Aggregate, float, float]
+    ) -> None:
+        tree = robot.kinematics
+        self._robot = robot
+        self.tables = kernel.Tables(tree.joints, tree.keypoints, segments.pairs, by_length)
+        aggregate, sharpness, tolerance = measure
+        self._aggregate = group_kernel.Aggregate(_KINDS[aggregate], sharpness, tolerance)
+        self._no_gradients = np.empty((0, len(tree.joints)))
+
+    def values(self, Q: FloatArray, points: Points) -> FloatArray:
+        """Return the danger (B,) at `Q: (B, n)`."""
+        values = plain(self._robot.coupling.values(Q))
+        dangers: FloatArray = kernel.dangers(self.tables, values, points, self._aggregate, self._no_gradients)
+        return dangers
+
+    def values_and_gradients(self, Q: FloatArray, points: Points) -> tuple[FloatArray, FloatArray]:
+        """Return the danger (B,) and its gradients (B, n) at `Q: (B, n)`."""
+        values = plain(self._robot.coupling.values(Q))
+        gradients = np.empty(values.shape)
+        dangers = kernel.dangers(self.tables, values, points, self._aggregate, gradients)
+        return dangers, self._robot.coupling.columns(gradients)
+
+    def levels(self, Q: FloatArray, points: Points) -> FloatArray:
+        """Return k₁w CDF(p) of each point, (B, M), at `Q: (B, n)`."""
+        links, by_length = self.tables.links, self.tables.by_length
+        fields = field_kernel.fields(self._robot.keypoints_batch(Q), links, points.columns, by_length)
+        return points.charges * fields
+
+    def aggregated(self, levels: FloatArray) -> FloatArray:
+        """Return the danger (B,) of levels (B, M); zero where there are none."""
+        if not levels.shape[1]:
+            return np.zeros(len(levels))
+        return kernel.aggregates(plain(levels), self._aggregate.kind, self._aggregate.sharpness)
+
+    def shares(self, levels: FloatArray) -> FloatArray:
+        """Return the derivatives (B, M) of the danger by levels (B, M)."""
+        return kernel.all_shares(levels, self._aggregate.kind, self._aggregate.sharpness)

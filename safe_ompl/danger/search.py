@@ -1,9 +1,4 @@
-"""Best-first search for the most dangerous configuration of a path, with a proven bound of what it may miss.
-
-All bounds speak of a segment whose points move smoothly for a time h, none of them faster than V or with more
-acceleration than A, and of its unit-weighted field u = ∫₀¹ dτ/ρ_τ at a point p, ρ_τ the distance of p from the
-point τ of the segment.
-"""
+"""Best-first search for the most dangerous configuration of a path, with a proven bound of what it may miss."""
 
 from __future__ import annotations
 
@@ -11,65 +6,18 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import count
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import FloatArray, InputError, IntArray, finite_array
 from safe_ompl.danger.field import DangerField
-from safe_ompl.danger.kernels import danger as kernel
+from safe_ompl.danger.kernels.danger import Ends, chords
 from safe_ompl.danger.motion_rates import KeypointRates
 from safe_ompl.robot import Robot
 
 _BATCH = 16  # intervals halved at once: many share the cost of a call, few are halved for nothing
 _ROUNDING = 1e-8  # of the arithmetic, relative
-
-
-class Ends(NamedTuple):
-    """What is known of segments at one end of an interval: fields and distances, (L, M)."""
-
-    fields: FloatArray
-    distances: FloatArray
-
-
-def chords(
-    first: Ends,
-    last: Ends,
-    duration: float,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    lengths: FloatArray,
-) -> FloatArray:
-    """Return the ends of straight lines that lie above Σ_l length_l·u_l(t) throughout an interval.
-
-    Of two bounds of each u the lower one is taken. Seen from the nearer end no point moves farther than δ = Vh/2, so
-    u ≤ U = max u·D/(D − δ) over both ends (`segment_bounds`): a level line. And along a curve 1/ρ has the second
-    derivative vᵀ∇²(1/ρ)v + ∇(1/ρ)·a ≥ −v²/ρ³ − a/ρ², for ∇²(1/ρ) has the eigenvalues 2/ρ³ and −1/ρ³. As ρ never falls
-    below D̲ = (D₁ + D₂ − Vh)/2, u'' ≥ −U(V²/D̲² + A/D̲), and u stays below the chord from u₁ to u₂ raised by
-
-        U (V²/D̲² + A/D̲) h²/8.
-
-    The first bound is linear in h, the second quadratic: near a smooth peak it needs a fifth of the intervals.
-
-    Parameters
-    ----------
-    first, last : Ends
-        Where the interval begins and ends; arrays as `segment_fields` and `segment_distances` return them.
-    duration : float
-        h.
-    speed, acceleration : ndarray, shape (L,)
-        V [m] and A [m].
-    lengths : ndarray, shape (L,)
-        What the field of each segment is multiplied by: 1, or at least its length [m] throughout the interval.
-
-    Returns
-    -------
-    ndarray, shape (2, M)
-        The lines at the beginning and at the end; +inf where a segment may reach the point.
-    """
-    moves = np.ascontiguousarray(speed), np.ascontiguousarray(acceleration)
-    return kernel.chords(*first, *last, duration, *moves, lengths)
 
 
 @dataclass(frozen=True)
@@ -98,23 +46,11 @@ class _Interval:
 
 
 class PeakSearch:
-    """Halves the intervals of a path that may be the most dangerous ones.
+    """Halves the intervals of a path that may be the most dangerous ones; `best` is the most dangerous sample found.
 
-    Parameters
-    ----------
-    field : DangerField
-        The danger; its danger points must be fixed.
-    path : array_like, shape (N, n)
-        Way points.
-    floor : float
-        [m] Intervals in which the robot moves less are not halved any more.
-    ceiling : callable
-        Maps the largest danger found to the bound that is good enough. It must not fall as more is found.
-
-    Attributes
-    ----------
-    best : Sample
-        The most dangerous configuration found.
+    The field has fixed danger points, the path way points (N, n). Intervals in which the robot moves less than the
+    floor [m] are not halved any more. The ceiling maps the largest danger found to the bound that is good enough; it
+    must not fall as more is found.
     """
 
     best: Sample
@@ -129,22 +65,23 @@ class PeakSearch:
         _check_strokes(robot, points)
         field = field.frozen()  # what is proven is of the same danger points from the beginning to the end
         self._field, self._floor, self._ceiling = field, floor, ceiling
-        lengths = field.segments.lengths
-        self._lengths = lengths
+        self._lengths = field.segments.lengths
         points = points if len(points) > 1 else points[[0, 0]]
         self._starts, ends = points[:-1], points[1:]
         self._deltas = robot.difference(self._starts, ends)
         self._rates = KeypointRates.of(robot, self._deltas)
-        self._stroke_rates = np.abs(robot.coupling.motions(self._deltas))[:, robot.joint_prismatic].sum(
-            axis=1
-        )
+        strokes = np.abs(robot.coupling.motions(self._deltas))[:, robot.joint_prismatic]
+        self._stroke_rates = strokes.sum(axis=1)
         self._heap: list[tuple[float, int, _Interval]] = []
         self._undecided: list[_Interval] = []
         self._settled = 0.0  # highest bound of the intervals that need no more halving; they are not kept
         self._order = count()
         for first in range(0, len(ends), _BATCH):
             edges = self._whole_edges(first, min(first + _BATCH, len(ends)))
-            self.best = max(([self.best] if first else []) + [s for pair in edges for s in pair], key=_danger)
+            self.best = max(
+                ([self.best] if first else []) + [s for pair in edges for s in pair],
+                key=lambda sample: sample.danger,
+            )
             self._push(edges)
 
     @property
@@ -165,8 +102,10 @@ class PeakSearch:
             chosen = list(self._above())
             if not chosen:
                 return
-            middles = self._sampled([(interval.first.edge, interval.middle) for interval in chosen])
-            self.best = max(self.best, *middles, key=_danger)
+            places = [(interval.first.edge, interval.middle) for interval in chosen]
+            points, *motions = self._motions(places)
+            middles = self._samples(places, *motions, *self._evaluated(points))
+            self.best = max(self.best, *middles, key=lambda sample: sample.danger)
             halves = []
             for interval, middle in zip(chosen, middles, strict=True):
                 halves += [(interval.first, middle), (middle, interval.last)]
@@ -187,10 +126,6 @@ class PeakSearch:
             else:
                 number += 1
                 yield interval
-
-    def _sampled(self, places: list[tuple[int, float]]) -> list[Sample]:
-        points, speeds, pushes = self._motions(places)
-        return self._samples(places, speeds, pushes, *self._evaluated(points))
 
     def _whole_edges(self, first: int, last: int) -> list[tuple[Sample, Sample]]:
         """Return start and end of some edges; a way point between two of them is evaluated once."""
@@ -218,12 +153,11 @@ class PeakSearch:
         lengths = self._link_lengths(points)
         return self._field.aggregated((lengths[..., None] * fields).sum(axis=1)), fields, distances, lengths
 
-    def _samples(
-        self, places: list[tuple[int, float]], speeds: FloatArray, pushes: FloatArray, *evaluated: FloatArray
-    ) -> list[Sample]:
+    def _samples(self, places: list[tuple[int, float]], *found: FloatArray) -> list[Sample]:
+        """Return samples; `found` are speeds, accelerations, and what `_evaluated` returns."""
         return [
             Sample(edge, t, float(danger), Ends(u, d), length, v, a)
-            for (edge, t), v, a, danger, u, d, length in zip(places, speeds, pushes, *evaluated, strict=True)
+            for (edge, t), v, a, danger, u, d, length in zip(places, *found, strict=True)
         ]
 
     def _link_lengths(self, points: FloatArray) -> FloatArray:
@@ -253,27 +187,11 @@ class PeakSearch:
         speed, acceleration = self._rates.between(edges, h, *known)
         links = self._field.robot.segments
         bounds = speed[:, links].max(axis=2), acceleration[:, links].max(axis=2)
-        uppers = [
-            self._upper(*pair, *motion)
-            for pair, *motion in zip(pairs, h.tolist(), *bounds, self._longest(pairs, edges, h), strict=True)
-        ]
+        motions = zip(pairs, h.tolist(), *bounds, self._longest(pairs, edges, h), strict=True)
+        lines = (chords(first.ends, last.ends, *motion) for (first, last), *motion in motions)
+        # Aggregates are convex and grow with each level: above two ends of a line they are above all of it.
+        uppers = [float(self._field.aggregated(ends).max()) for ends in lines]
         return uppers, (speed.max(axis=1) * h).tolist()
-
-    def _upper(
-        self,
-        first: Sample,
-        last: Sample,
-        h: float,
-        speed: FloatArray,
-        acceleration: FloatArray,
-        lengths: FloatArray,
-    ) -> float:
-        """Return an upper bound of the danger between two samples.
-
-        Aggregates are convex and grow with each level: above two ends of a line they are above all of it.
-        """
-        lines = chords(first.ends, last.ends, h, speed, acceleration, lengths)
-        return float(self._field.aggregated(lines).max())
 
     def _longest(self, pairs: Sequence[tuple[Sample, Sample]], edges: IntArray, h: FloatArray) -> FloatArray:
         """Return the most that each link's unit field is multiplied by in each interval, (I, L)."""
@@ -288,14 +206,9 @@ def _norm(vectors: FloatArray) -> FloatArray:
     return norm
 
 
-def _danger(sample: Sample) -> float:
-    return sample.danger
-
-
 def _check_strokes(robot: Robot, path: FloatArray) -> None:
-    strokes = (
-        robot.coupling.radii(robot.joint_prismatic.astype(np.float64)) > 0
-    )  # they slide, or make another slide
+    # Those that slide, or make another one slide.
+    strokes = robot.coupling.radii(robot.joint_prismatic.astype(np.float64)) > 0
     for q in path:
         for i in np.flatnonzero(~robot.within_limits(q) & strokes):
             raise InputError(

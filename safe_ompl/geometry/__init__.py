@@ -10,8 +10,7 @@ if TYPE_CHECKING:
     from safe_ompl.geometry import surfaces
     from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Part, Shape, Sphere
     from safe_ompl.geometry.cloud import PointCloud
-    from safe_ompl.geometry.hulls import convex_hull
-    from safe_ompl.geometry.mesh import Mesh
+    from safe_ompl.geometry.mesh import Mesh, convex_hull
     from safe_ompl.geometry.obstacle import Obstacle, check_number
     from safe_ompl.geometry.person import LIMBS, STANDING, Limb, Person
     from safe_ompl.geometry.pose import Pose, placed

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -25,17 +25,7 @@ LONGEST = 1e4  # [m] of a size: what is larger is a slip of unit
 
 
 class Part(NamedTuple):
-    """One piece of a shape: a convex solid, or a triangle mesh.
-
-    Attributes
-    ----------
-    name : str
-        Name within the shape; empty if the shape has one part only.
-    geometry : coal.CollisionGeometry
-        The piece.
-    placement : pin.SE3
-        Where it is in the frame of the shape.
-    """
+    """One piece of a shape: its name, empty if it is the only one; a convex solid or a triangle mesh; its placement."""
 
     name: str
     geometry: coal.CollisionGeometry
@@ -75,19 +65,10 @@ class Shape(ABC):
         """Return the surface for drawing, with `resolution` corners on every circle."""
 
     def measured_anew(self, measured: Any, pose: Pose) -> Shape:
-        """Return the same shape as it was measured later, such as a person with other key points.
+        """Return the same shape as it was measured later, such as a person with other key points, in the world frame.
 
-        Parameters
-        ----------
-        measured : object
-            What the shape is known by, in the world frame.
-        pose : Pose
-            Where the frame of the shape is.
-
-        Raises
-        ------
-        InputError
-            If a shape of this kind never changes, or the measurement cannot be used.
+        `pose` is where the frame of the shape is. Raises InputError if a shape of this kind never changes, or the
+        measurement cannot be used.
         """
         raise InputError(f"must be a Pose, a pin.SE3 or a 4×4 matrix, got {shown(measured)}", "pose")
 
@@ -99,25 +80,16 @@ class Shape(ABC):
     def from_mapping(cls, data: Mapping[str, Any], folder: Path, pose: Pose) -> Shape:
         """Build the shape from its keys in a document; its files are relative to `folder`.
 
-        Raises
-        ------
-        InputError
-            If a key is unknown or missing, or its value cannot be used; the message starts with the key.
+        Raises InputError, which starts with the key, if one is unknown or missing, or its value cannot be used.
         """
-        document.check_keys(data, [field.name for field in fields(cls)])
-        for field in fields(cls):
-            if _default(field) is MISSING:
-                document.require(data, field.name)
+        document.check_fields(cls, data)
         if isinstance(data.get("file"), str):
             data = {**data, "file": folder / data["file"]}
         return cls(**data)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the fields that differ from their defaults."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {
-            field.name: values[field.name] for field in fields(self) if values[field.name] != _default(field)
-        }
+        return document.changed_fields(self)
 
     def canonical(self) -> dict[str, Any]:
         """Return what decides how the shape collides and looks, free of file names."""
@@ -129,10 +101,6 @@ class Shape(ABC):
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
-
-
-def _default(field: Field[Any]) -> Any:
-    return field.default if field.default_factory is MISSING else field.default_factory()
 
 
 @dataclass(frozen=True)
@@ -179,9 +147,7 @@ class _Revolved(Shape):
         """Return the rings of the surface: distance from the axis and height, shape (K, 2) [m]."""
 
     def most_danger_points(self, spacing: float) -> float:
-        along = np.pi * self.radius + getattr(
-            self, "length", 0.0
-        )  # from pole to pole; a cylinder's is 2·radius
+        along = np.pi * self.radius + getattr(self, "length", 0.0)  # from pole to pole, or more
         return (along / spacing + 4) * (2 * np.pi * self.radius / spacing + 1)
 
     def danger_points(self, spacing: float) -> FloatArray:

@@ -97,15 +97,10 @@ class PointCloud(Shape):
     def from_message(
         cls, message: Any, radius: float, *, resolution: float | str | None = None
     ) -> PointCloud:
-        """Return the cloud of a ROS `sensor_msgs/PointCloud2` message, or of a mapping with its keys.
+        """Return the cloud of a ROS `sensor_msgs/PointCloud2` message, or of a mapping with its keys; ROS is needless.
 
-        Points are in the frame of the message: the obstacle's pose is where that frame is in the world. ROS is not
-        needed; see `safe_ompl.geometry.point_files.message_points`.
-
-        Raises
-        ------
-        InputError
-            If the message has no x, y and z, its sizes contradict each other, or no point is finite.
+        Points are in the frame of the message: the obstacle's pose is where that frame is in the world. Raises
+        InputError if the message has no x, y and z, its sizes contradict each other, or no point is finite.
         """
         return cls(radius, points=message_points(message), resolution=resolution)
 
@@ -214,12 +209,8 @@ def _finite(points: FloatArray, key: str) -> FloatArray:
     finite = np.isfinite(points).all(axis=1)
     dropped = len(points) - int(finite.sum())
     if dropped == len(points):
-        raise InputError(
-            f"the point cloud is empty: none of {len(points)} points is finite"
-            if dropped
-            else "the point cloud is empty",
-            key,
-        )
+        why = f": none of {len(points)} points is finite" if dropped else ""
+        raise InputError(f"the point cloud is empty{why}", key)
     if dropped:
         _log.info("%s: %d of %d points are NaN or infinite, and left out", key, dropped, len(points))
     kept = points[finite]
@@ -241,22 +232,10 @@ def _finite(points: FloatArray, key: str) -> FloatArray:
 
 
 def touched_cells(centres: FloatArray, radius: float, edge: float) -> IntArray:
-    """Return the cells of a grid that balls touch; their union contains the balls.
+    """Return the cells (C, 3) of a grid that balls about `centres: (N, 3)` [m] touch; their union contains the balls.
 
-    Parameters
-    ----------
-    centres : ndarray, shape (N, 3)
-        Centres of the balls [m].
-    radius : float
-        Radius of all of them [m].
-    edge : float
-        Edge of the cells [m]; the grid has a corner at the origin.
-
-    Returns
-    -------
-    ndarray of int, shape (C, 3)
-        Cell k covers [k·edge, (k + 1)·edge] along each axis. Each is touched by a ball, so that no point of the
-        union is farther than √3·edge from one.
+    Cell k covers [k·edge, (k + 1)·edge] along each axis [m]. Each is touched by a ball, so that no point of the union
+    is farther than √3·edge from one.
     """
     home = np.floor(centres / edge).astype(np.intp)
     reach = range(-ceil(radius / edge) - 1, ceil(radius / edge) + 2)
@@ -305,10 +284,7 @@ class _Numbers:
 def cell_tree(cells: IntArray, edge: float) -> tuple[coal.OcTree, pin.SE3]:
     """Return a solid whose points are those of the `cells: (C, 3)`, and where it is.
 
-    Raises
-    ------
-    InputError
-        If the cells spread over more than coal's trees can hold.
+    Raises InputError if the cells spread over more than coal's trees can hold.
     """
     middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
     if np.abs(cells - middle).max() >= _HALF_DEPTH:

@@ -89,12 +89,7 @@ class Obstacle:
         ----------
         place : Pose, pin.SE3, array_like of shape (4, 4), mapping or array_like of shape (N, 3)
             Its pose; or, in the world frame [m], the key points of a `Person` by name, or the points of a
-            `PointCloud`. Key points that are not given follow from those that are, as `Person` has it.
-
-        Raises
-        ------
-        InputError
-            If it is none of them.
+            `PointCloud`. Key points that are not given follow from those that are, as `Person` has it. Else InputError.
         """
         shape, pose = self.shape, self.pose
         if _is_pose(place):
@@ -168,12 +163,7 @@ class Obstacle:
     def triangles(self, resolution: int = 24) -> Triangles:
         """Return the surface in the world frame for drawing, with `resolution` corners on every circle.
 
-        Returns
-        -------
-        vertices : ndarray, shape (V, 3)
-            [m]
-        faces : ndarray of int, shape (F, 3)
-            Vertices of each triangle, anticlockwise seen from outside.
+        That is vertices (V, 3) [m], and faces (F, 3), the vertices of each triangle anticlockwise seen from outside.
         """
         vertices, faces = self.shape.triangles(resolution)
         return placed(self.pose.se3, vertices), faces
@@ -185,13 +175,7 @@ def _is_pose(place: Any) -> bool:
 
 
 def check_number(most: float, spacing: float, what: str) -> None:
-    """Raise InputError if there may be too many danger points; none are made before it is known.
-
-    Raises
-    ------
-    InputError
-        If `most` exceeds a million; says which spacing would do.
-    """
+    """Raise InputError, which says what spacing would do, if `most` danger points exceed a million; none are made."""
     if most > MOST_DANGER_POINTS:
         enough = spacing * (most / MOST_DANGER_POINTS) ** 0.5
         raise InputError(

@@ -17,7 +17,6 @@ from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import surfaces
 from safe_ompl.geometry.basic import Capsule, Part, Shape, Sphere
-from safe_ompl.geometry.kernels.boxes_and_capsules import surface_points
 from safe_ompl.geometry.pose import Pose, placed
 from safe_ompl.geometry.surfaces import Triangles
 
@@ -85,18 +84,11 @@ _SHORTEST = 1e-9  # [m] of a limb
 
 @dataclass(frozen=True)
 class Body:
-    """A body of which some key points are given and the others follow.
+    """A body of which some key points are given [m], with names as in `STANDING`, and the others follow.
 
     The frame of the body has its origin on the floor between the feet, x forward, y to the left, z up. A key
     point that is not given moves along with the one that it hangs on. Given the hand or the wrist, the elbow
-    bends downwards so that the lengths of upper arm and forearm stay.
-
-    Parameters
-    ----------
-    height : float
-        Body height [m]; all lengths follow from it.
-    given : mapping of str to 3 float
-        Key points that are known [m]: names as in `STANDING`.
+    bends downwards so that the lengths of upper arm and forearm stay. All lengths follow from the height [m].
     """
 
     height: float
@@ -305,7 +297,7 @@ class Person(Shape):
 
     def danger_points(self, spacing: float) -> FloatArray:
         """Return points on the surface, shape (M, 3); all of it is within `spacing` of them [m]."""
-        points: FloatArray = surface_points(*self._capsules, spacing)
+        points: FloatArray = surfaces.capsule_points(*self._capsules, spacing)
         return points
 
     def triangles(self, resolution: int) -> Triangles:

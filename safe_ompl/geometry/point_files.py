@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,8 @@ def read_points(file: Path) -> FloatArray:
     """Return the points of a PLY, NPY or PCD file, shape (N, 3), in the units of the file; some may be NaN.
 
     Of PCD (versions 0.5 to 0.7 of https://pointclouds.org/documentation/tutorials/pcd_file_format.html) the fields x, y
-    and z are read, as ascii, binary or binary_compressed; its viewpoint is not applied, as in PCL.
-
-    Raises
-    ------
-    InputError
-        If a PLY or PCD file is malformed or has no x, y and z, or an NPY file no array of numbers (N, 3).
+    and z are read, as ascii, binary or binary_compressed; its viewpoint is not applied, as in PCL. Raises InputError if
+    a PLY or PCD file is malformed or has no x, y and z, or an NPY file no array of numbers (N, 3).
     """
     return {".ply": _read_ply, ".npy": _read_npy, ".pcd": _read_pcd}[file.suffix.lower()](file)
 
@@ -36,16 +33,9 @@ def read_points(file: Path) -> FloatArray:
 def message_points(message: Any) -> FloatArray:
     """Return the points of a ROS `sensor_msgs/PointCloud2` message, shape (N, 3), in its frame [m]; some may be NaN.
 
-    Parameters
-    ----------
-    message : PointCloud2 or mapping
-        Anything with `height`, `width`, `fields` (each with `name`, `offset` and `datatype`), `is_bigendian`,
-        `point_step`, `row_step` and `data`, as attributes or as keys. ROS is not needed.
-
-    Raises
-    ------
-    InputError
-        If one of these or one of the fields x, y and z is missing, or the data are shorter than they say.
+    The message is anything with `height`, `width`, `fields` (each with `name`, `offset` and `datatype`),
+    `is_bigendian`, `point_step`, `row_step` and `data`, as attributes or as keys. Raises InputError if one of these or
+    one of the fields x, y and z is missing, or the data are shorter than they say.
     """
     names = ("height", "width", "fields", "is_bigendian", "point_step", "row_step", "data")
     height, width, fields, big, step, row_step, data = (_part(message, name) for name in names)
@@ -112,11 +102,8 @@ def _read_pcd(file: Path) -> FloatArray:
             np.dtype(f"<{_PCD_TYPES[kind]}{size}")
             for kind, size in zip(header["TYPE"], header["SIZE"], strict=True)
         ]
-        number = (
-            int(header["POINTS"][0])
-            if "POINTS" in header
-            else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
-        )
+        sizes = ("POINTS",) if "POINTS" in header else ("WIDTH", "HEIGHT")
+        number = prod(int(header[size][0]) for size in sizes)
         return _pcd_points(header, body, list(zip(header["FIELDS"], kinds, counts, strict=True)), number)
     except (KeyError, ValueError, TypeError, IndexError, OSError) as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__

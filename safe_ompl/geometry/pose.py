@@ -63,10 +63,7 @@ class Pose:
     def of(cls, value: Pose | pin.SE3 | ArrayLike) -> Pose:
         """Return a pose given as one, as Pinocchio's transform, or as a homogeneous matrix of shape (4, 4) [m].
 
-        Raises
-        ------
-        InputError
-            If it is none of them, or the matrix is no rigid transform.
+        Raises InputError if it is none of them, or the matrix is no rigid transform.
         """
         if isinstance(value, Pose):
             return value

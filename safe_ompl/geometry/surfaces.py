@@ -1,31 +1,23 @@
-"""Points and triangles on surfaces: boxes, solids of revolution, triangle meshes. Pure NumPy."""
+"""Points and triangles on surfaces: boxes, solids of revolution, triangle meshes, bodies made of capsules."""
 
 from __future__ import annotations
 
 import itertools
+from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, IntArray
+from safe_ompl.common import FloatArray, IntArray, compiled, part
 
 Triangles = tuple[FloatArray, IntArray]
 """Vertices, shape (V, 3) [m], and for each triangle the indices of its vertices, shape (F, 3)."""
 
 
 def box_points(size: FloatArray, spacing: float) -> FloatArray:
-    """Return grid points on the faces of a box, edges and corners included.
+    """Return grid points (M, 3) on the faces of a box of so many metres `size: (3,)` about the origin, edges included.
 
-    Parameters
-    ----------
-    size : ndarray, shape (3,)
-        Edge lengths; the box is centred at the origin [m].
-    spacing : float
-        Largest step between neighbours along x, y and z [m].
-
-    Returns
-    -------
-    ndarray, shape (M, 3)
-        Every point of the surface is within ``spacing / √2`` of one of them.
+    The step between neighbours is at most `spacing` along x, y and z [m]: every point of the surface is within
+    ``spacing / √2`` of one of them.
     """
     ticks = [np.linspace(-s / 2, s / 2, _steps(s, spacing) + 1) for s in size]
     faces = []
@@ -66,20 +58,10 @@ def capsule_profile(radius: float, length: float, arc_step: float, line_step: fl
 
 
 def revolved_points(profile: FloatArray, spacing: float) -> FloatArray:
-    """Return points on the surface of a solid of revolution about z.
+    """Return points (M, 3) on a solid of revolution about z; every point of its surface is within `spacing` [m] of one.
 
-    Parameters
-    ----------
-    profile : ndarray, shape (K, 2)
-        Distance from the axis and height of the rings, from the bottom pole to the top pole, at most
-        `spacing` apart along the surface [m].
-    spacing : float
-        Largest arc between neighbours on a ring [m].
-
-    Returns
-    -------
-    ndarray, shape (M, 3)
-        Every point of the surface is within `spacing` of one of them.
+    The `profile: (K, 2)` has distance from the axis and height of the rings, from the bottom pole to the top pole, at
+    most `spacing` apart along the surface [m].
     """
     rings = []
     for radius, height in profile:
@@ -92,14 +74,9 @@ def revolved_points(profile: FloatArray, spacing: float) -> FloatArray:
 
 
 def revolved_triangles(profile: FloatArray, segments: int) -> Triangles:
-    """Return the surface of a solid of revolution about z as triangles, seen from outside.
+    """Return the surface of a solid of revolution about z as triangles, seen from outside, with so many corners a ring.
 
-    Parameters
-    ----------
-    profile : ndarray, shape (K, 2)
-        Distance from the axis and height, from the bottom pole to the top pole [m].
-    segments : int
-        Corners of every ring.
+    The `profile: (K, 2)` is as for `revolved_points`.
     """
     angle = 2 * np.pi * np.arange(segments) / segments
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -182,3 +159,97 @@ def _arc(radius: float, height: float, start: float, stop: float, step: float) -
 
 def _steps(length: float, step: float) -> int:
     return max(1, int(np.ceil(length / step - 1e-9)))
+
+
+# --------------------------------------------------------------------------- bodies made of capsules, compiled
+
+
+@part
+def _turns(length: float, step: float) -> int:
+    return max(1, ceil(length / step - 1e-9))
+
+
+@part
+def _capsule_rings(radius: float, length: float, spacing: float) -> FloatArray:
+    """Return rings (K, 2) of a capsule about z, of a ball for length 0: distance from the axis, and height."""
+    side = _turns(length, spacing) if length > 0.0 else 0
+    half = _turns(pi / 2 * radius, spacing) if length > 0.0 else _turns(pi * radius, spacing)
+    rings = np.empty((2 * half + side + 1 if length > 0.0 else half + 1, 2))
+    for k in range(len(rings)):
+        if length > 0.0:  # a quarter of a circle, the side, another quarter
+            turn = pi / 2 * (k / half - 1.0 if k < half else max(0, k - half - side) / half)
+            height = length * (min(max(k - half, 0), side) / side - 0.5)
+        else:
+            turn, height = pi * (k / half - 0.5), 0.0
+        rings[k, 0] = max(0.0, radius * cos(turn))
+        rings[k, 1] = height + radius * sin(turn)
+    return rings
+
+
+@part
+def _frame(axis: FloatArray, length: float) -> FloatArray:
+    """Return the rotation (3, 3) that takes z to an axis on the shortest way; of no length: none."""
+    frame = np.eye(3)
+    if length == 0.0:
+        return frame
+    x, y, z = axis[0] / length, axis[1] / length, axis[2] / length
+    if z < -1.0 + 1e-12:
+        frame[1, 1] = frame[2, 2] = -1.0
+        return frame
+    frame[0, 0], frame[0, 1], frame[0, 2] = 1.0 - x * x / (1.0 + z), -x * y / (1.0 + z), x
+    frame[1, 0], frame[1, 1], frame[1, 2] = frame[0, 1], 1.0 - y * y / (1.0 + z), y
+    frame[2, 0], frame[2, 1], frame[2, 2] = -x, -y, z
+    return frame
+
+
+@part
+def _depth(point: FloatArray, start: FloatArray, axis: FloatArray, squared: float, radius: float) -> float:
+    """How deep a point lies inside the capsule about start … start + axis; negative outside [m]."""
+    t = 0.0
+    if squared > 0.0:
+        for x in range(3):
+            t += (point[x] - start[x]) * axis[x]
+        t = min(1.0, max(0.0, t / squared))
+    away = 0.0
+    for x in range(3):
+        away += (point[x] - start[x] - t * axis[x]) ** 2
+    return radius - sqrt(away)
+
+
+@compiled
+def capsule_points(starts: FloatArray, ends: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
+    """Return points (M, 3) [m] on L capsules, those deeper than `spacing` inside another one left out.
+
+    `starts` and `ends` (L, 3) are those of their axes [m], the same for a ball; `radii: (L,)` [m]. Every point of a
+    capsule's surface is within `spacing` of one of its points [m].
+    """
+    axes, squared = np.empty(starts.shape), np.zeros(len(radii))
+    most = 0
+    for i in range(len(radii)):
+        for x in range(3):
+            axes[i, x] = ends[i, x] - starts[i, x]
+            squared[i] += axes[i, x] * axes[i, x]
+        for ring in _capsule_rings(radii[i], sqrt(squared[i]), spacing):
+            most += _turns(2 * pi * ring[0], spacing)
+    points, kept = np.empty((most, 3)), 0
+    for i in range(len(radii)):
+        length = sqrt(squared[i])
+        frame = _frame(axes[i], length)
+        for ring in _capsule_rings(radii[i], length, spacing):
+            count = _turns(2 * pi * ring[0], spacing)
+            for k in range(count):
+                angle = 2 * pi * k / count
+                x, y, z = ring[0] * cos(angle), ring[0] * sin(angle), ring[1]
+                point = points[kept]  # stays where nothing is deeper than the spacing
+                for a in range(3):
+                    point[a] = (
+                        (starts[i, a] + ends[i, a]) / 2 + frame[a, 0] * x + frame[a, 1] * y + frame[a, 2] * z
+                    )
+                inside = False
+                for j in range(len(radii)):
+                    if j != i and _depth(point, starts[j], axes[j], squared[j], radii[j]) > spacing:
+                        inside = True
+                        break
+                if not inside:
+                    kept += 1
+    return points[:kept].copy()

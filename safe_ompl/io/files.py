@@ -13,15 +13,15 @@ import numpy as np
 from safe_ompl.common import Counts, InputError, UnknownNameError, finite_array
 from safe_ompl.common import documents as document
 from safe_ompl.io.motions import JointPath, TimedMotion
-from safe_ompl.io.problems import Problem
-from safe_ompl.io.scene_document import built_scene, carried_scene
+from safe_ompl.io.problems import Problem, built_scene, carried_scene
+from safe_ompl.motions import Motion
 from safe_ompl.paths import ClearanceReport, DangerReport, PathReport
 from safe_ompl.planning import Improvement, PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 FORMAT, VERSION = "safe-ompl", 1
-KINDS = ("result", "path", "scene", "trajectory")
+KINDS = ("result", "path", "scene", "trajectory", "motion")
 
 
 def marked(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -35,13 +35,7 @@ def strict_json(data: Any) -> str:
 
 
 def read_json(file: str | Path) -> Any:
-    """Return what a JSON file holds.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is not JSON.
-    """
+    """Return what a JSON file holds, or raise InputError."""
     try:
         return json.loads(Path(file).read_text(encoding="utf-8"))
     except (OSError, RecursionError, ValueError) as error:
@@ -49,13 +43,7 @@ def read_json(file: str | Path) -> Any:
 
 
 def kind_of(content: Any) -> str:
-    """Return what kind of thing content of the form holds.
-
-    Raises
-    ------
-    InputError
-        If it has another form, or a version that is not known.
-    """
+    """Return what kind of thing content of the form holds; raise InputError if it has another form or version."""
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         found = content.get("format") if isinstance(content, Mapping) else type(content).__name__
         raise InputError(f"must be {FORMAT!r}, as `safe_ompl.save` writes, not {found!r}", "format")
@@ -78,9 +66,6 @@ def _without_nan(data: Any) -> Any:
     return data
 
 
-# ------------------------------------------------------------------------------------------------------ results
-
-
 def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[str, Any]:
     """Return a result as plain data, with its robot, scene and danger where it has them; `meshes` as in `save`."""
     about = None
@@ -92,22 +77,7 @@ def result_to_mapping(result: PlanResult, meshes: bool | None = None) -> dict[st
 def result_from_mapping(
     data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
 ) -> PlanResult:
-    """Return the result that `result_to_mapping` wrote.
-
-    Parameters
-    ----------
-    data : mapping
-        What it wrote.
-    robot : Robot, optional
-        The robot, where it does not travel (one of `Robot.from_models`).
-    package_dirs : sequence of Path, optional
-        Folders that hold the packages, or the meshes, that its URDF names and that do not travel.
-
-    Raises
-    ------
-    InputError, CertificateError
-        If a key is missing or has no meaning, or robot and scene cannot be built.
-    """
+    """Return the result that `result_to_mapping` wrote; parameters and errors as of `load`."""
     names = tuple(document.sequence("joint_names", document.require(data, "joint_names")))
     path = document.require(data, "path")
     planned = data.get("planned_path")
@@ -149,20 +119,18 @@ def _report(data: Mapping[str, Any]) -> PathReport:
     return PathReport(float(data["length"]), danger, ClearanceReport(**clearance), certified)
 
 
-# -------------------------------------------------------------------------------------------------------- files
-
-Saveable: TypeAlias = PlanResult | JointPath | Scene
+Saveable: TypeAlias = PlanResult | JointPath | Scene | Motion
 Loaded: TypeAlias = Saveable | TimedMotion
 
 
 def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> None:
-    """Write a result, a path or a scene as JSON that `load` reads back.
+    """Write a result, a path, a motion or a scene as JSON that `load` reads back.
 
     A result carries its robot and its scene; a scene its meshes and points. Numbers are read back exactly.
 
     Parameters
     ----------
-    thing : PlanResult, JointPath or Scene
+    thing : PlanResult, JointPath, Scene or Motion
         What to write.
     file : path-like
         The file.
@@ -185,7 +153,11 @@ def saved(thing: Saveable, meshes: bool | None = None) -> dict[str, Any]:
         return marked("path", thing.to_mapping())
     if isinstance(thing, Scene):
         return marked("scene", {"scene": carried_scene(thing)})
-    raise InputError(f"can be a PlanResult, a JointPath or a Scene, not {type(thing).__name__}", "to save")
+    if isinstance(thing, Motion):
+        return marked("motion", thing.to_mapping())
+    raise InputError(
+        f"can be a PlanResult, a JointPath, a Scene or a Motion, not {type(thing).__name__}", "to save"
+    )
 
 
 def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence[str | Path] = ()) -> Loaded:
@@ -214,4 +186,6 @@ def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence
             return TimedMotion.from_mapping(content, robot, folders)
         if kind == "path":
             return JointPath.from_mapping(content)
+        if kind == "motion":
+            return Motion.from_mapping(content)
         return built_scene(document.mapping("scene", document.require(content, "scene")))

@@ -69,8 +69,6 @@ class JointPath:
             raise InputError(f"{result.planner} found no path: {result.status}")
         return cls(result.joint_names, result.path)
 
-    # ---------------------------------------------------------------------------------------------------- CSV
-
     @classmethod
     def from_csv(cls, file: str | Path) -> JointPath:
         """Read a path from CSV: a line with the names of the joints, then one line for each way point.
@@ -80,16 +78,9 @@ class JointPath:
         InputError
             If it cannot be read; names the line.
         """
-        try:
-            with Path(file).open(newline="", encoding="utf-8") as stream:
-                rows = list(csv.reader(stream))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise InputError(f"cannot be read as CSV: {error}", str(file)) from None
-        if not rows:
-            raise InputError("is empty; the first line must name the joints", str(file))
-        points = [_numbers(row, len(rows[0]), f"{file}:{k}") for k, row in enumerate(rows[1:], start=2)]
+        header, values = read_table(file)
         with document.within(str(file), ": "):
-            return cls(tuple(rows[0]), np.reshape(points, (-1, len(rows[0]))))
+            return cls(header, values)
 
     def to_csv(self, file: str | Path) -> None:
         """Write the path as CSV, which `from_csv` reads back exactly."""
@@ -97,8 +88,6 @@ class JointPath:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(self.joint_names)
             writer.writerows(self.points.tolist())
-
-    # ------------------------------------------------------------------------------------------- other shapes
 
     def to_joint_trajectory(self) -> dict[str, Any]:
         """Return the path in the shape of ROS's trajectory_msgs/JointTrajectory, without times.
@@ -119,17 +108,34 @@ class JointPath:
         return cls(tuple(names), document.require(data, "path"))
 
 
+def read_table(file: str | Path) -> tuple[tuple[str, ...], FloatArray]:
+    """Return the first line of a CSV file (m names), and the numbers below it (N, m).
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; names the line.
+    """
+    try:
+        with Path(file).open(newline="", encoding="utf-8-sig") as stream:  # as spreadsheets write it
+            rows = [(k, row) for k, row in enumerate(csv.reader(stream), start=1) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot be read as CSV: {error}", str(file)) from None
+    if not rows:
+        raise InputError("is empty; the first line must name the joints", str(file))
+    header = tuple(rows[0][1])
+    values = [_numbers(row, len(header), f"{file}:{k}") for k, row in rows[1:]]
+    return header, np.reshape(values, (-1, len(header)))
+
+
 def _numbers(row: Iterable[str], count: int, place: str) -> list[float]:
     try:
         values = [float(cell) for cell in row]
     except ValueError as error:
         raise InputError(f"must be numbers ({error})", place) from None
     if len(values) != count:
-        raise InputError(f"must have {count} numbers, one for each joint, got {len(values)}", place)
+        raise InputError(f"must have {count} numbers, one for each column, got {len(values)}", place)
     return values
-
-
-# ---------------------------------------------------------------------------------------------------- motions in time
 
 
 ACCELERATION = "joint acceleration"
@@ -138,28 +144,7 @@ ACCELERATION = "joint acceleration"
 
 @dataclass(frozen=True, eq=False)
 class TimedMotion:
-    """Samples of a trajectory, the speed along its path, and what bounds that speed.
-
-    Parameters
-    ----------
-    robot, scene : Robot, Scene
-        Who moves, and among what.
-    times : array_like, shape (T,)
-        Instants, increasing from 0 [s].
-    configurations : array_like, shape (T, n)
-        Joint values [rad or m].
-    speeds : array_like, shape (T,)
-        Speed ṡ along the path [rad/s].
-    bounds : mapping of str to (T,) array
-        Name of a cap → the largest ṡ that it allows [rad/s]; +inf where it allows any.
-    binding : sequence of str or None
-        T names: the cap that the speed reaches; None where accelerations bind.
-    danger : mapping, optional
-        Options of the danger field.
-    name : str, optional
-        Who planned it.
-    remarks : sequence of str, optional
-        T lines, what there is to say of each sample; by default how fast it is, and what bounds that.
+    """T samples of a trajectory, the speed along its path, and what bounds that speed.
 
     Raises
     ------
@@ -167,15 +152,18 @@ class TimedMotion:
         If lengths differ, a value is not finite, or times do not increase from 0.
     """
 
-    robot: Robot
+    robot: Robot  # Who moves, and among what
     scene: Scene
-    times: FloatArray
-    configurations: FloatArray
-    speeds: FloatArray
+    times: FloatArray  # (T,), instants, increasing from 0 [s]
+    configurations: FloatArray  # (T, n), joint values [rad or m]
+    speeds: FloatArray  # (T,), speed ṡ along the path [rad/s]
+    # Name of a cap → the largest ṡ that it allows [rad/s]; +inf where it allows any
     bounds: Mapping[str, FloatArray] = field(default_factory=dict)
+    # T names: the cap that the speed reaches; None where accelerations bind
     binding: tuple[str | None, ...] = ()
-    danger: Mapping[str, Any] | None = None
-    name: str = ""
+    danger: Mapping[str, Any] | None = None  # Options of the danger field
+    name: str = ""  # Who planned it
+    # T lines, what there is to say of each sample; by default how fast it is, and what bounds that
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -252,8 +240,6 @@ class TimedMotion:
         bound = self.binding[sample] or ACCELERATION
         return f"{min(time, self.duration):.2f} s: {self.speeds[sample]:.2f} rad/s, bounded by {bound}"
 
-    # ---------------------------------------------------------------------------------------------- files
-
     def to_mapping(self) -> dict[str, Any]:
         """Return what a file holds besides the points of the trajectory; `from_mapping` reads both."""
         return {
@@ -268,22 +254,7 @@ class TimedMotion:
     def from_mapping(
         cls, data: Mapping[str, Any], robot: Robot | None = None, package_dirs: Sequence[Path] = ()
     ) -> TimedMotion:
-        """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it.
-
-        Parameters
-        ----------
-        data : mapping
-            What it holds.
-        robot : Robot, optional
-            The robot, where it does not travel (one of `Robot.from_models`).
-        package_dirs : sequence of Path, optional
-            Folders that hold the packages, or the meshes, that its URDF names and that do not travel.
-
-        Raises
-        ------
-        InputError, CertificateError
-            If a key is missing or has no meaning, or robot and scene cannot be built.
-        """
+        """Read the file of a trajectory, as `safe-ompl plan --trajectory` writes it; see `load`."""
         about = Problem.from_mapping(document.require(data, "problem"), robot, package_dirs)
         points = document.sequence("points", document.require(data, "points"))
         bounds = document.mapping("bounds", document.require(data, "bounds"))

@@ -1,21 +1,102 @@
-"""The robot, scene and danger that results and motions in time are about, as they travel in files."""
+"""What results and motions in time are about, as it travels: the scene, the robot with its meshes, the danger."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from safe_ompl.common import InputError
+from safe_ompl.common import CertificateError, InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io.meshes import packed_files, packed_size, unpacked_file
+from safe_ompl.io.carried_files import (
+    carried_files,
+    encoded,
+    packed_files,
+    packed_size,
+    unpack,
+    unpacked_file,
+)
 from safe_ompl.io.robot_document import built_robot, carried_robot
-from safe_ompl.io.scene_document import built_scene, carried_scene
+from safe_ompl.io.schema import key, plain, record, sha
 from safe_ompl.robot import Robot
 from safe_ompl.robot.loading import Blueprint, UrdfBlueprint, UrdfFile
 from safe_ompl.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneDocument:
+    """A scene as it travels: `hash` of what it holds, its document, its files in base 64 by name."""
+
+    hash: str = key(sha)
+    content: Mapping[str, Any] = key(lambda name, value: plain(name, document.mapping(name, value)))
+    files: Mapping[str, str] = key(carried_files)
+
+
+def carried_scene(scene: Scene) -> dict[str, Any]:
+    """Return the scene as plain data: its document, its files in base 64, its hash.
+
+    Raises
+    ------
+    InputError
+        If a file of the scene is gone, or has changed since it was read.
+    """
+    content = scene.to_mapping(None)
+    files: dict[str, str] = {}
+    for obstacle in content["obstacles"]:
+        for part, value in obstacle.items():
+            if isinstance(value, dict) and "file" in value:
+                path = Path(value["file"])
+                name = f"{len(files)}{path.suffix}"
+                files[name] = encoded(path)
+                obstacle[part] = {**value, "file": name}
+    carried = {"hash": scene.content_hash(), "content": content, "files": files}
+    try:
+        if files:
+            built_scene(carried)
+    except CertificateError:
+        raise InputError(
+            "a mesh or point file of the scene has changed since it was read: read the scene anew"
+        ) from None
+    return carried
+
+
+def built_scene(carried: Mapping[str, Any] | SceneDocument) -> Scene:
+    """Return the scene that a document carries.
+
+    Raises
+    ------
+    InputError
+        If it is not one.
+    CertificateError
+        If it is not the scene of its hash.
+    """
+    if not isinstance(carried, SceneDocument):
+        carried = record(SceneDocument)("carried", carried)
+    for part, value in _file_names(carried.content):
+        if value not in carried.files:
+            raise InputError(f"the file {value!r} is not carried", part)
+    with TemporaryDirectory(prefix="safe-ompl-") as folder:
+        unpack(carried.files, Path(folder))
+        try:
+            scene = Scene.from_mapping(carried.content, Path(folder))
+        except InputError as error:
+            raise InputError(str(error).replace(f"{folder}/", "")) from None
+        except MemoryError:
+            raise InputError("a file asks for more memory than there is", "files") from None
+    if scene.content_hash() != carried.hash:
+        raise CertificateError("the scene that it carries is not the one that it was written for")
+    return scene
+
+
+def _file_names(content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for k, item in enumerate(document.sequence("obstacles", content.get("obstacles", ()))):
+        for part, value in document.mapping(f"obstacles[{k}]", item).items():
+            if isinstance(value, dict) and "file" in value:
+                yield f"obstacles[{k}].{part}.file", value["file"]
+
 
 _log = logging.getLogger(__name__)
 
@@ -43,13 +124,7 @@ class Problem(NamedTuple):
     def from_mapping(
         cls, data: object, robot: Robot | None = None, package_dirs: Sequence[Path] = ()
     ) -> Problem:
-        """Read it from a document; `robot` is used where it is given, and else built.
-
-        Raises
-        ------
-        InputError, CertificateError
-            If a key is missing or has no meaning, or robot and scene cannot be built.
-        """
+        """Read it from a document; `robot` is used where it is given, and else built. Errors as of `load`."""
         with document.within("problem"):
             carried = document.mapping("carried", data)
             if robot is None:
@@ -57,9 +132,6 @@ class Problem(NamedTuple):
             with document.within("scene"):
                 scene = built_scene(document.require(carried, "scene"))
         return cls(robot, scene, carried.get("danger"))
-
-
-# -------------------------------------------------------------------------------------- robots with meshes
 
 
 def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
@@ -70,16 +142,9 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
 
     Parameters
     ----------
-    robot : Robot
-        The robot.
     meshes : bool, optional
         Carry all meshes, or none. By default those that collide, and those that are drawn, are carried if they take no
         more than `SMALL` bytes; a warning says if those that collide do not.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read.
     """
     carried = carried_robot(robot)
     if meshes is False or carried["recipe"] is None:
@@ -105,20 +170,7 @@ def packed_robot(robot: Robot, meshes: bool | None = None) -> dict[str, Any]:
 
 
 def unpacked_robot(data: object, package_dirs: Sequence[Path] = ()) -> Robot:
-    """Return the robot that `packed_robot` or `carried_robot` described.
-
-    Parameters
-    ----------
-    data : mapping
-        What it returned.
-    package_dirs : sequence of Path, optional
-        Folders that hold the packages, or the meshes, that its URDF names and that do not travel.
-
-    Raises
-    ------
-    InputError
-        If it cannot be built; the message begins with the key "robot".
-    """
+    """Return the robot that `packed_robot` or `carried_robot` described; errors begin with the key "robot"."""
     with document.within("robot", ": "), TemporaryDirectory(prefix="safe-ompl-") as folder:
         carried = document.mapping("carried", data)
         meshes = document.mapping("meshes", carried.pop("meshes", {}))

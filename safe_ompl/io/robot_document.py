@@ -24,8 +24,8 @@ from typing import Any, get_args
 from safe_ompl.common import InputError, UnknownNameError, shown
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
-from safe_ompl.io.meshes import examples_folder, place_meshes
-from safe_ompl.io.scene_document import carried_files, encoded, unpack
+from safe_ompl.io import schema
+from safe_ompl.io.carried_files import carried_files, encoded, examples_folder, place_meshes, unpack
 from safe_ompl.io.schema import (
     NotPlainError,
     as_plain,
@@ -90,15 +90,7 @@ def links_without_collision(robot: Robot) -> list[str]:
 
 @singledispatch
 def recipe(blueprint: Blueprint) -> dict[str, Any]:
-    """Return what `RecipeReader.blueprint` reads.
-
-    Raises
-    ------
-    NotPlainError
-        If the robot, or a part of it, is made of Pinocchio's models.
-    InputError
-        If a file cannot be read.
-    """
+    """Return what `RecipeReader.blueprint` reads, or raise NotPlainError if a part is made of Pinocchio's models."""
     raise NotPlainError(f"a {type(blueprint).__name__} is not plain data")
 
 
@@ -280,7 +272,10 @@ def built_robot(
         document's hash is for the verification to say.
     """
     if not isinstance(carried, RobotDocument):
-        carried = _without_place(carried)
+        try:
+            carried = record(RobotDocument)("carried", carried)
+        except RecursionError:
+            raise InputError("is nested too deeply", "recipe") from None
     if carried.recipe is None:
         raise InputError(
             f"it carries no recipe of its robot {carried.name!r}: give the scenario, or the robot in Python"
@@ -290,31 +285,11 @@ def built_robot(
         try:
             blueprint = RecipeReader(Path(folder), urdf, package_dirs).blueprint(carried.recipe)
             return _built(blueprint, carried.name, folder, given)
-        except (
-            ArithmeticError,
-            AttributeError,
-            LookupError,
-            MemoryError,
-            OSError,
-            RecursionError,
-            TypeError,
-        ) as error:
-            raise InputError(
-                f"not a recipe of a robot: {str(error).partition(chr(10))[0]}", "recipe"
-            ) from None
-        except ValueError as error:
+        except (*schema.MALFORMED, OSError) as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError(
-                f"not a recipe of a robot: {str(error).partition(chr(10))[0]}", "recipe"
-            ) from None
-
-
-def _without_place(carried: Any) -> RobotDocument:
-    try:
-        return record(RobotDocument)("carried", carried)
-    except RecursionError:
-        raise InputError("is nested too deeply", "recipe") from None
+            why = str(error).partition("\n")[0]
+            raise InputError(f"not a recipe of a robot: {why}", "recipe") from None
 
 
 def _built(blueprint: Blueprint, name: str, folder: str, given: bool) -> Robot:
@@ -334,14 +309,8 @@ def _built(blueprint: Blueprint, name: str, folder: str, given: bool) -> Robot:
 class RecipeReader:
     """Turns recipes into blueprints.
 
-    Parameters
-    ----------
-    folder : Path
-        Empty folder for the files that a recipe carries.
-    urdf : Path, optional
-        A URDF to read instead of the one that is carried; there may only be one then.
-    package_dirs : sequence of Path, optional
-        Folders that hold the packages that URDFs name.
+    The files that they carry go to an empty folder. A `urdf` is read instead of the one that is carried; there may only
+    be one then.
     """
 
     folder: Path
@@ -376,12 +345,8 @@ class RecipeReader:
         options = {item.name: getattr(data, item.name) for item in fields(data) if item.name not in _FILES}
         if options["collision"] is None:
             del options["collision"]
-        return UrdfBlueprint(
-            urdf=str(urdf),
-            srdf=None if srdf is None else str(srdf),
-            package_dirs=tuple(map(str, folders)),
-            **options,
-        )
+        names = str(urdf), None if srdf is None else str(srdf)
+        return UrdfBlueprint(*names, package_dirs=tuple(map(str, folders)), **options)
 
     def _attached(self, data: _Attached) -> Blueprint:
         of, folder, files = self._of(data), self._own_folder(), data.files or {}

@@ -25,15 +25,14 @@ FORMAT, VERSION = "safe-ompl certificate", 2
 OBSTACLE = "obstacle:"  # in front of the names of obstacles, so that none can pass for a link
 _LONGEST_TEXT = 1000  # characters of a name or of a remark
 
+# What goes wrong where code that expects a document gets anything else.
+MALFORMED = (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError)
 Reader = Callable[[str, Any], Any]
 T = TypeVar("T")
 
 
 class NotPlainError(InputError):
     """A value that JSON cannot hold, or a robot that is not built from files."""
-
-
-# ------------------------------------------------------------------------------------------------------ documents
 
 
 def digest(content: Mapping[str, Any]) -> str:
@@ -48,13 +47,7 @@ def edges_of(path: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
 
 
 def parse(text: str) -> Any:
-    """Return what strict JSON says: no key twice, and no number that is not finite.
-
-    Raises
-    ------
-    InputError
-        If it is not.
-    """
+    """Return what strict JSON says, or raise InputError: no key twice, and no number that is not finite."""
     try:
         return json.loads(text, object_pairs_hook=_without_repeats, parse_constant=_not_finite)
     except (RecursionError, ValueError) as error:
@@ -77,13 +70,7 @@ def _not_finite(name: str) -> Any:
 
 
 def as_plain(value: Any) -> Any:
-    """Return a value as JSON has it: lists for tuples and arrays, Python's numbers for NumPy's.
-
-    Raises
-    ------
-    NotPlainError
-        If JSON cannot hold it.
-    """
+    """Return a value as JSON has it, with lists and Python's numbers, or raise NotPlainError."""
     if isinstance(value, Mapping):
         return {str(part): as_plain(item) for part, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -107,9 +94,6 @@ def check_form(content: Any) -> None:
         )
     if version != VERSION or isinstance(version, (bool, float)):
         raise InputError(f"version {shown(version)} of the format is not known, {VERSION} is")
-
-
-# ---------------------------------------------------------------------------------------------------- dataclasses
 
 
 def key(reader: Reader, *, optional: bool = False) -> Any:
@@ -140,9 +124,6 @@ def _mapping(name: str, value: Any, known: Iterable[str] | None) -> dict[str, An
         if not (isinstance(part, str) and part.isprintable()):
             raise InputError(f"the key {shown(part)} is not text that can be printed", name)
     return document.mapping(name, value, known)
-
-
-# -------------------------------------------------------------------------------------------------------- readers
 
 
 def or_none(reader: Reader) -> Reader:
@@ -266,16 +247,12 @@ def plain(name: str, value: Any, depth: int = 20) -> Any:
         raise InputError("is nested too deeply", name)
     if isinstance(value, Mapping):
         with document.within(name):
-            return {
-                part: plain(part, item, depth - 1) for part, item in _mapping("keys", value, None).items()
-            }
+            items = _mapping("keys", value, None).items()
+            return {part: plain(part, item, depth - 1) for part, item in items}
     if isinstance(value, (list, tuple)):
         return [plain(f"{name}[{k}]", item, depth - 1) for k, item in enumerate(value)]
-    if (
-        value is None
-        or isinstance(value, bool)
-        or (isinstance(value, str) and value.isprintable())
-        or (isinstance(value, (int, float)) and _finite(value))
-    ):
+    if value is None or isinstance(value, bool) or (isinstance(value, str) and value.isprintable()):
+        return value
+    if isinstance(value, (int, float)) and _finite(value):
         return value
     raise InputError(f"must be plain data, got {document.kind_of(value)}", name)

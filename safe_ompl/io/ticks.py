@@ -5,9 +5,9 @@ The first line is a header:
     {"format": "safe-ompl ticks", "version": 1, "tick": 0.05, "joint_names": [...], "robot": {...}, "scene": {...},
      "people": {"operator": {"height": 1.75, "limbs": ["head", ...]}}, "objects": {"cube": 0.5}}
 
-``robot`` and ``scene`` are as in saved results (`safe_ompl.io.problems`, `safe_ompl.io.scene_document`); the scene
-holds what stands still, and moving objects where they are at first, but no tracked people; ``objects`` are bounds of
-speeds [m/s]. Every other line is a tick:
+``robot`` and ``scene`` are as in saved results (`safe_ompl.io.problems`); the scene holds what stands still, and moving
+objects where they are at first, but no tracked people; ``objects`` are bounds of speeds [m/s]. Every other line is a
+tick:
 
     {"time": 1.25, "q": [...], "qd": [...],
      "people": {"operator": {"head": [x, y, z], "left_shoulder": [...], ...}},
@@ -38,8 +38,7 @@ from typing import Any
 
 from safe_ompl.common import InputError
 from safe_ompl.io.files import strict_json
-from safe_ompl.io.problems import packed_robot
-from safe_ompl.io.scene_document import carried_scene
+from safe_ompl.io.problems import carried_scene, packed_robot
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 

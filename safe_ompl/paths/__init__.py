@@ -9,8 +9,7 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.paths.measures import PROFILE_POINTS, ClearanceReport, Curve, DangerReport, forced_danger
     from safe_ompl.paths.report import PathReport, Validation, validate
-    from safe_ompl.paths.simplify.run import Stop, unrolled
-    from safe_ompl.paths.simplify.simplifier import Simplifier, simplify_danger, timed
+    from safe_ompl.paths.simplifier import Simplifier, Stop, simplify_danger, timed, unrolled
 
 __all__ = [
     "PROFILE_POINTS",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, MotionVerdict, ToolLimit, Verdict
 from safe_ompl.common import FloatArray, InputError, finite_array
@@ -24,16 +24,9 @@ from safe_ompl.planning.ompl import UserCheck
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """What a check of the user's own says of a path.
+    """What a check of the user's own, by its name, says of a path.
 
-    Attributes
-    ----------
-    name : str
-        Name of the state validity checker or motion validator.
-    resolution : float or None
-        [rad] It was asked at samples so far apart, which proves nothing in between; None: about whole motions.
-    passed : bool
-        Whether it accepts the path.
+    It was asked at samples `resolution` [rad] apart, which proves nothing in between; None: about whole motions.
     """
 
     name: str
@@ -140,31 +133,12 @@ def first_refused(path: FloatArray, motion: CertifiedMotion | UserCheck) -> tupl
     return None
 
 
-# --------------------------------------------------------------------------------------------------------- the report
-
-
 class PathReport:
     """Report on one path. What `of` returns computes danger and clearance when they are first looked at.
 
     The validation is not put off: `certified` and `refused` are known from the beginning. What is computed later
-    belongs to the path, the robot, the scene and the field as they were: these do not change.
-
-    Parameters
-    ----------
-    length : float
-        Euclidean length in joint space [rad].
-    danger : DangerReport or None
-        None where no danger field is given.
-    clearance : ClearanceReport
-        Distances to obstacles.
-    certified : bool
-        Whether every edge is proven free, and no check of the user's own refuses it.
-    refused : tuple of (int, MotionVerdict), optional
-        The first edge that is not proven free, and why; None for a certified path.
-    validation : Validation, optional
-        In full: what is proven, and what was sampled; default: what `certified` and `refused` say.
-    links_without_collision : sequence of str
-        Moving links of the robot that have no collision geometry: nothing is known of them.
+    belongs to the path, the robot, the scene and the field as they were: these do not change. `length` is Euclidean, in
+    joint space [rad]; of `links_without_collision` nothing is known, as they have no collision geometry.
     """
 
     def __init__(
@@ -181,7 +155,7 @@ class PathReport:
         self.length = length
         self.validation = validation or Validation(certified, refused)
         self.links_without_collision = tuple(links_without_collision)
-        self._parts: _Parts = _Known(danger, clearance)
+        self._parts: _Known | _Examination = _Known(danger, clearance)
 
     @classmethod
     def of(
@@ -191,31 +165,18 @@ class PathReport:
         field: DangerField | None = None,
         motion: CertifiedMotion | None = None,
     ) -> PathReport:
-        """Validate a path, and return the report on it.
+        """Validate a path (N, n) [rad or m] of straight motions, and return the report on it.
 
-        Parameters
-        ----------
-        path : array_like, shape (N, n)
-            Way points [rad or m]; between them joints move on straight lines.
-        checker : CollisionChecker
-            Robot and scene.
-        field : DangerField, optional
-            The danger.
-        motion : CertifiedMotion, optional
-            The validator; by default one on `checker`.
-
-        Raises
-        ------
-        InputError
-            If the path is empty, has the wrong shape, or is not finite.
+        By default one of the checker's certified motions is the validator. An InputError if the path is empty, has the
+        wrong shape, or is not finite.
         """
         robot = checker.robot
         path = finite_array(path, (None, robot.n), "path")
         if not len(path):
             raise InputError("path must have a configuration at least, got none")
         report = cls.__new__(cls)
-        report._parts = _Examination(path, checker, field)
-        report.length = report._parts.curve.length
+        report._parts = examination = _Examination(path, checker, field)
+        report.length = examination.curve.length
         report.validation = validate(path, motion or CertifiedMotion(checker))
         report.links_without_collision = robot.links_without_collision
         return report
@@ -250,10 +211,9 @@ class PathReport:
         """How long it took to compute danger and clearance [s], as far as they were looked at."""
         return self._parts.time
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Take the numbers along to other processes, not what they come from."""
-        known = _Known(self.danger, self.clearance, self.time)
-        return _restored, (self.length, known, self.validation, self.links_without_collision)
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what travels to other processes: the numbers, not what they come from."""
+        return {**vars(self), "_parts": _Known(self.danger, self.clearance, self.time)}
 
     def __repr__(self) -> str:
         return f"PathReport({self.length:.3g} rad, {self.validation})"
@@ -276,25 +236,6 @@ class PathReport:
             "validation": self.validation.as_dict(),
             "links_without_collision": list(self.links_without_collision),
         }
-
-
-def _restored(length: float, known: _Known, validation: Validation, links: tuple[str, ...]) -> PathReport:
-    report = PathReport.__new__(PathReport)
-    report.length, report._parts = length, known
-    report.validation, report.links_without_collision = validation, links
-    return report
-
-
-class _Parts(Protocol):
-    """Danger and clearance of a path, and how long they took [s]."""
-
-    time: float
-
-    @property
-    def danger(self) -> DangerReport | None: ...
-
-    @property
-    def clearance(self) -> ClearanceReport: ...
 
 
 @dataclass

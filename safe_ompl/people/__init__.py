@@ -15,8 +15,16 @@ if TYPE_CHECKING:
         ReachSets,
         SpeedReach,
     )
-    from safe_ompl.people.recordings import Recording, list_clips
-    from safe_ompl.people.skeletons import KEYPOINTS, PELVIS, Skeleton, TrackedBody, facing, find_skeleton
+    from safe_ompl.people.skeletons import (
+        KEYPOINTS,
+        PELVIS,
+        Recording,
+        Skeleton,
+        TrackedBody,
+        facing,
+        find_skeleton,
+        list_clips,
+    )
     from safe_ompl.people.tracking import Surroundings, Tracker, Violation
 
 __all__ = [

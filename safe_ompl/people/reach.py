@@ -19,6 +19,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, IntArray, number
 from safe_ompl.geometry import STANDING
+from safe_ompl.geometry.kernels import Sets
 from safe_ompl.scene import People
 
 _LONGER = 1.15  # arms of a person are at most this much longer than those of a mean person of that height
@@ -26,39 +27,25 @@ _LONGER = 1.15  # arms of a person are at most this much longer than those of a 
 
 @dataclass(frozen=True)
 class ReachSets:
-    """Sets that M bodies do not leave.
+    """Sets that M bodies do not leave; a body is a limb of a person, or an object, whose limb has no name."""
 
-    Attributes
-    ----------
-    names : tuple of (str, str)
-        The person or object and the limb that each of the M bodies is; the limb of an object is empty.
-    owners : ndarray of int, shape (S,)
-        The body that each set is about, in ascending order.
-    points, velocities : ndarray, shape (P, 3)
-        Of all sets, one after the other [m], [m/s].
-    first : ndarray of int, shape (S + 1,)
-        Where the points of each set begin.
-    radii : ndarray, shape (S,)
-        Radius of the body about the points [m]; where a set has one point for a body of several, of all of it.
-    growth : ndarray, shape (S, 3)
-        g₀ [m], g₁ [m/s], g₂ [m/s²].
-    """
-
+    # The person or object and the limb that each of the M bodies is; the limb of an object is empty
     names: tuple[tuple[str, str], ...]
-    owners: IntArray
-    points: FloatArray
+    owners: IntArray  # (S,), the body that each set is about, in ascending order
+    points: FloatArray  # (P, 3), of all sets, one after the other [m], [m/s]
     velocities: FloatArray
-    first: IntArray
+    first: IntArray  # (S + 1,), where the points of each set begin
+    # (S,), radius of the body about the points [m]; where a set has one point for a body of several, of all of it
     radii: FloatArray
-    growth: FloatArray
+    growth: FloatArray  # (S, 3), g₀ [m], g₁ [m/s], g₂ [m/s²]
 
     def __len__(self) -> int:
         return len(self.owners)
 
     @property
-    def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
+    def arrays(self) -> Sets:
         """All arrays, as `safe_ompl.geometry.kernels.gaps` takes them."""
-        return self.owners, self.points, self.velocities, self.first, self.radii, self.growth
+        return Sets(self.owners, self.points, self.velocities, self.first, self.radii, self.growth)
 
     @classmethod
     def none(cls) -> ReachSets:
@@ -80,9 +67,8 @@ class ReachSets:
         M, K = points.shape[:2]
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         drift = np.zeros_like(flat) if velocities is None else velocities.reshape(-1, 3)
-        owners: IntArray = np.arange(M)
         first: IntArray = K * np.arange(M + 1)
-        return cls(names, owners, flat, np.ascontiguousarray(drift), first, radii, growth)
+        return cls(names, np.arange(M), flat, np.ascontiguousarray(drift), first, radii, growth)
 
     def and_also(self, other: ReachSets) -> ReachSets:
         """Return the sets of the same bodies, that are now in those of both."""
@@ -91,47 +77,28 @@ class ReachSets:
 
     def beside(self, other: ReachSets) -> ReachSets:
         """Return the sets of these bodies and of others."""
-        order: IntArray = np.arange(len(self) + len(other))
+        order = np.arange(len(self) + len(other))
         return self._joined(other, self.names + other.names, other.owners + len(self.names), order)
 
     def _joined(
         self, other: ReachSets, names: tuple[tuple[str, str], ...], owners: IntArray, order: IntArray
     ) -> ReachSets:
         both = (self, other)
-        rows = [
-            side.first[k] + np.arange(side.first[k + 1] - side.first[k])
-            for side in both
-            for k in range(len(side))
-        ]
-        shift = [0] * len(self) + [len(self.points)] * len(other)
-        picked = [rows[k] + shift[k] for k in order]
-        place = np.concatenate([np.zeros(0, dtype=np.intp), *picked])
-        points, velocities = (
-            np.concatenate([getattr(side, name) for side in both]) for name in ("points", "velocities")
+        points, velocities, radii, growth = (
+            np.concatenate([getattr(side, name) for side in both])
+            for name in ("points", "velocities", "radii", "growth")
         )
-        radii, growth = (
-            np.concatenate([getattr(s, name) for s in both])[order] for name in ("radii", "growth")
-        )
-        first = np.concatenate([[0], np.cumsum([len(rows[k]) for k in order])]).astype(np.intp)
-        return ReachSets(
-            names,
-            np.concatenate([self.owners, owners])[order],
-            points[place],
-            velocities[place],
-            first,
-            radii,
-            growth,
-        )
+        starts = np.concatenate([self.first[:-1], len(self.points) + other.first[:-1]])[order]
+        sizes = np.concatenate([np.diff(side.first) for side in both])[order]
+        first = np.append(0, np.cumsum(sizes)).astype(np.intp)
+        place = np.repeat(starts - first[:-1], sizes) + np.arange(first[-1])
+        owners = np.concatenate([self.owners, owners])[order]
+        return ReachSets(names, owners, points[place], velocities[place], first, radii[order], growth[order])
 
     def excess(self, ends: Sequence[FloatArray] | FloatArray, time: float) -> FloatArray:
         """Return for each body how far (M,) its points are beyond its sets after a time, at most; ≤ 0: it obeyed.
 
-        Parameters
-        ----------
-        ends : M arrays of shape (K, 3)
-            Where the points of the M bodies are then [m].
-        time : float
-            [s] since the sets were measured.
+        Its points, (K, 3) for each of the M bodies, are `ends` then [m]; the time [s] is since the sets were measured.
         """
         found = np.full(len(self.names), -np.inf)
         for s, owner in enumerate(self.owners.tolist()):
@@ -145,43 +112,20 @@ class ReachSets:
 
 @dataclass(frozen=True)
 class Measured:
-    """What is known of the limbs of a person at one instant.
+    """What is known of the M limbs of a person at one instant."""
 
-    Attributes
-    ----------
-    who : str
-        The person.
-    limbs : tuple of str
-        The person's M limbs.
-    ends, velocities : ndarray, shape (M, 2, 3)
-        Where the ends of the limbs were when they were last seen [m], and the velocity just before [m/s].
-    radii : ndarray, shape (M,)
-        [m]
-    ages : ndarray, shape (M,)
-        How long ago the elder of the two ends was seen [s].
-    baseline : float
-        Time over which velocities were measured [s]; infinite: they were not.
-    shoulders : ndarray, shape (2, 3)
-        The left and the right one [m].
-    shoulder_ages : ndarray, shape (2,)
-        [s]
-    height : float
-        Of the person [m].
-    noise : float
-        Bound of the errors of measured places [m].
-    """
-
-    who: str
-    limbs: tuple[str, ...]
+    who: str  # The person
+    limbs: tuple[str, ...]  # The person's M limbs
+    # (M, 2, 3), where the ends of the limbs were when they were last seen [m], and the velocity just before [m/s]
     ends: FloatArray
     velocities: FloatArray
-    radii: FloatArray
-    ages: FloatArray
-    baseline: float
-    shoulders: FloatArray
-    shoulder_ages: FloatArray
-    height: float
-    noise: float = 0.0
+    radii: FloatArray  # (M,), [m]
+    ages: FloatArray  # (M,), how long ago the elder of the two ends was seen [s]
+    baseline: float  # Time over which velocities were measured [s]; infinite: they were not
+    shoulders: FloatArray  # (2, 3), The left and the right one [m]
+    shoulder_ages: FloatArray  # (2,), [s]
+    height: float  # Of the person [m]
+    noise: float = 0.0  # Bound of the errors of measured places [m]
 
     @property
     def names(self) -> tuple[tuple[str, str], ...]:
@@ -238,14 +182,8 @@ class AccelerationReach:
         known = np.isfinite(person.baseline)
         drift = 0.5 * a * person.baseline + 2 * person.noise / person.baseline if known else 1e6
         velocities = person.velocities if known else np.zeros_like(person.velocities)
-        growth = np.stack(
-            [
-                person.noise + ages * (drift + 0.5 * a * ages),
-                drift + a * ages,
-                np.full(M, a),
-            ],
-            axis=1,
-        )
+        known_to = person.noise + ages * (drift + 0.5 * a * ages)
+        growth = np.stack([known_to, drift + a * ages, np.full(M, a)], axis=1)
         places = person.ends + ages[:, None, None] * velocities
         return ReachSets.of(person.names, places, person.radii, growth, velocities)
 

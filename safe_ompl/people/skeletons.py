@@ -1,10 +1,12 @@
-"""Key points of people: skeletons as trackers give them, and the limbs of a body between them."""
+"""Key points of people: skeletons as trackers give them, recordings of them, and the limbs of a body between them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -136,67 +138,45 @@ _RECORDING = (
 
 _LIMBS = _both(shoulder="{side}_shoulder", elbow="{side}_elbow", wrist="{side}_wrist")
 _LEGS = _both(hip="{side}_hip", knee="{side}_knee", ankle="{side}_ankle")
+_EARS = ("left_ear", "right_ear")
+
+
+def _sources(*head: str, **ends: str) -> dict[str, tuple[str, ...]]:
+    """Return where head, arms and legs come from, and hands or toes if a tracker has them."""
+    return {"head": head, **_LIMBS, **_LEGS, **_both(**ends)}
+
 
 # Indices and names after the documentation of COCO, OpenPose, MediaPipe, Azure Kinect's body tracking and SMPL. A head
 # is where the ears are, if there are any: the nose is in front of it.
-SKELETONS: dict[str, Skeleton] = {
-    skeleton.name: skeleton
-    for skeleton in (
-        Skeleton("coco17", _COCO, {"head": ("left_ear", "right_ear"), **_LIMBS, **_LEGS}),
-        Skeleton(
-            "body25",
-            _BODY_25,
-            {"head": ("left_ear", "right_ear"), **_LIMBS, **_LEGS, **_both(toe="{side}_big_toe")},
-        ),
-        Skeleton(
-            "mediapipe33",
-            _MEDIAPIPE,
-            {
-                "head": ("left_ear", "right_ear"),
-                **_LIMBS,
-                **_both(hand="{side}_index"),
-                **_LEGS,
-                **_both(toe="{side}_foot_index"),
-            },
-            axes=_CAMERA,
-            placed=False,
-        ),
-        Skeleton(
-            "azure_kinect32",
-            _KINECT,
-            {
-                "head": ("left_ear", "right_ear"),
-                **_LIMBS,
-                **_both(hand="{side}_handtip"),
-                **_LEGS,
-                **_both(toe="{side}_foot"),
-            },
-            scale=1e-3,
-            axes=_CAMERA,
-        ),
-        Skeleton(
-            "smpl24",
-            _SMPL,
-            {
-                "head": ("head",),
-                **_LIMBS,
-                **_both(hand="{side}_hand"),
-                **_LEGS,
-                **_both(toe="{side}_foot"),
-            },
-            axes=_Y_UP,
-        ),
-        Skeleton(  # bones, each named after where it begins: the upper arm at the shoulder, the hand at the wrist
-            "recording12",
-            _RECORDING,
-            {
-                "head": ("head",),
-                **_both(shoulder="{side}_upper_arm", elbow="{side}_forearm", wrist="{side}_hand"),
-                "pelvis": ("hip",),
-            },
-        ),
-    )
-}
+_KNOWN = (
+    Skeleton("coco17", _COCO, _sources(*_EARS)),
+    Skeleton("body25", _BODY_25, _sources(*_EARS, toe="{side}_big_toe")),
+    Skeleton(
+        "mediapipe33",
+        _MEDIAPIPE,
+        _sources(*_EARS, hand="{side}_index", toe="{side}_foot_index"),
+        axes=_CAMERA,
+        placed=False,
+    ),
+    Skeleton(
+        "azure_kinect32",
+        _KINECT,
+        _sources(*_EARS, hand="{side}_handtip", toe="{side}_foot"),
+        scale=1e-3,
+        axes=_CAMERA,
+    ),
+    Skeleton("smpl24", _SMPL, _sources("head", hand="{side}_hand", toe="{side}_foot"), axes=_Y_UP),
+    Skeleton(  # bones, each named after where it begins: the upper arm at the shoulder, the hand at the wrist
+        "recording12",
+        _RECORDING,
+        {
+            "head": ("head",),
+            **_both(shoulder="{side}_upper_arm", elbow="{side}_forearm", wrist="{side}_hand"),
+            "pelvis": ("hip",),
+        },
+    ),
+)
+SKELETONS: dict[str, Skeleton] = {skeleton.name: skeleton for skeleton in _KNOWN}
 
 
 def find_skeleton(name: str) -> Skeleton:
@@ -208,13 +188,7 @@ def find_skeleton(name: str) -> Skeleton:
 
 
 def skeleton_of(points: Sequence[str]) -> Skeleton:
-    """Return the skeleton with these key points in this order.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return the skeleton with these key points in this order, or raise InputError."""
     for skeleton in SKELETONS.values():
         if skeleton.points == tuple(points):
             return skeleton
@@ -285,8 +259,7 @@ class TrackedBody:
     def radii(self, ends: FloatArray) -> FloatArray:
         """Return the radii (M,) of the limbs with these ends (M, 2, 3); a hand without a length is a ball [m]."""
         short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) == 0
-        radii: FloatArray = self._radii + np.where(short, self._spans, 0.0)
-        return radii
+        return np.asarray(self._radii + np.where(short, self._spans, 0.0))
 
     @cached_property
     def _radii(self) -> FloatArray:
@@ -304,8 +277,7 @@ class TrackedBody:
 
     def ends(self, keypoints: FloatArray) -> FloatArray:
         """Return the ends (M, 2, 3) of the limbs, `keypoints: (18, 3)` all known but the pelvis [m]."""
-        ends: FloatArray = self.weights @ keypoints[: len(STANDING)]
-        return ends
+        return np.asarray(self.weights @ keypoints[: len(STANDING)])
 
     def completed(self, keypoints: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return the key points (18, 3) with those that are NaN assumed, and on which one each rests (18,).
@@ -331,8 +303,7 @@ class TrackedBody:
 
     def pelvis(self, keypoints: FloatArray) -> FloatArray:
         """Return the middle (3,) of the hips of completed key points (18, 3) [m]."""
-        middle: FloatArray = 0.5 * (keypoints[_INDEX["left_hip"]] + keypoints[_INDEX["right_hip"]])
-        return middle
+        return np.asarray(0.5 * (keypoints[_INDEX["left_hip"]] + keypoints[_INDEX["right_hip"]]))
 
 
 _INDEX = {name: k for k, name in enumerate(KEYPOINTS)}
@@ -387,3 +358,82 @@ def facing(points: FloatArray) -> FloatArray:
             c, s = across[1] / length, -across[0] / length
             return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return np.eye(3)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One clip of a person."""
+
+    skeleton: Skeleton  # What its key points are
+    rate: float  # Frames per second
+    frames: FloatArray  # (T, J, 3), as the sensor gave them
+    source: str = ""  # File and clip
+
+    def __repr__(self) -> str:
+        return f"Recording({self.source!r}, {self.skeleton.name}, {self.duration:.1f} s)"
+
+    @classmethod
+    def load(cls, file: str | Path, clip: str = "clip_0") -> Recording:
+        """Read a clip.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, lacks a key or holds something else; names file and key.
+        UnknownNameError
+            If there is no such clip; lists those that there are.
+        """
+        path = Path(file)
+        arrays = _arrays(path)
+        for key in ("names", "rate"):
+            if key not in arrays:
+                raise InputError("missing, but needed", f"{path}: {key}")
+        clips = _clips(arrays)
+        if clip not in clips:
+            raise UnknownNameError("clip", clip, clips, str(path))
+        try:
+            skeleton = skeleton_of([str(name) for name in arrays["names"].ravel()])
+        except InputError as error:
+            raise InputError(str(error), f"{path}: names") from None
+        rate = number(f"{path}: rate:", arrays["rate"].squeeze(), above=0.0)
+        frames = float_array(arrays[clip], (None, len(skeleton.points), 3), f"{path}: {clip}:")
+        if not len(frames):
+            raise InputError("has no frames", f"{path}: {clip}")
+        if np.isinf(frames).any():
+            raise InputError("key points must be finite, or NaN where they are not seen", f"{path}: {clip}")
+        return cls(skeleton, rate, frames, f"{path.name}:{clip}")
+
+    @property
+    def duration(self) -> float:
+        """How long it plays [s]."""
+        return (len(self.frames) - 1) / self.rate
+
+    def at(self, time: float) -> FloatArray:
+        """Return the key points (J, 3) at a time [s], linear between frames; it plays back and forth for ever."""
+        last = len(self.frames) - 1
+        if last == 0:
+            return np.asarray(self.frames[0])
+        place = (time * self.rate) % (2 * last)
+        place = min(place, 2 * last - place)
+        k = min(int(place), last - 1)
+        share = place - k
+        return np.asarray((1 - share) * self.frames[k] + share * self.frames[k + 1])
+
+
+def list_clips(file: str | Path) -> tuple[str, ...]:
+    """Return the names of the clips in a file; errors as `Recording.load`."""
+    return _clips(_arrays(Path(file)))
+
+
+def _clips(arrays: Iterable[str]) -> tuple[str, ...]:
+    found = (key for key in arrays if key.startswith("clip_"))
+    return tuple(sorted(found, key=lambda key: (len(key), key)))
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return {key: data[key] for key in data.files}
+    except (OSError, BadZipFile, ValueError, EOFError, AttributeError) as error:
+        reason = getattr(error, "strerror", None) or "it is no .npz file of plain arrays"
+        raise InputError(f"cannot be read ({reason})", str(path)) from None

@@ -22,19 +22,11 @@ _ROUNDING = 1e-9  # [m]
 
 
 class Violation(NamedTuple):
-    """A body that moved farther than was promised.
+    """A body that moved farther than was promised."""
 
-    Attributes
-    ----------
-    who, limb : str
-        The person or object, and its limb; the limb of an object is empty.
-    excess : float
-        How far it was beyond what its reach allows [m].
-    """
-
-    who: str
+    who: str  # The person or object, and its limb; the limb of an object is empty
     limb: str
-    excess: float
+    excess: float  # How far it was beyond what its reach allows [m]
 
     def __str__(self) -> str:
         limb = f" ({self.limb})" if self.limb else ""
@@ -71,17 +63,6 @@ class PersonTrack:
 
     A key point that is not seen keeps its place, and its age grows. One that was never seen is assumed, as
     `TrackedBody` says; `assumed` names them.
-
-    Parameters
-    ----------
-    name : str
-        The person.
-    tracker : Tracker
-        How the person is tracked.
-    people : People
-        How fast limbs may move.
-    reach : ReachModel, optional
-        The assumption about their motion; default: `SpeedReach`.
     """
 
     def __init__(self, name: str, tracker: Tracker, people: People, reach: ReachModel | None = None) -> None:
@@ -115,14 +96,9 @@ class PersonTrack:
         return self._completed
 
     def observe(self, points: ArrayLike | None, time: float) -> Violation | None:
-        """Take what the sensor saw, and return the limb that moved farther than was promised, if one did.
+        """Take what the sensor saw at a time [s], and return the limb that moved farther than was promised, if one did.
 
-        Parameters
-        ----------
-        points : array_like, shape (J, 3), or None
-            Key points as the skeleton has them; NaN, or None for all of them: not seen.
-        time : float
-            When [s]; not before the last time.
+        Key points (J, 3) are as the skeleton has them; NaN, or None for all of them: not seen.
 
         Raises
         ------
@@ -153,17 +129,11 @@ class PersonTrack:
         return Violation(self.name, promised.names[worst][1], float(excess[worst]))
 
     def sets(self) -> ReachSets:
-        """Return where the limbs may be from the time of the last measurement on.
-
-        Raises
-        ------
-        InputError
-            If the person was never seen.
-        """
+        """Return where the limbs may be from the time of the last measurement on; errors as `measured`."""
         return self.reach.sets(self.measured(), self.people)
 
     def measured(self) -> Measured:
-        """Return what is known of the limbs at the time of the last measurement; errors as `sets`."""
+        """Return what is known of the limbs at the time of the last measurement; raise InputError if there was none."""
         if self._completed is None:
             raise InputError("was never seen", self.name)
         body = self.tracker.body
@@ -177,34 +147,15 @@ class PersonTrack:
         ends, rates = body.ends(self._completed), body.ends(velocities)
         arms = [KEYPOINTS.index(f"{side}_shoulder") for side in ("left", "right")]
         old = np.where(used, ages[: len(STANDING)], 0.0).max(axis=(1, 2))
-        return Measured(
-            self.name,
-            body.limbs,
-            ends,
-            rates,
-            body.radii(ends),
-            old,
-            baseline,
-            self._completed[arms],
-            ages[arms],
-            body.height,
-            self.tracker.noise,
-        )
+        limbs = ends, rates, body.radii(ends), old
+        arms_known = self._completed[arms], ages[arms]
+        return Measured(self.name, body.limbs, *limbs, baseline, *arms_known, body.height, self.tracker.noise)
 
 
 class ObjectTrack:
-    """An object that moves: the hulls of its parts, none of whose points is faster than a bound.
+    """An object that moves: the hulls of its parts, none of whose points is faster than a bound [m/s].
 
-    Parameters
-    ----------
-    name : str
-        The obstacle.
-    hulls : sequence of (ndarray, float)
-        Points (K, 3) and radius of each part in the frame of the obstacle [m].
-    speed : float
-        Bound of the speed of all its points [m/s].
-    pose : pin.SE3
-        Where it is at first. It counts as unseen until it is measured.
+    Hulls are points (K, 3) and a radius in the frame of the obstacle [m]. At the first pose it counts as unseen.
     """
 
     def __init__(self, name: str, hulls: list[tuple[FloatArray, float]], speed: float, pose: pin.SE3) -> None:
@@ -250,29 +201,12 @@ class ObjectTrack:
 
 
 class Surroundings:
-    """All people and objects that move around a robot, each with its track.
-
-    Parameters
-    ----------
-    scene : Scene
-        All obstacles.
-    trackers : mapping of str to Tracker
-        People that are tracked.
-    objects : mapping of str to float
-        Obstacles that move, and bounds of their speeds [m/s].
-    people : People
-        How fast people may move.
-    reach : ReachModel, optional
-        The assumption about their motion; default: `SpeedReach`.
+    """All people and objects that move around a robot, each with its track; parameters as of `Replanner`.
 
     Attributes
     ----------
     scene, still : Scene
         All obstacles except the people that are tracked; and those of them that stand still.
-    shapes : dict of str to Shape
-        Shapes of the objects by name.
-    people, objects : dict
-        The tracks by name.
     time : float
         Time of the last measurement [s]; −inf: there was none.
     sets : ReachSets
@@ -344,11 +278,7 @@ class Surroundings:
         for name, track in self._tracks.items():
             age = time - self.time + track.age
             if age > lost_after:
-                return (
-                    f"{name!r} was not seen yet"
-                    if np.isinf(age)
-                    else f"{name!r} was not seen for {age:.2f} s"
-                )
+                return f"{name!r} was not seen " + ("yet" if np.isinf(age) else f"for {age:.2f} s")
         return str(self._violations[0]) if self._violations else None
 
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.planning import wiring
-    from safe_ompl.planning.from_scenario import plan, setup_problem, setup_scenario
+    from safe_ompl.planning.from_scenario import plan, repair, setup_problem, setup_scenario
     from safe_ompl.planning.optimise import COSTS, Improvement
+    from safe_ompl.planning.planners import planner_data
+    from safe_ompl.planning.problem import danger_field
     from safe_ompl.planning.result import PlanResult
-    from safe_ompl.planning.run import planner_data
     from safe_ompl.planning.safe_setup import SafeSetup
 
 __all__ = [
@@ -19,11 +19,12 @@ __all__ = [
     "Improvement",
     "PlanResult",
     "SafeSetup",
+    "danger_field",
     "plan",
     "planner_data",
+    "repair",
     "setup_problem",
     "setup_scenario",
-    "wiring",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

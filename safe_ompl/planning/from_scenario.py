@@ -1,27 +1,32 @@
-"""From a scenario, or a problem of MotionBenchMaker, to a setup; and from a scenario to a result."""
+"""From a scenario or a problem to a setup, from a scenario to a result, from a motion to a repair."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from safe_ompl.common import clock
 from safe_ompl.common import documents as document
+from safe_ompl.motions import Repair, tube_of
+from safe_ompl.planning.ompl import Constraints
 from safe_ompl.planning.optimise import Cost
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
-from safe_ompl.scene import MbmProblem, Scenario, find_scenario
+from safe_ompl.scene import MbmProblem, Scenario, Scene, find_scenario
+from safe_ompl.trajectories import RateLimits
 
 _log = logging.getLogger(__name__)
 
 
 def plan(
     scenario: Scenario | str | Path,
-    planner: str = "SafeRRTConnect",
+    planner: str | Callable[..., Any] = "SafeRRTConnect",
     time: float | None = None,
     seed: int = 0,
     parameters: Mapping[str, Any] | None = None,
@@ -31,32 +36,10 @@ def plan(
     cost: Cost = "danger",
     report: bool = True,
 ) -> PlanResult:
-    """Plan a scenario.
+    """Plan a scenario: the problem itself, or the name or file of one; all else as in `SafeSetup.plan`.
 
-    Parameters
-    ----------
-    scenario : Scenario, str or path
-        The problem, or the name or file of one.
-    planner : str
-        A name of `planner_names()`.
-    time : float, optional
-        Time limit [s]; the scenario's own by default.
-    seed : int
-        Seed.
-    parameters : mapping, optional
-        Planner parameters that override those of the scenario.
-    simplify, optimise, cost, report
-        As in `SafeSetup.plan`.
-
-    Returns
-    -------
-    PlanResult
-        True if solved.
-
-    Raises
-    ------
-    InputError, PlanningError
-        As `SafeSetup.plan`; and if the scenario cannot be used.
+    The time limit [s] is by default the scenario's own, and `parameters` override those of the scenario. Errors as
+    `SafeSetup.plan`; an InputError, too, if the scenario cannot be used.
     """
     begin = clock()
     if not isinstance(scenario, Scenario):
@@ -112,12 +95,8 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
 def setup_problem(problem: MbmProblem, robot: Robot) -> SafeSetup:
     """Return a SafeSetup with the scene, start and goals of a problem.
 
-    Limits of joints are widened, with a warning, where a goal is slightly outside; see `MbmProblem.widened_limits`.
-
-    Raises
-    ------
-    InputError
-        If the joints are not those of the robot, or start or goals are outside the limits or in collision.
+    Limits of joints are widened, with a warning, where a goal is slightly outside; see `MbmProblem.widened_limits`. An
+    InputError if the joints are not those of the robot, or start or goals are outside the limits or in collision.
     """
     limits = problem.widened_limits(robot)
     if limits:
@@ -127,3 +106,43 @@ def setup_problem(problem: MbmProblem, robot: Robot) -> SafeSetup:
     setup = SafeSetup(robot, problem.scene)
     setup.setConfigurations(problem.start_configuration(robot), problem.goal_configurations(robot))
     return setup
+
+
+def repair(
+    motion: Any,
+    robot: Robot,
+    scene: Scene,
+    *,
+    constraints: Constraints | None = None,
+    tube: ArrayLike | None = None,
+    limits: RateLimits | None = None,
+    time: float = 2.0,
+) -> Repair:
+    """Return a motion that something else made with as little changed as a proof needs.
+
+    Parameters
+    ----------
+    motion : Motion or what `Motion.of` takes
+        Such as way points (N, n), a SciPy spline, or a plain `og.SimpleSetup` that has been solved.
+    robot, scene, constraints, tube, limits
+        As `check`.
+    time : float
+        [s] for planning ways round, where moving pieces aside does not succeed.
+
+    Returns
+    -------
+    Repair
+        True if it is proven. `motion` has the ends, the degree, the times and the smoothness of the one given; `path`
+        the way points where it is straight between them; `how`, `deviation` and `changed` say what was done.
+
+    Raises
+    ------
+    InputError
+        As `check`.
+    """
+    setup = SafeSetup(robot, scene)
+    wanted = Constraints() if constraints is None else constraints
+    if tube is not None:
+        wanted = replace(wanted, separation=replace(wanted.separation, tube=tube_of(tube, robot)))
+    setup.setConstraints(wanted)
+    return setup.repair(motion, limits, time=time)

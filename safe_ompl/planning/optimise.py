@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from threading import current_thread, main_thread
+from types import FrameType, TracebackType
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from ompl import base as ob
 
 from safe_ompl.collision import CertifiedMotion
-from safe_ompl.common import FloatArray, InputError, clock
+from safe_ompl.common import FloatArray, InputError, clock, positive
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import Simplifier, Stop, timed, unrolled
 from safe_ompl.scene import MotionLimits, People
@@ -32,13 +36,7 @@ Search = Callable[[int, float], FloatArray | None]
 
 
 class Simplification:
-    """Keeps the options of a danger-aware simplification, and a `Simplifier` for the scene as it is.
-
-    Parameters
-    ----------
-    field : DangerField or None
-        The danger; None where there is none.
-    """
+    """Keeps the options of a danger-aware simplification, and a `Simplifier` for the scene as it is."""
 
     def __init__(self, field: DangerField | None) -> None:
         self._field = field
@@ -48,10 +46,7 @@ class Simplification:
     def set(self, motion: CertifiedMotion, options: Mapping[str, Any]) -> Simplifier:
         """Take other options of `Simplifier`, and return one that proves edges by a motion.
 
-        Raises
-        ------
-        InputError
-            If an option is out of range, or there is no danger.
+        An InputError if an option is out of range, or there is no danger.
         """
         if self._field is None:
             raise InputError(
@@ -72,17 +67,7 @@ class Simplification:
 
 
 class Timing:
-    """What trajectories keep to, and the timer that follows from it.
-
-    Parameters
-    ----------
-    field : DangerField or None
-        The danger; None where there is none.
-    limits : MotionLimits, optional
-        Of joints, tool and links.
-    people : People, optional
-        Who may come near, and how fast.
-    """
+    """What trajectories keep to, and the timer that follows from it."""
 
     def __init__(
         self, field: DangerField | None, limits: MotionLimits | None = None, people: People | None = None
@@ -94,10 +79,8 @@ class Timing:
     def timer(self, motion: CertifiedMotion) -> PathTimer:
         """Return what times paths that a motion proves.
 
-        Raises
-        ------
-        InputError
-            If limits are missing, people are not in the scene, or a danger is limited but none is planned with.
+        An InputError if limits are missing, people are not in the scene, or a danger is limited but none is planned
+        with.
         """
         made_for = motion, motion.checker.scene
         if self._timer is None or any(a is not b for a, b in zip(self._made_for, made_for, strict=True)):
@@ -110,24 +93,46 @@ class Timing:
         return self._timer
 
 
-# -------------------------------------------------------------------------------------------------- the cheapest path
+class Interrupts:
+    """Notes Ctrl-C while a block runs, and has it handled as it was before; in the main thread, as Python has it.
+
+    Used where the best result so far is returned and no exception is raised; `happened` says whether there was one.
+    """
+
+    def __init__(self) -> None:
+        self.happened = False
+        self._before: Any = None
+
+    def __enter__(self) -> Interrupts:
+        before = signal.getsignal(signal.SIGINT)
+        if callable(before) and current_thread() is main_thread():
+            self._before = before
+            signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.happened = True
+        self._before(number, frame)
+
+
+def stopping(time: Any) -> Stop:
+    """Return a predicate for a time limit [s], 0 for none, or a termination condition."""
+    if isinstance(time, ob.PlannerTerminationCondition):
+        return lambda: bool(time())
+    if not isinstance(time, bool) and isinstance(time, (int, float)) and time == 0:
+        return lambda: False
+    return timed(positive(time, "time of simplification", "number of seconds"))
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """A path that was better than all before it.
-
-    Attributes
-    ----------
-    time : float
-        Since the beginning [s].
-    cost : float
-        J of the path.
-    length : float
-        [rad]
-    danger_mean, danger_max : float
-        Over the path.
-    """
+    """A path that was better than all before it: when it was found [s], its cost, length [rad] and danger."""
 
     time: float
     cost: float
@@ -142,17 +147,7 @@ class Improvement:
 
 @dataclass
 class Optimisation:
-    """The best path so far, and those that were best before.
-
-    Attributes
-    ----------
-    times : list of float
-        When each path was found [s].
-    paths : list of ndarray, shape (N, n)
-        Each better than those before, as far as was known then.
-    first_path : float or None
-        When there was a path at all [s].
-    """
+    """The best path so far, and those that were best before; and when there was a path at all [s]."""
 
     times: list[float]
     paths: list[FloatArray]
@@ -177,32 +172,13 @@ class Optimisation:
 def optimise(
     search: Search, simplifier: Simplifier, seconds: float, stop: Stop | None = None
 ) -> Optimisation:
-    """Look for the cheapest path until the time is up.
+    """Look for the cheapest path until the time [s] is up, or `stop` says so.
 
-    Every start is a new path of the planner, simplified. When several in a row have found nothing better, the best
-    one is refined: more way points, smaller gains. Ctrl-C ends it early; what was found stands.
-
-    Parameters
-    ----------
-    search : callable
-        Plans: from a number that is another one for every start, and a time limit [s], to a path (N, n) or None.
-    simplifier : Simplifier
-        Makes paths cheaper.
-    seconds : float
-        Time limit [s].
-    stop : callable, optional
-        Ends it early.
+    Every start is a new path of the planner, simplified; `search` plans: from a number that is another one for every
+    start, and a time limit [s], to a path (N, n) or None. When several starts in a row have found nothing better, the
+    best path is refined: more way points, smaller gains. Ctrl-C ends it early; what was found stands.
     """
-    begin, over = clock(), timed(seconds, stop)
-    found = Optimisation([], [])
-    with suppress(KeyboardInterrupt):  # the best path so far stands
-        _improve(found, search, simplifier, begin, seconds, over)
-    return found
-
-
-def _improve(
-    found: Optimisation, search: Search, simplifier: Simplifier, begin: float, seconds: float, over: Stop
-) -> None:
+    begin, over, found = clock(), timed(seconds, stop), Optimisation([], [])
     best, stale, refinement, start = np.inf, 0, 0, 0
 
     def better(path: FloatArray, cost: float) -> None:
@@ -213,48 +189,30 @@ def _improve(
             found.times.append(clock() - begin)
             found.paths.append(path)
 
-    while not over():
-        if found.paths and stale >= _STALE_STARTS and refinement < _REFINEMENTS:
-            refinement, stale = refinement + 1, 0
-            simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
-            continue
-        path = search(start, seconds - (clock() - begin))
-        start, stale = start + 1, stale + 1
-        if path is None:
-            continue
-        if found.first_path is None:
-            found.first_path = clock() - begin
-            found.times.append(found.first_path)
-            found.paths.append(path)
-        simplifier.begin(path, over, better, proven=True).improve()
-
-
-# --------------------------------------------------------------------------------------------------- the fastest path
+    with suppress(KeyboardInterrupt):  # the best path so far stands
+        while not over():
+            if found.paths and stale >= _STALE_STARTS and refinement < _REFINEMENTS:
+                refinement, stale = refinement + 1, 0
+                simplifier.refined(refinement).begin(found.paths[-1], over, better, proven=True).improve()
+                continue
+            path = search(start, seconds - (clock() - begin))
+            start, stale = start + 1, stale + 1
+            if path is None:
+                continue
+            if found.first_path is None:
+                found.first_path = clock() - begin
+                found.times.append(found.first_path)
+                found.paths.append(path)
+            simplifier.begin(path, over, better, proven=True).improve()
+    return found
 
 
 class FastestPath:
     """Looks for the path that is driven in the least time.
 
     Paths of a planner, and what simplification makes of them, are timed; of several the best one is made faster by
-    local changes (`safe_ompl.trajectories.local_changes`).
-
-    Parameters
-    ----------
-    timer : PathTimer
-        Limits and caps.
-    simplifier : Simplifier
-        Makes paths safer: beside people these may be driven faster.
-    seed : int
-        Of local changes.
-
-    Attributes
-    ----------
-    times : list of float
-        When each path was found [s].
-    paths : list of ndarray, shape (N, n)
-        Each faster than those before; only the first may be one that people allow no motion on.
-    durations : list of float
-        How long each takes [s]; +inf where nothing allows motion.
+    local changes (`trajectories.faster`), drawn with `seed`. Beside people safer paths may be driven faster. Each path
+    is faster than those before; only the first may be one that people allow no motion on: its duration is +inf.
     """
 
     def __init__(self, timer: PathTimer, simplifier: Simplifier, seed: int) -> None:

@@ -1,28 +1,166 @@
-"""Problem: the start and the goals of a setup, as they were given, and what of it is allowed in the scene as it is."""
+"""What a setup plans: the plug-ins of its space information, start and goals, and what of them is allowed."""
 
 from __future__ import annotations
 
+import atexit
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
-from weakref import proxy
+from weakref import proxy, ref
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
+from safe_ompl.collision import FLOOR, CollisionChecker
 from safe_ompl.common import (
     CollisionError,
+    Counts,
     FloatArray,
     InputError,
     PlanningError,
     UnknownNameError,
     finite_array,
+    positive,
 )
-from safe_ompl.planning.ompl import ScratchState, WorkspaceGoal
+from safe_ompl.common import documents as document
+from safe_ompl.danger import DangerField
+from safe_ompl.planning.ompl import (
+    RESOLUTION,
+    AskedMotions,
+    CertifiedMotionValidator,
+    CollisionFreeValidity,
+    ConfigurationCheck,
+    Constraints,
+    SampledValidity,
+    ScratchState,
+    StateBridge,
+    UserCheck,
+    WorkspaceGoal,
+)
 from safe_ompl.planning.planners import accepts
-from safe_ompl.planning.wiring import Wiring
 from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+
+class Wiring:
+    """Gives a space information our state and motion validity, and takes over what the user sets there instead.
+
+    A state validity checker or a motion validator of the user's own does not replace ours: both apply to every query.
+    """
+
+    def __init__(self, si: Any, checker: CollisionChecker, floor: float = FLOOR) -> None:
+        self.si = si
+        self.bridge = StateBridge(si.getStateSpace())
+        self._resolution = RESOLUTION
+        self._registered = False  # to let go of the user's checks when the program ends
+        self.plug_in(CollisionFreeValidity(si, checker), CertifiedMotionValidator(si, checker, floor))
+
+    def plug_in(self, validity: CollisionFreeValidity, validator: CertifiedMotionValidator) -> None:
+        """Replace our own plug-ins; those of a user are asked besides ours."""
+        self.validity, self.validator = validity, validator
+        self.si.setStateValidityChecker(validity)
+        self.si.setMotionValidator(validator)
+
+    @property
+    def checker(self) -> CollisionChecker:
+        """Robot and scene."""
+        return self.validity.checker
+
+    @property
+    def check(self) -> ConfigurationCheck:
+        """The check of single configurations."""
+        return self.validity.check
+
+    @property
+    def constraints(self) -> Constraints:
+        """What configurations and motions must keep to."""
+        return self.validity.getConstraints()
+
+    def put(self, constraints: Constraints, checker: CollisionChecker | None = None) -> None:
+        """Put other constraints in place, and perhaps the checker of another scene.
+
+        An UnknownNameError if a constraint is about an obstacle that the scene does not have. Then all stays what it
+        was.
+        """
+        if constraints.user and not self._registered:
+            # A user's function refers to its module, which refers to the setup. The cycle closes in C++, where Python's
+            # garbage collector cannot see it.
+            atexit.register(_let_go, ref(self))
+            self._registered = True
+        self.validity.setConstraints(constraints, checker)
+        self.validator.setConstraints(constraints, checker)
+
+    # ----------------------------------------------------------------------------------- the user's own plug-ins
+
+    def put_user_checker(self, checker: Any) -> None:
+        """Ask a state validity checker of the user's own, too; None removes it. An InputError if it is none."""
+        self._put_user_checks(self._sampled(checker), self._asked)
+        self.si.setStateValidityChecker(self.validity)
+
+    @property
+    def resolution(self) -> float:
+        """Distance [rad or m] between the samples of motions that the user's checker is asked about."""
+        return self._resolution
+
+    @resolution.setter
+    def resolution(self, distance: float) -> None:
+        self._resolution = positive(distance, "resolution", "distance in joint space [rad]")
+        sampled = self.constraints.user_checker
+        if sampled is not None:
+            self._put_user_checks(self._sampled(sampled.checker), self._asked)
+
+    def adopt(self) -> bool:
+        """Take over the user's plug-ins that were set on the space information; return whether there were any.
+
+        OMPL's bindings do not report when one is set, so planning and validation look for it.
+        """
+        checker, validator = self.si.getStateValidityChecker(), self.si.getMotionValidator()
+        if checker is self.validity and validator is self.validator:
+            return False
+        sampled, asked = self.constraints.user_checker, self._asked
+        if checker is not self.validity:
+            sampled = self._sampled(checker)
+        if validator is not self.validator:
+            ours = self.validator.adds_nothing(validator)
+            asked = None if ours else AskedMotions(validator, self.bridge)
+        self._put_user_checks(sampled, asked)
+        self.plug_in(self.validity, self.validator)
+        return True
+
+    @property
+    def _asked(self) -> AskedMotions | None:
+        return next((check for check in self.constraints.user if isinstance(check, AskedMotions)), None)
+
+    def _sampled(self, checker: Any) -> SampledValidity | None:
+        if checker is None or self.validity.adds_nothing(checker):
+            return None
+        return SampledValidity(checker, self.bridge, self._resolution)
+
+    def _put_user_checks(self, *checks: UserCheck | None) -> None:
+        given = tuple(check for check in checks if check is not None)
+        self.put(replace(self.constraints, user=given))
+
+
+def _let_go(wiring: ref[Wiring]) -> None:
+    """Forget the user's checks at the end of the program; OMPL would report them as leaked."""
+    alive = wiring()
+    if alive is not None:
+        alive.put(replace(alive.constraints, user=()))
+
+
+def danger_field(
+    robot: Robot, scene: Scene, options: Mapping[str, Any], counts: Counts | None = None
+) -> DangerField:
+    """Return the danger of a robot in a scene; options as `danger` of `SafeSetup`, errors as there."""
+    if not isinstance(options, Mapping):
+        raise InputError(f"danger must be a mapping of options, or None for none, got {options!r}")
+    with document.within("danger"):
+        document.check_keys(options, ("spacing", "aggregate", "weighting", "k1", "k2", "gamma", "sharpness"))
+    options = dict(options)
+    return DangerField.of_scene(robot, scene, options.pop("spacing", None), counts=counts, **options)
+
 
 _log = logging.getLogger(__name__)
 
@@ -32,23 +170,8 @@ END_TOLERANCE = 1e-6  # [rad or m] in joint space
 class Problem:
     """Start and goals of an OMPL setup, checked when they are given and when the scene has changed.
 
-    Goal configurations and a place of the tip may both be given: a planner gets what it plans to.
-
-    Parameters
-    ----------
-    setup : og.SimpleSetup
-        Gets starts and goals; of a class of Python's. It is not kept alive, as it holds this object.
-    wiring : Wiring
-        Says what is allowed.
-
-    Attributes
-    ----------
-    start : ndarray, shape (n,), or None
-        As given.
-    goals : sequence of ndarray, shape (n,)
-        As given, those that do not count, too.
-    place : WorkspaceGoal or None
-        Place or region of the tip.
+    Goal configurations and a place of the tip may both be given: a planner gets what it plans to. The setup, which
+    holds this object, is not kept alive.
     """
 
     def __init__(self, setup: Any, wiring: Wiring) -> None:
@@ -88,12 +211,8 @@ class Problem:
     def checked(self, value: Any, name: str) -> FloatArray:
         """Return a configuration (n,) from numbers or from a mapping by joint name, if it is allowed.
 
-        Raises
-        ------
-        InputError
-            Wrong shape, NaN, unknown or missing joint, or outside the limits: names joint, value and limits.
-        CollisionError
-            If the check of configurations objects.
+        An InputError as `configuration_of`, or outside the limits; a CollisionError if the check of configurations
+        objects.
         """
         self._wiring.adopt()
         robot, check = self._robot, self._wiring.check
@@ -111,6 +230,14 @@ class Problem:
         if why is not None and place is not None:
             objection = None if place.refused is None else self._wiring.check.objection(place.refused)
             _log.warning("%s%s", why, "" if objection is None else f"; the last one{objection}")
+
+    def adopt_plugins(self) -> None:
+        """Take over plug-ins that the user has set on the space information."""
+        if self._wiring.adopt():  # planners would only speak of an invalid start or goal
+            try:
+                self.check()
+            except CollisionError as error:
+                _log.warning("%s", error)
 
     def check(self) -> None:
         """Raise an error as `checked` if the start or all goals that were given are not allowed any more."""
@@ -236,12 +363,7 @@ class Problem:
 def configuration_of(robot: Robot, value: Any, name: str) -> FloatArray:
     """Return a configuration (n,) [rad or m] from numbers or from a mapping by joint name, as `Robot.named` gives.
 
-    Raises
-    ------
-    UnknownNameError
-        If it names a joint that the robot does not have.
-    InputError
-        If a joint is missing, a number is none, or there is not one for each joint.
+    UnknownNameError for a joint that the robot does not have; InputError if one is missing or has no number.
     """
     if isinstance(value, Mapping):
         for joint in value:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 from ompl import geometric as og
 
@@ -18,23 +20,26 @@ from safe_ompl.collision import (
     TipBounds,
     ToolOrientation,
 )
-from safe_ompl.common import CollisionError, Counts, InputError, number
+from safe_ompl.common import Counts, FloatArray, InputError, finite_array, number
 from safe_ompl.danger import DangerLimit
 from safe_ompl.geometry import Obstacle
+from safe_ompl.paths import PathReport, Validation, validate
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
     TOLERANCE,
     Constraints,
     DangerObjective,
     RegionGoal,
+    ScratchState,
     UserCheck,
     WorkspaceGoal,
     joint_space,
 )
-from safe_ompl.planning.problem import Problem
-from safe_ompl.planning.wiring import Wiring, danger_field
+from safe_ompl.planning.optimise import Timing
+from safe_ompl.planning.problem import Problem, Wiring, danger_field
 from safe_ompl.robot import GoalRegion, Robot
-from safe_ompl.scene import Scene
+from safe_ompl.scene import MotionLimits, People, Scene
+from safe_ompl.trajectories import PathTimer
 
 _log = logging.getLogger(__name__)
 
@@ -46,13 +51,6 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
 
     Every path keeps to the constraints, whichever planner plans it, and this is proven along whole motions. A
     constraint that the start or all goals break is refused: a CollisionError says why, and all stays what it was.
-
-    Attributes
-    ----------
-    wiring : Wiring
-        The plug-ins of the space information.
-    problem : Problem
-        Start and goals.
     """
 
     def __init__(
@@ -117,14 +115,8 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
 
         Where nothing differs but places of obstacles that were `movable`, or have moved before, it takes a millisecond;
         else the checker is made anew. The solution is forgotten, and so is what the planner has built. Whether start
-        and goals are still free is found out when planning begins.
-
-        Raises
-        ------
-        InputError
-            If it is no scene.
-        UnknownNameError
-            If a constraint is about an obstacle that it does not have. Then the scene stays what it was.
+        and goals are still free is found out when planning begins. An InputError if it is no scene, an UnknownNameError
+        if a constraint is about an obstacle that it does not have: then the scene stays what it was.
         """
         if not isinstance(scene, Scene):
             raise InputError(f"must be a Scene, got {scene!r}")
@@ -147,14 +139,10 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         return self.wiring.constraints
 
     def setConstraints(self, constraints: Constraints) -> None:
-        """Set all constraints at once.
+        """Set all constraints at once; where that fails they stay what they were.
 
-        Raises
-        ------
-        CollisionError
-            If start or all goals that are set break them. Then the constraints stay what they were.
-        UnknownNameError
-            If one is about an obstacle that the scene does not have. Then they stay, too.
+        A CollisionError if start or all goals that are set break them; an UnknownNameError if one is about an obstacle
+        that the scene does not have.
         """
         before = self.wiring.constraints
         self.wiring.put(constraints)
@@ -175,19 +163,12 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         self.setConstraints(replace(self.wiring.constraints, danger=danger))
 
     def setMinClearance(
-        self,
-        distance: float,
-        obstacles: Sequence[str] | None = None,
-        exempt: Sequence[tuple[str, str]] = (),
+        self, distance: float, obstacles: Sequence[str] | None = None, exempt: Sequence[tuple[str, str]] = ()
     ) -> None:
-        """Set the distance that every path must keep from obstacles.
+        """Set the distance that every path must keep from obstacles; arguments and errors of `MinClearance.of`.
 
-        Where no obstacles are named, it is kept from those that are dangerous, in other scenes, too.
-
-        Parameters
-        ----------
-        distance, obstacles, exempt
-            As in `MinClearance.of`; errors as there, and as `setConstraints`.
+        Where no obstacles are named, it is kept from those that are dangerous, in other scenes, too. Errors as
+        `setConstraints`, too.
         """
         constraints = self.wiring.constraints
         self.setConstraints(constraints.with_min_clearance(self.checker, distance, obstacles, exempt))
@@ -199,10 +180,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.
 
-        Parameters
-        ----------
-        speeds, time
-            As in `CertifiedMotion.with_moving_obstacles`; errors as there, and as `setConstraints`.
+        Arguments and errors of `CertifiedMotion.with_moving_obstacles`; errors as `setConstraints`, too.
         """
         self.setConstraints(self.wiring.constraints.with_moving_obstacles(speeds, time))
 
@@ -214,10 +192,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setToolConstraint(
         self, axis: ArrayLike | None = None, direction: ArrayLike = UP, angle: float | None = None
     ) -> None:
-        """Have only paths on which an axis of the tool stays near a direction.
-
-        ``setToolConstraint(angle=0.5)`` keeps upright what is upright at the start. Without arguments: there is no such
-        constraint any more.
+        """Have only paths on which an axis of the tool stays near a direction; without arguments on any.
 
         Parameters
         ----------
@@ -226,14 +201,12 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         direction : array_like, shape (3,)
             In the world frame; default: up.
         angle : float, optional
-            [rad] The largest angle between the two.
+            [rad] The largest angle between the two: 0.5 alone keeps upright what is upright at the start.
 
         Raises
         ------
-        InputError
-            As `ToolOrientation`; without an axis if no start is set; an axis without an angle.
-        CollisionError
-            As `setConstraints`.
+        InputError, CollisionError
+            As `ToolOrientation` and `setConstraints`; without an axis if no start is set; an axis without an angle.
         """
         if angle is None and axis is not None:
             raise InputError("give the angle [rad] within which the axis of the tool must stay")
@@ -253,20 +226,10 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         return self.wiring.constraints.tool_limit(ToolOrientation)
 
     def setTipBounds(self, lower: ArrayLike | None, upper: ArrayLike | None = None) -> None:
-        """Have only paths on which the tip stays inside a box.
+        """Have only paths on which the tip stays inside a box [m], given by opposite corners (3,) in the world frame.
 
-        Parameters
-        ----------
-        lower, upper : array_like, shape (3,), optional
-            Opposite corners in the world frame [m]; infinite where there is no wall. None: there is no such constraint
-            any more.
-
-        Raises
-        ------
-        InputError
-            As `TipBounds`; if only one corner is given.
-        CollisionError
-            As `setConstraints`.
+        A coordinate is infinite where there is no wall. None: there is no such constraint any more. Errors as
+        `TipBounds` and `setConstraints`; an InputError if only one corner is given.
         """
         bounds = None
         if lower is not None and upper is not None:
@@ -297,17 +260,9 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         (`setSamplingResolution`), and reports say so. A checker that is set on the space information itself is taken
         over by the next `setup`, `solve`, `plan`, `report` or the like.
 
-        Parameters
-        ----------
-        checker : ob.StateValidityChecker, callable or None
-            Answers for a state with a bool; what it raises arrives unchanged. None: there is none any more.
-
-        Raises
-        ------
-        CollisionError
-            If it refuses the start or all goals that are set. Then the checker stays what it was.
-        InputError
-            If it is nothing of the kind.
+        It is an `ob.StateValidityChecker` or a function that answers for a state with a bool, and what it raises
+        arrives unchanged; None: there is none any more. An InputError if it is nothing of the kind, a CollisionError if
+        it refuses the start or all goals that are set: then the checker stays what it was.
         """
         before = self.wiring.constraints
         self.wiring.put_user_checker(checker)
@@ -330,25 +285,10 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         """The user's own state validity checker and motion validator, as far as there are."""
         return self.wiring.constraints.user
 
-    def _adopt_plugins(self) -> None:
-        """Take over plug-ins that the user has set on the space information."""
-        if self.wiring.adopt():  # planners would only speak of an invalid start or goal
-            try:
-                self.problem.check()
-            except CollisionError as error:
-                _log.warning("%s", error)
-
     # ------------------------------------------------------------------------------------------ start and goal
 
     def setConfigurations(self, start: Any, goals: Any) -> None:
-        """Set the start configuration (n,) and one goal (n,) or several (G, n) [rad or m].
-
-        Parameters
-        ----------
-        start : array_like, shape (n,), or mapping of str to float
-            In the order of the robot's joints, or by their names, as `Robot.named` gives them.
-        goals : array_like, shape (n,) or (G, n), mapping, or sequence of mappings
-            One, or several.
+        """Set the start configuration (n,) and one goal (n,) or several (G, n) [rad or m], numbers or by name.
 
         Raises
         ------
@@ -357,6 +297,10 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         CollisionError
             In collision, or against a constraint: says which. Of several goals only those that are allowed count; one
             must be.
+
+        Notes
+        -----
+        Numbers are in the order of the robot's joints. By name: mappings, as `Robot.named` gives them.
         """
         self.problem.set_configurations(start, goals)
 
@@ -367,15 +311,9 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setWorkspaceGoal(
         self, position: ArrayLike | Any, rotation: ArrayLike | None = None, tolerance: float = TOLERANCE
     ) -> None:
-        """Set a place for the tip as the goal.
+        """Set a place for the tip as the goal; arguments and errors of `WorkspaceGoal`.
 
         Goal configurations set before stay for the planners that `plan` starts and that plan to configurations.
-
-        Parameters
-        ----------
-        position, rotation, tolerance
-            As in `WorkspaceGoal`: a position with or without a rotation, or a `pin.SE3`.
-            Errors as there.
         """
         options: dict[str, Any] = {"tolerance": tolerance, "field": self.field, "seed": 0}
         self.problem.set_place(
@@ -385,12 +323,71 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def setGoalRegion(self, region: GoalRegion, tolerance: float = REGION_TOLERANCE) -> None:
         """Set a region for the tip as the goal, bounds of position and orientation; it replaces a `setWorkspaceGoal`.
 
-        Parameters
-        ----------
-        region : GoalRegion
-            Where the tip may be.
-        tolerance : float
-            How far outside of it is near enough [m], > 0; a radian counts as 0.25 m.
+        Arguments and errors of `RegionGoal`.
         """
         options: dict[str, Any] = {"tolerance": tolerance, "field": self.field, "seed": 0}
         self.problem.set_place(RegionGoal(self.getSpaceInformation(), self.robot, region, **options))
+
+    # -------------------------------------------------------------------------------------------------- timing
+
+    @cached_property
+    def _timing(self) -> Timing:
+        return Timing(self.field)
+
+    def setMotionLimits(self, motion: MotionLimits | None = None, people: People | None = None) -> None:
+        """Say what trajectories keep to, for `plan(cost="duration")`: motion of joints, tool and links; and people."""
+        self._timing = Timing(self.field, motion, people)
+
+    @property
+    def timer(self) -> PathTimer:
+        """What times paths within the limits that `setMotionLimits` set; errors as `Timing.timer`."""
+        return self._timing.timer(self.certified_motion)
+
+    # ------------------------------------------------------------------------------------- paths and solutions
+
+    def solution(self) -> FloatArray:
+        """Return the solution path (N, n) found last; raise InputError if there is none."""
+        if not self.haveSolutionPath():
+            raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
+        path, bridge = self.getSolutionPath(), self.wiring.bridge
+        return np.array([bridge.read(path.getState(i)) for i in range(path.getStateCount())])
+
+    def set_solution(self, path: FloatArray) -> None:
+        """Put a path (N, n) in the place of the solution; where that was approximate, so is this."""
+        solution, scratch = og.PathGeometric(self.getSpaceInformation()), ScratchState(self.wiring.bridge)
+        for q in path:
+            solution.append(scratch.set(q))
+        problem = self.getProblemDefinition()
+        approximate, difference = problem.hasApproximateSolution(), problem.getSolutionDifference()
+        problem.clearSolutionPaths()
+        planner = self.getPlanner()  # none, if a planner solved the problem on its own
+        name = "" if planner is None else planner.getName()
+        problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
+
+    def report(self, path: ArrayLike) -> PathReport:
+        """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""
+        self.problem.adopt_plugins()
+        array = finite_array(path, (None, self.robot.n), "path")
+        return PathReport.of(array, self.checker, self.field, self.certified_motion)
+
+    def is_free(self, path: ArrayLike) -> Validation:
+        """Return whether a path (N, n) may be driven in this scene, under the constraints set now.
+
+        The `Validation` is true if so; else `why` names the edge and the pair, and `refused` holds them. An InputError
+        if the path is empty, has the wrong shape, or is not finite.
+        """
+        self.problem.adopt_plugins()
+        array = finite_array(path, (None, self.robot.n), "path")
+        if not len(array):
+            raise InputError("path must have a configuration at least, got none")
+        return validate(array, self.certified_motion)
+
+    def getPlannerData(self, data: Any) -> None:
+        """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
+        planner = self.getPlanner()
+        fill = getattr(planner, "fillPlannerData", None)
+        if fill is None:
+            super().getPlannerData(data)
+        else:
+            data.clear()
+            fill(data)

@@ -12,10 +12,13 @@ from safe_ompl.common import Counts, FloatArray, InputError, StaleSceneError
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import PathReport, Validation
 from safe_ompl.planning.optimise import Improvement
-from safe_ompl.planning.wiring import danger_field
+from safe_ompl.planning.problem import danger_field
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import RateLimits, Trajectory, time_path
+
+_TIMES = ("setup_time", "planning_time", "simplification_time", "report_time")
+_TOLD = ("planner", "seed", "status", "solved", *_TIMES)  # as they are, in the JSON of a result
 
 
 @dataclass(frozen=True)
@@ -30,14 +33,12 @@ class PlanResult:
         Way points from start to goal [rad or m], validated.
     report : PathReport or None
         Danger, clearance and length of the path, computed when they are looked at; None where `report=False`.
-    planner : str
-        Name of the planner.
-    seed : int
-        Seed of the run.
+    planner, seed : str, int
+        Name of the planner, and seed of the run.
     joint_names : tuple of str
         Columns of the path.
-    planning_time, simplification_time : float
-        [s] Until the first path; and what was spent on making it better.
+    setup_time, planning_time, simplification_time, validation_time : float
+        [s] Until planning began, until the first path, to make it better, and to validate it: together the whole.
     counts : Counts
         Work done while planning and simplifying, validation and report not included.
     improvements : tuple of Improvement
@@ -50,15 +51,11 @@ class PlanResult:
         The path as the planner found it, where it was simplified.
     validation : Validation or None
         What is proven of the path, and what the user's own checks say of it.
-    setup_time, validation_time : float
-        [s] Until planning began; and to validate the path. With planning and simplification they make the whole.
-    robot, scene, danger : Robot, Scene, mapping; or None
-        What was planned for, to look at and to save; results that come from other processes have none.
     moving_obstacles : mapping or None
         Where some may move, their ``speeds`` [m/s] by name, and for how long, the ``time`` [s]: the path is free
         whatever they do.
-    motion : CertifiedMotion or None
-        What proved the path, with robot and scene; does not travel between processes.
+    robot, scene, danger, motion : Robot, Scene, mapping, CertifiedMotion; or None
+        What was planned for, and what proved the path; results that come from other processes have none.
     """
 
     status: str
@@ -83,14 +80,9 @@ class PlanResult:
     def timed(self, limits: RateLimits | None = None, **options: Any) -> Trajectory:
         """Return the path as a trajectory; parameters and errors of `time_path`.
 
-        It knows `robot`, `motion` and, where `max_danger` is given, `danger`: what was planned for.
-
-        Raises
-        ------
-        InputError
-            If there is no path, or the result comes from another process, where only `time_path` helps.
-        StaleSceneError
-            If obstacles have moved since.
+        It knows `robot`, `motion` and, where `max_danger` is given, `danger`: what was planned for. An InputError if
+        there is no path, or the result comes from another process, where only `time_path` helps; a StaleSceneError if
+        obstacles have moved since.
         """
         if self.path is None:
             raise InputError(f"there is no path to time: {self.status}")
@@ -107,10 +99,7 @@ class PlanResult:
     def danger_field(self) -> DangerField:
         """Return the danger field that was planned with; that of the robot in motion is its `moving`.
 
-        Raises
-        ------
-        InputError
-            If the plan knew no danger, or the result comes from another process.
+        An InputError if the plan knew no danger, or the result comes from another process.
         """
         if self.robot is None or self.scene is None or self.danger is None:
             raise InputError("the result knows no danger: it was planned without, or in another process")
@@ -198,14 +187,7 @@ class PlanResult:
         if self.report is not None:
             report = self.report.as_dict()
         told = {
-            "planner": self.planner,
-            "seed": self.seed,
-            "status": self.status,
-            "solved": self.solved,
-            "setup_time": self.setup_time,
-            "planning_time": self.planning_time,
-            "simplification_time": self.simplification_time,
-            "report_time": self.report_time,
+            **{key: getattr(self, key) for key in _TOLD},
             "joint_names": list(self.joint_names),
             "path": None if self.path is None else self.path.tolist(),
             **report,
@@ -213,10 +195,9 @@ class PlanResult:
         }
         if self.moving_obstacles is not None:
             told["moving_obstacles"] = dict(self.moving_obstacles)
-        if self.planned_path is not None:
-            told["planned_path"] = self.planned_path.tolist()
-        if self.approximate_path is not None:
-            told["approximate_path"] = self.approximate_path.tolist()
+        for key, path in (("planned_path", self.planned_path), ("approximate_path", self.approximate_path)):
+            if path is not None:
+                told[key] = path.tolist()
         if self.improvements:
             told["improvements"] = [improvement.as_dict() for improvement in self.improvements]
         if self.interrupted:

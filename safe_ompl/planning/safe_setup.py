@@ -11,32 +11,42 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from ompl import base as ob
-from ompl import geometric as og
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, clock, finite_array
+from safe_ompl.common import FloatArray, InputError, PlanningError, UnknownNameError, clock, positive
 from safe_ompl.common import seed as checked_seed
-from safe_ompl.paths import PathReport, Simplifier, Validation, validate
-from safe_ompl.planning.ompl import DurationObjective, ScratchState
-from safe_ompl.planning.optimise import COSTS, Cost, Simplification, Timing
-from safe_ompl.planning.planners import SafePlanner, SafeRRTConnect, make_planner
-from safe_ompl.planning.problem_setup import ProblemSetup
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.run import (
+from safe_ompl.danger import DangerLimit
+from safe_ompl.motions import MotionCheck, Repair, checked, repaired
+from safe_ompl.paths import PathReport, Simplifier, Stop, timed
+from safe_ompl.planning.ompl import DurationObjective
+from safe_ompl.planning.optimise import (
+    COSTS,
+    Cost,
+    FastestPath,
     Interrupts,
-    Run,
-    check_planner,
-    seconds,
-    seed_ompl,
-    simplification_time,
+    Optimisation,
+    Simplification,
+    optimise,
     stopping,
+)
+from safe_ompl.planning.outside import OutsidePlanner, connecting
+from safe_ompl.planning.planners import (
+    SafePlanner,
+    SafeRRTConnect,
+    check_planner,
+    make_planner,
+    nodes_of,
+    seed_ompl,
     termination,
 )
-from safe_ompl.scene import MotionLimits, People
-from safe_ompl.trajectories import PathTimer
+from safe_ompl.planning.problem_setup import ProblemSetup
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.trajectories import RateLimits
 
 _log = logging.getLogger(__name__)
+
+
+_SHORTEST = 1e-3  # [s] a planner gets at least this
 
 
 class SafeSetup(ProblemSetup):
@@ -72,27 +82,17 @@ class SafeSetup(ProblemSetup):
     def _simplification(self) -> Simplification:
         return Simplification(self.field)
 
-    @cached_property
-    def _timing(self) -> Timing:
-        return Timing(self.field)
-
     # -------------------------------------------------------------------------------------------- planning
 
     def setup(self) -> None:
         """Prepare for `solve`, as OMPL's `setup`; raise InputError if no start or no goal is set."""
-        self._adopt_plugins()
+        self.problem.adopt_plugins()
         self.problem.check_complete(self.getPlanner())
         self._choose_planner()
         super().setup()
 
     def setPlanner(self, planner: Any) -> None:
-        """Plan with a planner on this setup's space information.
-
-        Raises
-        ------
-        InputError
-            If it is none, one of another setup, or one of OMPL's that cannot be used from Python, such as PRM.
-        """
+        """Plan with a planner on this setup's space information; an InputError if it cannot be used with it."""
         if isinstance(planner, str):
             raise InputError(f"planner must be an ob.Planner, got {planner!r}; `plan` takes names")
         check_planner(planner, self.getSpaceInformation())
@@ -113,25 +113,11 @@ class SafeSetup(ProblemSetup):
 
         The goal is what was set last; `SafeJTRRT` plans to the `setWorkspaceGoal` even if configurations came later.
         Ctrl-C and exceptions of the user's callbacks end it at once and arrive unchanged. Then there is no solution,
-        and the planner is cleared: it may have stopped between two halves of a step.
-
-        Parameters
-        ----------
-        time : float or ob.PlannerTerminationCondition
-            Time limit [s], infinity for none, or when to stop.
-
-        Returns
-        -------
-        ob.PlannerStatus
-            The outcome.
-
-        Raises
-        ------
-        InputError
-            If the time is neither, or no start or no goal is set.
+        and the planner is cleared: it may have stopped between two halves of a step. The time is a limit [s], infinity
+        for none, or an `ob.PlannerTerminationCondition`. An InputError if it is neither, or no start or no goal is set.
         """
         stop = termination(time)
-        self._adopt_plugins()
+        self.problem.adopt_plugins()
         self.problem.check_complete(self.getPlanner())
         self._choose_planner()
         self.problem.choose_place(self.getPlanner())
@@ -161,8 +147,9 @@ class SafeSetup(ProblemSetup):
 
         Parameters
         ----------
-        planner : str or ob.Planner
-            A name of `planner_names()`, or a planner on this setup's space information.
+        planner : str, ob.Planner or callable
+            A name of `planner_names()`, a planner on this setup's space information, or a function of start (n,) and
+            goals (G, n) that returns a path (N, n), or None: it is proven, or repaired first (`OutsidePlanner`).
         time : float
             Time limit [s] of planning and simplification together.
         seed : int
@@ -193,7 +180,9 @@ class SafeSetup(ProblemSetup):
             is returned; `PlanResult.interrupted` says so.
         """
         begin = clock()
-        time = seconds("time limit", time if optimise is None else optimise)
+        if callable(planner) and not isinstance(planner, type):
+            planner = OutsidePlanner(self, planner)
+        time = positive(time if optimise is None else optimise, "time limit", "number of seconds")
         simplification = simplification_time(simplify)
         with self._objective_of(cost, planner, parameters):
             run = Run(self, *self.prepare(planner, seed, parameters), seed=seed, cost=cost)
@@ -218,7 +207,7 @@ class SafeSetup(ProblemSetup):
         """Make planner and problem ready for a run that `seed` decides; return the planner and its name."""
         seed = checked_seed(seed)
         check_planner(planner, self.getSpaceInformation())
-        self._adopt_plugins()
+        self.problem.adopt_plugins()
         self.problem.check_anew()  # draws random numbers, as the next line does, so they go before the seed
         if not self.getSpaceInformation().isSetup():
             self.getSpaceInformation().setup()
@@ -234,61 +223,18 @@ class SafeSetup(ProblemSetup):
         self.setup()
         return planner, name
 
-    def getPlannerData(self, data: Any) -> None:
-        """Fill an `ob.PlannerData` with what the planner has built; ours also have a `plannerGraph`, with danger."""
-        planner = self.getPlanner()
-        fill = getattr(planner, "fillPlannerData", None)
-        if fill is None:
-            super().getPlannerData(data)
-        else:
-            data.clear()
-            fill(data)
+    # ----------------------------------------------------------------------------------- motions from outside
 
-    # ------------------------------------------------------------------------------------- paths and solutions
+    def check(self, motion: Any, limits: RateLimits | None = None) -> MotionCheck:
+        """Prove a motion that something else made under the constraints set now; see `safe_ompl.check`."""
+        self.problem.adopt_plugins()
+        return checked(motion, self.certified_motion, limits)
 
-    def solution(self) -> FloatArray:
-        """Return the solution path (N, n) found last; raise InputError if there is none."""
-        if not self.haveSolutionPath():
-            raise InputError("there is no solution: call solve or plan first, and see whether it succeeds")
-        path, bridge = self.getSolutionPath(), self.wiring.bridge
-        return np.array([bridge.read(path.getState(i)) for i in range(path.getStateCount())])
-
-    def set_solution(self, path: FloatArray) -> None:
-        """Put a path (N, n) in the place of the solution; where that was approximate, so is this."""
-        solution, scratch = og.PathGeometric(self.getSpaceInformation()), ScratchState(self.wiring.bridge)
-        for q in path:
-            solution.append(scratch.set(q))
-        problem = self.getProblemDefinition()
-        approximate, difference = problem.hasApproximateSolution(), problem.getSolutionDifference()
-        problem.clearSolutionPaths()
-        planner = self.getPlanner()  # none, if a planner solved the problem on its own
-        name = "" if planner is None else planner.getName()
-        problem.addSolutionPath(solution, approximate, max(0.0, difference), name)
-
-    def report(self, path: ArrayLike) -> PathReport:
-        """Validate a path (N, n), and return the report on it; danger and clearance are computed when looked at."""
-        self._adopt_plugins()
-        array = finite_array(path, (None, self.robot.n), "path")
-        return PathReport.of(array, self.checker, self.field, self.certified_motion)
-
-    def is_free(self, path: ArrayLike) -> Validation:
-        """Return whether a path (N, n) may be driven in this scene, under the constraints set now.
-
-        Returns
-        -------
-        Validation
-            True if so; else `why` names the edge and the pair, and `refused` holds them.
-
-        Raises
-        ------
-        InputError
-            If the path is empty, has the wrong shape, or is not finite.
-        """
-        self._adopt_plugins()
-        array = finite_array(path, (None, self.robot.n), "path")
-        if not len(array):
-            raise InputError("path must have a configuration at least, got none")
-        return validate(array, self.certified_motion)
+    def repair(self, motion: Any, limits: RateLimits | None = None, *, time: float = 2.0) -> Repair:
+        """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
+        self.problem.adopt_plugins()
+        limit = positive(time, "time limit", "number of seconds")
+        return repaired(motion, self.certified_motion, limits, connecting(self, limit))
 
     # ----------------------------------------------------------------------------------------- simplification
 
@@ -304,24 +250,21 @@ class SafeSetup(ProblemSetup):
     def simplifySolution(self, time: Any = 0.0, *, free_goal: bool = False) -> None:
         """Make the solution shorter and safer, see `simplify_danger`; every path on the way is proven.
 
-        Without danger OMPL's own simplifier does it, and its path is taken if it is proven, too. The user's own checks
-        are asked about every edge on the way, and about the path at the end.
-
         Parameters
         ----------
         time : float or ob.PlannerTerminationCondition
-            For how long [s], or until when; 0: until nothing more is to gain.
+            For how long [s], or until when; 0: until nothing more is to gain. An InputError if there is no solution.
         free_goal : bool
             Whether the goal configuration may move where the goal is a `WorkspaceGoal`.
 
-        Raises
-        ------
-        InputError
-            If there is no solution, or the time is neither.
+        Notes
+        -----
+        Without danger OMPL's own simplifier does it, and its path is taken if it is proven, too. The user's own checks
+        are asked about every edge on the way, and about the path at the end.
         """
         if not self.haveSolutionPath():
             raise InputError("there is no solution to simplify")
-        self._adopt_plugins()
+        self.problem.adopt_plugins()
         begin, path = perf_counter(), self.solution()
         if self.field is not None:
             place = self.problem.place
@@ -338,25 +281,6 @@ class SafeSetup(ProblemSetup):
     def getLastSimplificationTime(self) -> float:
         """Return how long the last simplification took [s]."""
         return self._simplification_time
-
-    # -------------------------------------------------------------------------------------------------- timing
-
-    def setMotionLimits(self, motion: MotionLimits | None = None, people: People | None = None) -> None:
-        """Say what trajectories keep to, for `plan(cost="duration")`: limits of the joints, speeds, and people.
-
-        Parameters
-        ----------
-        motion : MotionLimits, optional
-            Of joints, tool and links.
-        people : People, optional
-            Who may come near, and how fast.
-        """
-        self._timing = Timing(self.field, motion, people)
-
-    @property
-    def timer(self) -> PathTimer:
-        """What times paths within the limits that `setMotionLimits` set; errors as `Timing.timer`."""
-        return self._timing.timer(self.certified_motion)
 
     @contextmanager
     def _objective_of(
@@ -378,3 +302,154 @@ class SafeSetup(ProblemSetup):
         finally:
             if replaced is not None:
                 self.setOptimizationObjective(replaced)
+
+
+class Run:
+    """One run of a planner that `SafeSetup.prepare` has made ready; `name` is what the result calls it."""
+
+    def __init__(self, setup: SafeSetup, planner: Any, name: str, seed: int, cost: Cost = "danger") -> None:
+        self._setup, self._planner, self._name, self._seed, self._cost = setup, planner, name, seed, cost
+
+    @contextmanager
+    def under_own_limit(self) -> Iterator[None]:
+        """Prove motions within the planner's own danger limit, too: what is made of its path must keep to that."""
+        own = self._planner.getMaxDanger() if isinstance(self._planner, SafePlanner) else 0.0
+        wiring, field = self._setup.wiring, self._setup.field
+        limit = wiring.constraints.danger
+        if not own or field is None or (limit is not None and limit.limit <= own):
+            yield
+            return
+        wiring.validator.setConstraints(replace(wiring.constraints, danger=DangerLimit(field, own)))
+        try:
+            yield
+        finally:
+            wiring.validator.setConstraints(wiring.constraints)
+
+    def planned(self, time: float, simplification: float | None = None) -> PlanResult:
+        """Plan once, and simplify for a duration [s] if one is given, 0 for as long as the time limit allows."""
+        setup, begin = self._setup, clock()
+        before = setup.counts.copy()
+        status = setup.solve(time)
+        exact = setup.haveExactSolutionPath()
+        found = setup.solution() if setup.haveSolutionPath() else None
+        planned = simplified = clock()
+        raw = None
+        if found is not None and exact and simplification is not None:
+            left = time - (planned - begin)
+            if left > 0:
+                raw = found
+                self._make_cheaper(min(simplification, left) if simplification else left)
+                found = setup.solution()
+            else:
+                _log.info("planning took all of the time limit: the path is not simplified")
+            simplified = clock()
+        counts = setup.counts - before
+        counts.nodes = nodes_of(self._planner)
+        return self._result(
+            status=status.asString(),
+            path=found if exact else None,
+            approximate_path=None if exact else found,
+            planned_path=raw,
+            planning_time=planned - begin,
+            simplification_time=simplified - planned,
+            counts=counts,
+        )
+
+    def optimised(self, time: float, stop: Stop) -> PlanResult:
+        """Plan again and again until the time is up, and keep the best path; see `safe_ompl.planning.optimise`."""
+        setup, begin = self._setup, clock()
+        before, simplifier = setup.counts.copy(), setup.simplifier
+        nodes, status = 0, "Timeout"
+
+        def search(start: int, left: float) -> FloatArray | None:
+            nonlocal nodes, status
+            if start:
+                setup.clear()
+                if isinstance(self._planner, SafePlanner):
+                    self._planner.setSeed((self._seed + start) % 2**32)
+            found = setup.solve(max(left, _SHORTEST))
+            nodes += nodes_of(self._planner)
+            if not setup.haveExactSolutionPath():
+                return None
+            status = found.asString()
+            return setup.solution()
+
+        left = time - (clock() - begin)
+        found: Optimisation | FastestPath
+        if self._cost == "duration":
+            found = FastestPath(setup.timer, simplifier, self._seed)
+            found.search(search, left, stop)
+        else:
+            found = optimise(search, simplifier, left, stop)
+        path, improvements = found.settled(simplifier)
+        if setup.user_checks and path is not None:
+            path = next((best for best in (path, *reversed(found.paths)) if setup.is_free(best)), None)
+        if path is not None:
+            setup.set_solution(path)
+        elapsed = clock() - begin
+        counts = setup.counts - before
+        counts.nodes = nodes
+        first = elapsed if found.first_path is None else found.first_path
+        return self._result(
+            status=status,
+            path=path,
+            planning_time=first,
+            simplification_time=elapsed - first,
+            counts=counts,
+            improvements=improvements,
+        )
+
+    def validated(self, result: PlanResult, report: bool, begin: float) -> PlanResult:
+        """Return a result with the validation of its path; `begin` is when all began.
+
+        A PlanningError if the path is not proven, or is none from a start to the goal.
+        """
+        setup, name = self._setup, self._name
+        setup_time = clock() - begin - result.planning_time - result.simplification_time
+        begin, path, short = clock(), result.path, result.approximate_path
+        speeds, duration = setup.getMovingObstacles()
+        if short is not None and not setup.is_free(short):
+            _log.warning("%s: the approximate solution is not proven free, and dropped", name)
+            short = None
+        examined: PathReport | None = None
+        if path is not None:
+            examined = setup.report(path)
+            if not examined.certified:
+                raise PlanningError(
+                    f"{name} returned a path that is not proven free: {examined.validation.why}"
+                )
+            setup.problem.check_ends(path, name)
+        return replace(
+            result,
+            report=examined if report else None,
+            approximate_path=short,
+            validation=None if examined is None else examined.validation,
+            setup_time=setup_time,
+            validation_time=clock() - begin,
+            robot=setup.robot,
+            scene=setup.scene,
+            danger=setup.danger_options,
+            moving_obstacles={"speeds": speeds, "time": duration} if speeds else None,
+            motion=setup.certified_motion,
+        )
+
+    def _result(self, **found: Any) -> PlanResult:
+        names = self._setup.robot.joint_names
+        return PlanResult(report=None, planner=self._name, seed=self._seed, joint_names=names, **found)
+
+    def _make_cheaper(self, time: float) -> None:
+        """Simplify the solution for some seconds."""
+        setup = self._setup
+        if self._cost == "danger":
+            setup.simplifySolution(time)
+            return
+        path = setup.solution()
+        better = FastestPath(setup.timer, setup.simplifier, self._seed).shorten(path, timed(time))
+        setup.set_solution(better if setup.is_free(better) else path)
+
+
+def simplification_time(value: bool | float) -> float | None:
+    """Return for how long to simplify [s], 0 without limit; None for not at all."""
+    if isinstance(value, (bool, np.bool_)):
+        return 0.0 if value else None
+    return positive(value, "simplify", "number of seconds")

@@ -8,7 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.robot.arm import arm_joints, default_tip, finger_joints, has_range
-    from safe_ompl.robot.convex_bodies import ConvexBodies
+    from safe_ompl.robot.displacement_bounds import ConvexBodies
     from safe_ompl.robot.fingerprint import robot_hash
     from safe_ompl.robot.forward_kinematics import JointLimits
     from safe_ompl.robot.ik import (
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
         Place,
         StepLimits,
         approach,
+        inverse_kinematics,
         limited_step,
+        place_of,
         pseudoinverse_step,
         solve_from_seed,
         tip_reach,
         transpose_step,
     )
-    from safe_ompl.robot.joint_tables import Mimic, plain
-    from safe_ompl.robot.place import inverse_kinematics, place_of
+    from safe_ompl.robot.joint_tables import Mimic, frame_index, plain
     from safe_ompl.robot.reach import Hull, ReachCylinder, bounding_hull
     from safe_ompl.robot.region import GoalRegion, RegionPlace
     from safe_ompl.robot.robot import Robot
-    from safe_ompl.robot.skeleton import frame_index
     from safe_ompl.robot.spec import RobotSpec
 
 __all__ = [

@@ -32,14 +32,8 @@ _SENSOR = re.compile(
 def default_tip(full: pin.Model, model: pin.Model) -> str:
     """Return the body farthest from the base; where that is a finger, the farthest one of the hand that carries it.
 
-    Bodies whose names are those of sensors count only where there are no others.
-
-    Parameters
-    ----------
-    full : pin.Model
-        All joints of the URDF.
-    model : pin.Model
-        Those that move.
+    Bodies whose names are those of sensors count only where there are no others. `full` has all joints of the URDF,
+    `model` those that move.
     """
     bodies = _bodies(model)
     bodies = [body for body in bodies if not _SENSOR.search(body.name.lower())] or bodies
@@ -84,20 +78,12 @@ def finger_joints(full: pin.Model) -> frozenset[str]:
 
 
 def arm_joints(full: pin.Model, tip: str, followers: Collection[str] = ()) -> tuple[str, ...]:
-    """Return the joints of the arm that ends at `tip`, the first one first.
+    """Return the joints of the arm that ends at the body `tip`, the first one first.
 
     An arm begins where nothing else branches off below it any more: neither another arm nor wheels, a head or legs.
     Branches that leave fewer than four joints (a camera on the wrist) do not count, nor do fingers. Joints that cannot
-    be planned for (a floating base, a base that slides without limits) are no part of an arm.
-
-    Parameters
-    ----------
-    full : pin.Model
-        All joints of the URDF.
-    tip : str
-        A body at the end of the arm.
-    followers : collection of str
-        Joints that mimic others.
+    be planned for (a floating base, a base that slides without limits) are no part of an arm. `full` has all joints of
+    the URDF; `followers` are those that mimic others.
     """
     body = next(frame for frame in full.frames if frame.name == tip)
     chain = list(full.supports[body.parentJoint])[1:]

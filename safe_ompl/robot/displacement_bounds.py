@@ -1,16 +1,18 @@
-"""Bounds of how far the bodies and key points of a robot move: what proofs of motions rest on."""
+"""Bounds of how far the bodies and key points of a robot move, which proofs of motions rest on; its convex bodies."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from safe_ompl.common import BoolArray, FloatArray, IntArray, finite_array, halton_point
-from safe_ompl.robot.convex_bodies import ConvexBodies
+from safe_ompl.geometry.kernels import BODY, Records, Shapes, extreme_vertices
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 from safe_ompl.robot.reach import Hull, ReachCylinder, bounding_hull
 
@@ -22,11 +24,6 @@ class DisplacementBounds:
 
     Radii are known for each of the m joints of Pinocchio's model (`joint_…`), and from these for the n planned ones.
     Where the bodies of a pair are moved by a joint and by one that mimics it, only the former say how they approach.
-
-    Parameters
-    ----------
-    kinematics : ForwardKinematics
-        The robot.
     """
 
     def __init__(self, kinematics: ForwardKinematics) -> None:
@@ -72,23 +69,18 @@ class DisplacementBounds:
     @cached_property
     def joint_keypoint_radii(self) -> FloatArray:
         """The radii R̄ (K, m) of the key points by the joints of Pinocchio's model."""
-        return _frozen(
-            np.array(
-                [self._chain.radii(int(joint), Hull(offset[None], 0.0)) for joint, offset in self._key_points]
-            )
-        )
+        radii = [self._chain.radii(joint, Hull(offset[None], 0.0)) for joint, offset in self._key_points]
+        return _frozen(np.array(radii))
 
     def keypoint_reaches(self, points: ArrayLike) -> FloatArray:
         """Return how far (K, M) [m] each key point can ever be from fixed `points: (M, 3)`, at most; proven."""
         points = finite_array(points, (None, 3), "points")
         reaches = np.empty((len(self._key_points), len(points)))
-        for k, (joint, offset) in enumerate(
-            zip(self._robot.skeleton.joints, self._robot.skeleton.offsets, strict=True)
-        ):
+        for k, (joint, offset) in enumerate(self._key_points):
             if joint == 0:
                 reaches[k] = np.linalg.norm(points - offset, axis=1)
             else:
-                region = self._chain.reach(int(joint), Hull(offset[None], 0.0))
+                region = self._chain.reach(joint, Hull(offset[None], 0.0))
                 reaches[k] = [region.farthest(Hull(point[None], 0.0)) for point in points]
         return reaches
 
@@ -120,9 +112,7 @@ class DisplacementBounds:
         """How far (n,) the joints move the arm at most, on an average over configurations [m/rad]."""
         sides = self._robot.upper - self._robot.lower
         spread = [self._robot.lower + sides * halton_point(k, self._robot.n) for k in _RATE_SAMPLES]
-        rates: FloatArray = np.mean([self.displacement_radii_at(q).max(axis=0) for q in spread], axis=0)
-        rates.setflags(write=False)
-        return rates
+        return _frozen(np.mean([self.displacement_radii_at(q).max(axis=0) for q in spread], axis=0))
 
     @cached_property
     def _body_corners(self) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
@@ -130,12 +120,8 @@ class DisplacementBounds:
         hulls = [bounding_hull(part.geometry, coarse=True).moved(part.placement) for part in parts]
         corners = np.array([np.resize(hull.points, (8, 3)) for hull in hulls]).reshape(-1, 8, 3)
         joints = np.array([part.parentJoint for part in parts], dtype=np.intp)
-        return (
-            joints,
-            corners,
-            np.array([hull.radius for hull in hulls]),
-            self._robot.supporting_joints(joints),
-        )
+        pads = np.array([hull.radius for hull in hulls])
+        return joints, corners, pads, self._robot.supporting_joints(joints)
 
     @cached_property
     def _key_points(self) -> list[tuple[int, FloatArray]]:
@@ -148,9 +134,121 @@ class DisplacementBounds:
         return list(self._robot.shared.collision_model.geometryObjects)
 
 
-_Array = TypeVar("_Array", FloatArray, BoolArray)
-
-
-def _frozen(array: _Array) -> _Array:
+def _frozen(array: FloatArray) -> FloatArray:
     array.setflags(write=False)
     return array
+
+
+_FEW = 12  # vertices that are quicker looked at one by one
+_GRIDS = ((100, 4), (1000, 8), (np.inf, 12))  # cells by the number of vertices
+_COARSE = 2  # cells in which many vertices are thinned first
+_MANY, _MOST = 1000, 20_000  # vertices: from here on thinned first, and from here on only their box
+
+_FARTHEST = 1e6  # [m] from the origin: beyond are shapes without end
+_POINT = np.zeros((1, 3))
+
+
+@dataclass(frozen=True)
+class ConvexBodies:
+    """Convex bodies that hold the G bodies of a geometry model, in its order; exact where these are convex.
+
+    `bodies` are of type `BODY` (`safe_ompl.geometry.kernels.convex`), `starts: (C + 1,)` and `vertices: (E, 3)` the
+    lists of their vertices; `bounded` says whether all are finite: no plane, no half space.
+    """
+
+    bodies: Records
+    starts: IntArray
+    vertices: FloatArray
+    bounded: bool
+
+    @property
+    def shapes(self) -> Shapes:
+        """The bodies and the lists, as kernels take them."""
+        return Shapes(self.bodies, self.starts, self.vertices)
+
+    @classmethod
+    def of(cls, parts: Sequence[pin.GeometryObject]) -> ConvexBodies:
+        """Return the bodies of a geometry model."""
+        bodies = np.zeros(len(parts), BODY)
+        starts, lists, bounded = [np.zeros(1, dtype=np.intp)], [np.zeros((0, 3))], True
+        cells = entries = 0
+        for body, part in zip(bodies, parts, strict=True):
+            summands = _summands(part.geometry)
+            bounded &= summands.bounded
+            grid, own_starts, own_vertices = _listed(summands.vertices)
+            if summands.bounded:
+                _fill(body, part, summands)
+            body["grid"], body["first_cell"] = grid, cells
+            starts.append(own_starts[1:] + entries)
+            lists.append(own_vertices)
+            cells, entries = cells + len(own_starts) - 1, entries + len(own_vertices)
+        return cls(bodies, np.concatenate(starts), np.concatenate(lists), bounded)
+
+    def joined(self, others: ConvexBodies) -> ConvexBodies:
+        """Return these bodies and, after them, others."""
+        moved = others.bodies.copy()
+        moved["first_cell"] += len(self.starts) - 1
+        return ConvexBodies(
+            np.concatenate([self.bodies, moved]),
+            np.concatenate([self.starts, others.starts[1:] + len(self.vertices)]),
+            np.concatenate([self.vertices, others.vertices]),
+            self.bounded and others.bounded,
+        )
+
+
+@dataclass(frozen=True)
+class _Summands:
+    """The parts whose Minkowski sum is a convex body: vertices (V, 3), box (3,), disc and ball."""
+
+    vertices: FloatArray
+    box: FloatArray
+    disc: float = 0.0
+    ball: float = 0.0
+
+    @property
+    def bounded(self) -> bool:
+        return bool(np.isfinite(self.vertices).all() and np.abs(self.vertices).max(initial=0.0) < _FARTHEST)
+
+
+def _summands(geometry: coal.CollisionGeometry) -> _Summands:
+    swept = float(geometry.getSweptSphereRadius()) if isinstance(geometry, coal.ShapeBase) else 0.0
+    if isinstance(geometry, coal.Box):
+        return _Summands(_POINT, np.array(geometry.halfSide, dtype=np.float64).ravel(), ball=swept)
+    if isinstance(geometry, coal.Sphere):
+        return _Summands(_POINT, np.zeros(3), ball=geometry.radius + swept)
+    if isinstance(geometry, coal.Capsule):
+        along = np.array([0.0, 0.0, geometry.halfLength])
+        return _Summands(_POINT, along, ball=geometry.radius + swept)
+    if isinstance(geometry, coal.Cylinder):
+        along = np.array([0.0, 0.0, geometry.halfLength])
+        return _Summands(_POINT, along, disc=geometry.radius, ball=swept)
+    with np.errstate(over="ignore"):  # of planes
+        hull = bounding_hull(geometry)
+    if len(hull.points) > _MOST:
+        hull = bounding_hull(geometry, coarse=True)
+    return _Summands(hull.points, np.zeros(3), ball=hull.radius + swept)
+
+
+def _fill(body: Records, part: pin.GeometryObject, summands: _Summands) -> None:
+    """Write everything but the lists of vertices."""
+    vertices, box, disc, ball = summands.vertices, summands.box, summands.disc, summands.ball
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    centre = (low + high) / 2
+    rim = np.hypot(np.hypot(box[0], box[1]) + disc, box[2])  # of box and disc
+    body["joint"] = part.parentJoint
+    body["rotation"], body["translation"] = part.placement.rotation, part.placement.translation
+    body["box"], body["disc"], body["ball"] = box, disc, ball
+    body["centre"] = centre
+    body["extent"] = (high - low) / 2 + box + (disc, disc, 0.0) + ball
+    body["reach"] = np.linalg.norm(vertices - centre, axis=1).max() + rim + ball
+
+
+def _listed(vertices: FloatArray) -> tuple[int, IntArray, FloatArray]:
+    """Return the grid of a body, and its vertices as lists for each cell."""
+    if len(vertices) <= _FEW:
+        return 0, np.array([0, len(vertices)], dtype=np.intp), vertices
+    if len(vertices) > _MANY:
+        vertices = vertices[np.unique(extreme_vertices(vertices, _COARSE)[1])]
+    grid = next(grid for most, grid in _GRIDS if len(vertices) <= most)
+    starts, found = extreme_vertices(vertices, grid)
+    return grid, starts, vertices[found]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from math import comb
 
 import numpy as np
 import pinocchio as pin
@@ -15,18 +15,19 @@ from safe_ompl.common import (
     FloatArray,
     InputError,
     IntArray,
+    PerThread,
     UnknownNameError,
     configuration,
     finite_array,
 )
-from safe_ompl.robot.joint_tables import Coupling, KinematicTree
-from safe_ompl.robot.kernels.kinematics import within
+from safe_ompl.robot.joint_tables import Coupling, KinematicTree, Skeleton, frame_index, plain
+from safe_ompl.robot.kernels import kinematics as kernel
 from safe_ompl.robot.loading.parts import RobotParts
-from safe_ompl.robot.skeleton import Skeleton, frame_index
 
 _FLOAT = np.dtype(np.float64)  # one object for all arrays of native floats: asking for it costs least
 _WITHIN = 1e-9  # [rad or m] by which a value may be outside its limits
 _LARGEST = sys.float_info.max
+_SHORTEST = 1e-9  # interval of a motion in which joints that may leave their limits are taken to leave them
 
 
 class ForwardKinematics:
@@ -34,11 +35,6 @@ class ForwardKinematics:
 
     The n planned joints move the m ≥ n joints of Pinocchio's model: where a joint mimics another one, m > n. Both
     are the same where nothing mimics.
-
-    Parameters
-    ----------
-    parts : RobotParts
-        Pinocchio's models of the robot.
 
     Attributes
     ----------
@@ -81,34 +77,20 @@ class ForwardKinematics:
         self.segments: IntArray = skeleton.segments
         self.segment_names = skeleton.names
         self.skeleton = skeleton
-        self.kinematics = KinematicTree(
-            self._chain.parents,
-            self._chain.placements,
-            self._chain.axes,
-            self._sliding,
-            skeleton.joints,
-            skeleton.offsets,
-        )
+        tree = self._chain.parents, self._chain.placements, self._chain.axes, self._sliding
+        self.kinematics = KinematicTree(*tree, skeleton.joints, skeleton.offsets)
+        self._tables = self.kinematics.joints, self.kinematics.keypoints
         self.joint_prismatic: BoolArray = self._sliding
         self.joint_keypoint_support = self.supporting_joints(skeleton.joints)
-        self._scratch = _Scratch(model)
-        for array in (
-            self.lower,
-            self.upper,
-            self.segments,
-            self.continuous,
-            self.prismatic,
-            self.joint_keypoint_support,
-        ):
+        self._scratch = PerThread(model.createData)
+        flags = self.continuous, self.prismatic, self.joint_keypoint_support
+        for array in (self.lower, self.upper, self.segments, *flags):
             array.setflags(write=False)
 
     def configuration(self, value: ArrayLike | Mapping[str, float]) -> FloatArray:
         """Return `value` as a configuration (n,): an array-like, or a mapping of every joint's name to its value.
 
-        Raises
-        ------
-        InputError
-            If the shape is wrong, a number is not finite, or joints are missing or unknown.
+        Raises InputError if the shape is wrong, a number is not finite, or joints are missing or unknown.
         """
         if isinstance(value, Mapping):
             for name in value:
@@ -166,28 +148,16 @@ class ForwardKinematics:
 
     def keypoints(self, q: ArrayLike) -> FloatArray:
         """Return the key points of the skeleton (K, 3) [m] in the world frame at `q: (n,)`."""
-        points: FloatArray = self.kinematics.places(self.coupling.values(self._checked(q)[None]))[0]
-        return points
+        return self.keypoints_batch(self._checked(q)[None])[0]  # type: ignore[no-any-return]
 
     def keypoints_batch(self, Q: ArrayLike) -> FloatArray:
         """Return the key points (B, K, 3) [m] for a batch of configurations `Q: (B, n)`."""
-        return self.kinematics.places(self.model_values(Q))
+        return kernel.keypoints(*self._tables, plain(self.model_values(Q)))
 
     def pull_back(self, Q: FloatArray, gradients: FloatArray) -> FloatArray:
-        """Map gradients with respect to the key points to gradients with respect to the joints, Σ_k J_kᵀ g_k.
-
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-            Configurations.
-        gradients : ndarray, shape (B, K, 3)
-            Gradient with respect to each key point.
-
-        Returns
-        -------
-        ndarray, shape (B, n)
-        """
-        return self.coupling.columns(self.kinematics.pull_back(self.model_values(Q), gradients))
+        """Map gradients (B, K, 3) by the key points at `Q: (B, n)` to gradients (B, n) by the joints, Σ_k J_kᵀ g_k."""
+        values = plain(self.model_values(Q))
+        return self.coupling.columns(kernel.pull_back(*self._tables, values, plain(gradients)))
 
     def keypoint_jacobians(self, q: ArrayLike) -> FloatArray:
         """Return the Jacobians (K, 3, n) of the key points at `q: (n,)`, in the world frame."""
@@ -198,44 +168,20 @@ class ForwardKinematics:
         return self.coupling.columns(np.swapaxes(columns, 1, 2))
 
     def keypoint_motions(self, Q: FloatArray, delta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return positions, velocities and accelerations of the key points while the joints move at a steady rate.
+        """Return x [m], dx/dt and d²x/dt², (B, K, 3) each, of the key points at `Q: (B, n)` at steady rates of joints.
 
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-            Configurations.
-        delta : ndarray, shape (B, n)
-            Rate of the joints, such as the Δ of an edge q₁ + tΔ.
-
-        Returns
-        -------
-        three ndarrays, shape (B, K, 3)
-            x [m], dx/dt and d²x/dt² [m, for t without unit].
+        The rates `delta: (B, n)` are such as the Δ of an edge q₁ + tΔ.
         """
-        return self.kinematics.motions(self.model_values(Q), self.coupling.motions(delta))
+        values, rates = plain(self.model_values(Q)), plain(self.coupling.motions(delta))
+        return kernel.keypoint_motions(*self._tables, values, rates)
 
     def body_points(
         self, Q: FloatArray, rows: IntArray, joints: IntArray, points: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return where points of bodies are, and what moves them.
+        """Return where points of bodies are, (C, 3) [m] in the world frame, and what moves them, (C, n, 3).
 
-        Parameters
-        ----------
-        Q : ndarray, shape (B, n)
-            Configurations.
-        rows : ndarray of int, shape (C,)
-            The configuration for each point.
-        joints : ndarray of int, shape (C,)
-            Pinocchio's number of the joint that carries it.
-        points : ndarray, shape (C, 3)
-            In the frame of that joint [m].
-
-        Returns
-        -------
-        places : ndarray, shape (C, 3)
-            In the world frame [m].
-        jacobians : ndarray, shape (C, n, 3)
-            Velocity of the point per unit of each joint's rate; the Jacobian, transposed.
+        Point c is `points[c]` in the frame of the joint with Pinocchio's number `joints[c]`, at `Q[rows[c]]`. Its
+        velocity per unit of each joint's rate is the Jacobian, transposed.
         """
         places, columns = self.kinematics.point_jacobians(self.model_values(Q), rows, joints, points)
         if self.coupling.trivial:
@@ -244,7 +190,7 @@ class ForwardKinematics:
 
     def tip_pose(self, q: ArrayLike) -> pin.SE3:
         """Return the pose of the tip frame at `q: (n,)` in the world frame."""
-        data = self._scratch.data
+        data = self._scratch.own
         pin.framesForwardKinematics(self._model, data, self.pinocchio_configuration(self._checked(q)))
         return pin.SE3(data.oMf[self.tip_frame])
 
@@ -252,7 +198,7 @@ class ForwardKinematics:
         """Return the Jacobian (6, n) of the tip: linear, then angular velocity, in world-aligned axes."""
         jacobian: FloatArray = pin.computeFrameJacobian(
             self._model,
-            self._scratch.data,
+            self._scratch.own,
             self.pinocchio_configuration(self._checked(q)),
             self.tip_frame,
             pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
@@ -273,22 +219,10 @@ class ForwardKinematics:
         return support
 
 
-class _Scratch(threading.local):
-    """Pinocchio's working memory, one for each thread."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self.data = model.createData()
-
-
 class JointLimits:
     """Says whether a configuration is finite and within the joint limits of a robot.
 
     The same as ``robot.within_limits(q).all()``, which takes twenty times as long for so few numbers.
-
-    Parameters
-    ----------
-    robot : ForwardKinematics
-        The robot.
     """
 
     def __init__(self, robot: ForwardKinematics) -> None:
@@ -301,4 +235,41 @@ class JointLimits:
 
     def hold(self, q: FloatArray) -> bool:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
-        return bool(within(q, self._bounds))
+        return bool(kernel.within(q, self._bounds))
+
+    def left_by(self, curve: Sequence[FloatArray]) -> tuple[int, float] | None:
+        """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], and a t where it may.
+
+        None is a proof that no joint does: control points of a polynomial's Bernstein form hold it, and the nearer the
+        shorter the interval. A joint that comes within rounding of leaving is taken to leave.
+
+        Parameters
+        ----------
+        curve : sequence of ndarray (n,)
+            c_0 … c_d.
+        """
+        degree = len(curve) - 1
+        bernstein = np.array(
+            [[comb(k, j) / comb(degree, j) for j in range(degree + 1)] for k in range(degree + 1)]
+        )
+        low, high = self._bounds
+        waiting = [(0.0, 1.0, bernstein @ np.array(curve))]
+        while waiting:
+            begin, end, points = waiting.pop()
+            outside = ((points < low) | (points > high)).any(axis=0)
+            if not outside.any():
+                continue
+            joint = int(outside.argmax())
+            for t, q in ((begin, points[0]), (end, points[-1])):
+                if not self.hold(q):
+                    return int(((q < low) | (q > high)).argmax()), t
+            if end - begin < _SHORTEST:
+                return joint, begin
+            left, right = [points[0]], [points[-1]]
+            while len(points) > 1:  # de Casteljau
+                points = 0.5 * (points[1:] + points[:-1])
+                left.append(points[0])
+                right.append(points[-1])
+            middle = 0.5 * (begin + end)
+            waiting += [(middle, end, np.array(right[::-1])), (begin, middle, np.array(left))]
+        return None

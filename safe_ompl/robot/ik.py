@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array
+from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, positive, whole_number
 from safe_ompl.robot.robot import Robot
 
 METRES_PER_RADIAN = 0.25  # c of `docs/mathematics.md` §7: about the reach of a hand and what it holds
@@ -35,26 +35,10 @@ _PATIENCE = 4  # and after so many of them in a row the seed is given up
 
 
 class Place:
-    """Where the tip of a robot is to be: a position, or a full pose.
+    """Where the tip of a robot is to be: a position (3,) in the world frame [m], or with a rotation (3, 3) a full pose.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    position : array_like, shape (3,)
-        Of the tip, in the world frame [m].
-    rotation : array_like, shape (3, 3), optional
-        Orientation of the tip; without it any will do.
-
-    Attributes
-    ----------
-    dimension : int
-        Number m of task coordinates: 3 for a position, 6 for a pose.
-
-    Raises
-    ------
-    InputError
-        Wrong shape, NaN, or a matrix that is not a rotation.
+    The `dimension` m is the number of task coordinates, 3 or 6. Raises InputError for a wrong shape, NaN, or a matrix
+    that is not a rotation.
     """
 
     def __init__(self, robot: Robot, position: ArrayLike, rotation: ArrayLike | None = None) -> None:
@@ -122,19 +106,10 @@ def _rotation_matrix(value: ArrayLike) -> FloatArray:
 
 
 def pseudoinverse_step(jacobian: FloatArray, error: FloatArray, drift: FloatArray) -> FloatArray:
-    """Return Δq (n,) = J†Δx + (I − J†J)Δq₀: of the joint motions to Δx the one nearest to Δq₀.
+    """Return Δq (n,) = J†Δx + (I − J†J)Δq₀: of the joint motions to Δx (m,) the one nearest to Δq₀ (n,), with J (m, n).
 
     Computed as Δq₀ + Jᵀ(JJᵀ + Λ²)⁻¹(Δx − JΔq₀). The damping Λ acts on directions in which the arm is nearly
     singular, and grows as they become so; elsewhere the pseudoinverse is exact.
-
-    Parameters
-    ----------
-    jacobian : ndarray, shape (m, n)
-        J.
-    error : ndarray, shape (m,)
-        Δx.
-    drift : ndarray, shape (n,)
-        Δq₀.
     """
     squares, directions = np.linalg.eigh(jacobian @ jacobian.T)
     damped = squares + _DAMPING**2 * np.maximum(0.0, 1.0 - squares / _SINGULAR**2)
@@ -169,13 +144,7 @@ Rule: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class StepLimits:
-    """Joint limits that steps respect.
-
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (n,)
-        [rad or m]; infinite for joints without limits.
-    """
+    """Joint limits (n,) that steps respect [rad or m]; infinite for joints without limits."""
 
     lower: FloatArray
     upper: FloatArray
@@ -205,22 +174,9 @@ def limited_step(
 ) -> FloatArray:
     """Return a joint motion Δq (n,) that brings the tip nearer to a place and stays within limits.
 
-    Joints that would pass a limit stop at it, and the others take over what the tip would lose by that.
-
-    Parameters
-    ----------
-    rule : Rule
-        `pseudoinverse_step`, `transpose_step` or `cautious_step`.
-    place : Place
-        Where the tip is to go.
-    q : ndarray, shape (n,)
-        Where the arm is, within its limits [rad or m].
-    limits : StepLimits
-        The limits.
-    largest : float
-        The step is shortened to this norm [rad or m].
-    drift : ndarray, shape (n,), optional
-        Δq₀, posture motion wanted besides.
+    Joints that would pass a limit stop at it, and the others take over what the tip would lose by that. The rule is
+    `pseudoinverse_step`, `transpose_step` or `cautious_step`; the arm is at `q: (n,)`, within its limits [rad or m].
+    The step is shortened to the norm `largest` [rad or m]; the `drift: (n,)` is Δq₀, posture motion wanted besides.
     """
     jacobian, error = place.jacobian(q), place.error(q)
     posture = np.zeros(len(q)) if drift is None else drift
@@ -251,16 +207,8 @@ def solve_from_seed(place: Place, seed: FloatArray, precision: float) -> FloatAr
 def approach(place: Place, seed: FloatArray, precision: float) -> tuple[FloatArray, float]:
     """Return a configuration (n,) within the joint limits, and how far [m] its tip is from the place.
 
-    Takes `cautious_step` from one seed until it arrives or stalls, which depends on the seed: try several.
-
-    Parameters
-    ----------
-    place : Place
-        Where the tip is to be.
-    seed : ndarray, shape (n,)
-        Where to begin, within the limits [rad or m].
-    precision : float
-        Distance between tip and place [m], rotation included (`Place.distance`), at which it has arrived.
+    Takes `cautious_step` from one seed (n,), within the limits, until it arrives or stalls, which depends on the seed:
+    try several. It has arrived where tip and place are within `precision` [m], rotation included (`Place.distance`).
     """
     limits = StepLimits.of_turns(place.robot)
     q, distance, stalls = seed, place.distance(seed), 0
@@ -313,3 +261,91 @@ def _within_limits(robot: Robot, q: FloatArray) -> FloatArray:
     turned = np.where(q > robot.upper, robot.upper - 2 * np.pi + over, robot.lower + 2 * np.pi - under)
     outside = (q > robot.upper) | (q < robot.lower)
     return np.clip(np.where(outside & _full_turns(robot), turned, q), robot.lower, robot.upper)
+
+
+_UNIT = 1e-3  # quaternions whose norm is as near to 1 are normalised; others are taken for mistakes
+
+
+def place_of(robot: Robot, position: Any, rotation: Any = None) -> Place:
+    """Return the place that a position (3,) [m], with or without a rotation, or a pose (pin.SE3) means.
+
+    The rotation is a matrix (3, 3), a quaternion x, y, z, w, or a pin.Quaternion. Raises InputError for a wrong shape,
+    NaN, what is not a rotation, and a rotation beside a pose.
+    """
+    if not isinstance(position, pin.SE3):
+        return Place(robot, position, None if rotation is None else _matrix(rotation))
+    if rotation is not None:
+        raise InputError("rotation of the tip: the pose has one already; give the pose alone")
+    return Place(robot, position.translation, position.rotation)
+
+
+def _matrix(rotation: ArrayLike | pin.Quaternion) -> ArrayLike:
+    if isinstance(rotation, pin.Quaternion):
+        rotation = rotation.coeffs()
+    if np.shape(rotation) != (4,):
+        return rotation
+    xyzw: FloatArray = finite_array(rotation, (4,), "rotation of the tip")
+    norm = float(np.linalg.norm(xyzw))
+    if abs(norm - 1) > _UNIT:
+        raise InputError(
+            f"rotation of the tip: a quaternion (x, y, z, w) must be of unit length, got {xyzw.tolist()}"
+        )
+    matrix: FloatArray = pin.Quaternion(xyzw / norm).matrix()
+    return matrix
+
+
+def inverse_kinematics(
+    robot: Robot,
+    position: Any,
+    rotation: Any = None,
+    *,
+    near: ArrayLike | None = None,
+    seeds: int = 16,
+    seed: int = 0,
+    tolerance: float = 1e-4,
+    valid: Callable[[FloatArray], bool] | None = None,
+) -> FloatArray | None:
+    """Return a configuration within the joint limits whose tip is at a place, or None if none is found.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    position, rotation
+        As for `place_of`; without a rotation any orientation will do.
+    near : array_like, shape (n,), optional
+        Where the first search begins [rad or m]; with it, of the solutions the one nearest to it is returned.
+    seeds, seed : int
+        From how many configurations to search, `near` included, and what the random numbers come from: the same seed
+        gives the same solution.
+    tolerance : float
+        Largest distance left between tip and place [m]; a radian counts as 0.25 m.
+    valid : callable, optional
+        From a configuration (n,) to whether it will do: ``lambda q: not checker.in_collision(q)``.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, NaN, what is not a rotation, no seeds, or a tolerance that is not positive.
+
+    Examples
+    --------
+    >>> inverse_kinematics(robot, [0.4, 0.1, 0.5], [0.0, 1.0, 0.0, 0.0])  # doctest: +SKIP
+    """
+    place = place_of(robot, position, rotation)
+    precision = positive(tolerance, "tolerance", "length [m]")
+    number = whole_number("seeds", seeds, at_least=1)
+    home = None if near is None else finite_array(near, (robot.n,), "near")
+    begin = np.random.default_rng(seed).uniform(robot.lower, robot.upper, (number, robot.n))
+    if home is not None:
+        begin[0] = np.where(robot.continuous, home, np.clip(home, robot.lower, robot.upper))
+    found: list[FloatArray] = []
+    for start in begin:
+        q = solve_from_seed(place, start, precision)
+        if q is None or (valid is not None and not valid(q)):
+            continue
+        if home is None:
+            return q
+        found.append(q)
+    ways = [float(np.linalg.norm(robot.difference(q if home is None else home, q))) for q in found]
+    return found[ways.index(min(ways))] if found else None

@@ -1,8 +1,8 @@
-"""Tables of the joints and key points that compiled kinematics read; mimic joints follow the planned ones."""
+"""The joints of a robot as compiled kinematics read them, its skeleton of key points, and joints that mimic others."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,25 +18,11 @@ _FLOAT = np.dtype(np.float64)
 class KinematicTree:
     """Forward kinematics of the m joints of a robot and of K key points that they carry.
 
-    Parameters
-    ----------
-    parents : sequence of int
-        For each joint Pinocchio's number of the one before it; 0 is the base, joint i has the number i + 1.
-    placements : sequence of pin.SE3
-        Where each joint is in the frame of its parent, at zero.
-    axes : ndarray, shape (m, 3)
-        Unit vectors in the frames of the joints.
-    slides : ndarray of bool, shape (m,)
-        Which joints slide.
-    carriers : ndarray of int, shape (K,)
-        For each key point Pinocchio's number of the joint that carries it.
-    offsets : ndarray, shape (K, 3)
-        Where it is in the frame of that joint [m].
-
-    Attributes
-    ----------
-    joints, keypoints : ndarray, shape (m,) and (K,)
-        The tables, for kernels; see `safe_ompl.robot.kernels.kinematics`. Nobody writes to them.
+    Joints and key points are tables for kernels, see `safe_ompl.robot.kernels.kinematics`; nobody writes to them.
+    Parents and `carriers: (K,)` are Pinocchio's numbers of joints: 0 is the base, joint i has the number i + 1.
+    `placements` are those of the joints in the frames of their parents, at zero, `axes: (m, 3)` unit vectors in their
+    own frames, `slides: (m,)` says which slide; `offsets: (K, 3)` are the key points in the frames of their carriers
+    [m].
     """
 
     def __init__(
@@ -61,18 +47,6 @@ class KinematicTree:
     def frames(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return rotations (B, m, 3, 3), origins and axes (B, m, 3) of the joints in the world at `values: (B, m)`."""
         return kernel.joint_frames(self.joints, plain(values))
-
-    def places(self, values: FloatArray) -> FloatArray:
-        """Return the key points (B, K, 3) [m] at `values: (B, m)`."""
-        return kernel.keypoints(self.joints, self.keypoints, plain(values))
-
-    def pull_back(self, values: FloatArray, forces: FloatArray) -> FloatArray:
-        """Return Σ_k J_kᵀ f_k (B, m) of `forces: (B, K, 3)` at the key points at `values: (B, m)`."""
-        return kernel.pull_back(self.joints, self.keypoints, plain(values), plain(forces))
-
-    def motions(self, values: FloatArray, rates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return places, velocities and accelerations (B, K, 3) of the key points at steady `rates: (B, m)`."""
-        return kernel.keypoint_motions(self.joints, self.keypoints, plain(values), plain(rates))
 
     def point_jacobians(
         self, values: FloatArray, rows: IntArray, carriers: IntArray, points: FloatArray
@@ -108,18 +82,9 @@ class Mimic:
 class Coupling:
     """The affine map from the n planned joints to the m joints of Pinocchio's model, matrix·q + offsets.
 
-    A planned joint has a row of the identity, a mimic joint its multiplier in the column of its primary. What is
-    known for each of the m joints (radii, Jacobians) becomes what is known for the n planned ones. Where nothing
-    mimics, m = n and every array is returned as it came.
-
-    Attributes
-    ----------
-    matrix : ndarray, shape (m, n)
-        Rates of the model's joints per rate of the planned ones.
-    offsets : ndarray, shape (m,)
-        Values of the model's joints at q = 0 [rad or m].
-    trivial : bool
-        Whether nothing mimics.
+    A planned joint has a row of the identity in the matrix (m, n), a mimic joint its multiplier in the column of its
+    primary. What is known for each of the m joints (radii, Jacobians) becomes what is known for the n planned ones.
+    Where nothing mimics it is trivial: m = n and every array is returned as it came.
     """
 
     matrix: FloatArray
@@ -163,10 +128,7 @@ class Coupling:
 def resolved(mimics: Mapping[str, Mimic], source: str) -> dict[str, Mimic]:
     """Return `mimics` with chains (a joint that mimics a mimic joint) followed to the first joint of each.
 
-    Raises
-    ------
-    InputError
-        If joints mimic each other in a circle.
+    Raises InputError if joints mimic each other in a circle.
     """
     found = {}
     for name, mimic in mimics.items():
@@ -183,3 +145,95 @@ def resolved(mimics: Mapping[str, Mimic], source: str) -> dict[str, Mimic]:
             )
         found[name] = mimic
     return found
+
+
+_ZERO_LENGTH = 1e-6  # [m]; joints at the same place, as on a spherical wrist
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """K key points of a robot and the segments between them (paper §3, eq. 2).
+
+    Attributes
+    ----------
+    joints, offsets : ndarray, shape (K,) and (K, 3)
+        For each key point the index of the Pinocchio joint that carries it (0: the fixed base), and its position in the
+        frame of that joint [m]. The last one is the robot's tip.
+    segments, names : ndarray, shape (L, 2), and tuple of str
+        Proximal and distal key point of each link segment, and the frame at its distal end. Segments of zero length,
+        and those that no joint moves, are left out.
+    frames : tuple of int
+        For each key point the frame that it is the origin of.
+    """
+
+    joints: IntArray
+    offsets: FloatArray
+    segments: IntArray
+    names: tuple[str, ...]
+    frames: tuple[int, ...]
+
+    @classmethod
+    def from_model(cls, model: pin.Model, joint_names: Sequence[str], tips: Sequence[str]) -> Skeleton:
+        """Build the skeleton of `model`, whose locked joints are reduced to frames.
+
+        All joints of the robot, locked ones included, are ends of links; `tips` are frames at the ends of the last
+        links, the first one the robot's tip.
+        """
+        first, *others = (frame_index(model, tip) for tip in tips)
+        on_chain = {frame for tip in (first, *others) for frame in _way_to_root(model, tip)}
+        ends = [(name, _joint_frame(model, name)) for name in joint_names]
+        frames = [frame for name, frame in ends if frame in on_chain or model.existJointName(name)]
+        frames += [*others, first]
+        index = {frame: k for k, frame in enumerate(frames)}
+        joints = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
+        offsets = np.array([model.frames[frame].placement.translation for frame in frames], dtype=np.float64)
+
+        stretched = _frame_positions(model, frames)
+        segments, names = [], []
+        for distal, frame in enumerate(frames):
+            above = (index[k] for k in _way_to_root(model, model.frames[frame].parentFrame) if k in index)
+            proximal = next(above, None)
+            if proximal is None or joints[proximal] == 0:
+                continue
+            lengths = np.linalg.norm(stretched[:, distal] - stretched[:, proximal], axis=1)
+            if lengths.max() > _ZERO_LENGTH:
+                segments.append((proximal, distal))
+                names.append(model.frames[frame].name)
+        pairs = np.array(segments, dtype=np.intp).reshape(-1, 2)
+        return cls(joints, offsets, pairs, tuple(names), tuple(frames))
+
+    def nearest(self, model: pin.Model, frame: int) -> int | None:
+        """Return the frame of the key point nearest to `frame` on the way to the base, itself included, or None."""
+        return next((above for above in _way_to_root(model, frame) if above in self.frames), None)
+
+
+def frame_index(model: pin.Model, name: str) -> int:
+    """Return the index of the frame called `name`; where a joint and a link share the name, the link's."""
+    matches = [k for k, frame in enumerate(model.frames) if frame.name == name]
+    bodies = [k for k in matches if model.frames[k].type == pin.FrameType.BODY]
+    return (bodies or matches)[0]
+
+
+def _joint_frame(model: pin.Model, name: str) -> int:
+    """Return the index of the frame of a joint, free or locked; a link may have the same name."""
+    return next(k for k, f in enumerate(model.frames) if f.name == name and f.type != pin.FrameType.BODY)
+
+
+def _frame_positions(model: pin.Model, frames: list[int]) -> FloatArray:
+    """Return positions (3, K, 3) of frames, joints at zero and at either limit: where joints slide, lengths change."""
+    data, positions = model.createData(), []
+    for limit in (pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit):
+        q = pin.neutral(model)
+        for joint in list(model.joints)[1:]:
+            if joint.nq == 1:
+                q[joint.idx_q] = limit[joint.idx_q]
+        pin.framesForwardKinematics(model, data, q)
+        positions.append([data.oMf[frame].translation.copy() for frame in frames])
+    return np.array(positions)
+
+
+def _way_to_root(model: pin.Model, frame: int) -> Iterator[int]:
+    """Yield the frames from `frame` to the root, which is left out."""
+    while frame != 0:
+        yield frame
+        frame = model.frames[frame].parentFrame

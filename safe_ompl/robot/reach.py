@@ -36,14 +36,8 @@ class Hull:
 def bounding_hull(geometry: coal.CollisionGeometry, *, coarse: bool = False) -> Hull:
     """Return points and a radius that enclose `geometry` in its own frame.
 
-    Exact for spheres, capsules, boxes and meshes; other shapes are enclosed by their bounding box.
-
-    Parameters
-    ----------
-    geometry : coal.CollisionGeometry
-        The shape.
-    coarse : bool
-        Use the eight corners of the bounding box for meshes, too.
+    Exact for spheres, capsules, boxes and meshes; other shapes, and meshes if `coarse`, are enclosed by the eight
+    corners of their bounding box.
     """
     if isinstance(geometry, coal.Sphere):
         return Hull(np.zeros((1, 3)), geometry.radius)
@@ -112,18 +106,10 @@ class ReachCylinder:
 
 @dataclass(frozen=True)
 class AxisReaches:
-    """Where the axes of n joints can be in the world: axes that stay where they are, and cylinders about the others.
+    """Where the axes of n joints can be in the world: cylinders about centers that hold the joints' origins.
 
-    Attributes
-    ----------
-    centers, axes : ndarray, shape (n, 3)
-        Center and axis of each cylinder.
-    radii, half_lengths : ndarray, shape (n,)
-        Its radius, and how far it goes along its axis to both sides [m]. The joint's origin is in it.
-    fixed : ndarray of bool, shape (n,)
-        Which axes stay where they are: those through the center along the axis.
-    prismatic : ndarray of bool, shape (n,)
-        Which joints slide.
+    The axes `fixed: (n,)` stay where they are: through the center along the axis. `prismatic: (n,)` says which joints
+    slide.
     """
 
     centers: FloatArray
@@ -134,20 +120,11 @@ class AxisReaches:
     prismatic: BoolArray
 
     def distances(self, bodies: Sequence[Hull]) -> FloatArray:
-        """Return how far bodies that stand still in the world are from each joint's axis, at most (G, n).
+        """Return how far G bodies that stand still in the world are from each joint's axis [m], at most, (G, n).
 
         Seen from a link that joint i turns by Δ it is the body that turns, so that no point of it moves more than this
-        distance times |Δ|: another bound of how far link and body approach each other.
-
-        Parameters
-        ----------
-        bodies : sequence of Hull
-            The G bodies in the world frame.
-
-        Returns
-        -------
-        ndarray, shape (G, n)
-            [m], that of the farthest point, at any configuration; infinite for prismatic joints.
+        distance, that of its farthest point at any configuration, times |Δ|: another bound of how far link and body
+        approach each other. It is infinite for prismatic joints.
         """
         if not bodies:
             return np.zeros((0, len(self.radii)))
@@ -166,18 +143,9 @@ class AxisReaches:
 class JointChain:
     """Joints of a robot as the displacement bound needs them (n joints; joint i is Pinocchio's joint i+1).
 
-    Attributes
-    ----------
-    parents : list of int
-        Pinocchio's index of the joint below each joint (0: base).
-    placements : list of pin.SE3
-        Frame of each joint at zero in the frame of its parent.
-    axes : ndarray, shape (n, 3)
-        Axes in the joints' own frames.
-    prismatic : ndarray of bool, shape (n,)
-        Which joints slide.
-    lower, upper : ndarray, shape (n,)
-        Limits [rad or m]; only those of prismatic joints are used.
+    Parents are Pinocchio's indices (0: base), placements the frames at zero in those of the parents, `axes: (n, 3)` in
+    the joints' own frames, `prismatic: (n,)` says which slide. Of the limits (n,) only those of prismatic joints are
+    used.
     """
 
     parents: list[int]
@@ -199,14 +167,9 @@ class JointChain:
             joint.calc(joint_data, neutral)
             subspace = np.asarray(joint_data.S, dtype=np.float64).ravel()
             axes[i] = subspace[:3] if prismatic[i] else subspace[3:]
-        return cls(
-            [int(parent) for parent in model.parents][1:],
-            [pin.SE3(placement) for placement in model.jointPlacements][1:],
-            axes,
-            prismatic,
-            lower,
-            upper,
-        )
+        parents = [int(parent) for parent in model.parents][1:]
+        placements = [pin.SE3(placement) for placement in model.jointPlacements][1:]
+        return cls(parents, placements, axes, prismatic, lower, upper)
 
     def path_to_root(self, joint: int) -> list[int]:
         """Return the joints (0-based) that move Pinocchio's joint `joint`, the nearest first."""
@@ -217,19 +180,9 @@ class JointChain:
         return path
 
     def radii(self, joint: int, body: Hull) -> FloatArray:
-        """Return the displacement radii R̄ (n,) of a body carried by Pinocchio's joint `joint`.
+        """Return the displacement radii R̄ (n,) of a body that Pinocchio's joint `joint` carries, given in its frame.
 
-        Parameters
-        ----------
-        joint : int
-            Pinocchio's index of the joint (0: fixed to the base, all radii zero).
-        body : Hull
-            The body in the frame of that joint.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Metres per radian; 1 for prismatic joints; 0 for joints that do not move the body.
+        In metres per radian; 1 for prismatic joints; 0 for joints that do not move the body.
         """
         radii = np.zeros(len(self.parents))
         for i, region in self._regions(joint, body):
@@ -239,10 +192,7 @@ class JointChain:
     def reach(self, joint: int, body: Hull) -> ReachCylinder:
         """Return a cylinder in the world frame that the body never leaves, at any configuration within limits.
 
-        Raises
-        ------
-        ValueError
-            If no joint moves the body.
+        Some joint must move the body.
         """
         regions = self._regions(joint, body)
         if not regions:
@@ -259,12 +209,13 @@ class JointChain:
                 regions.append(ReachCylinder(placement.translation, placement.rotation @ axis, 0.0, 0.0))
             else:
                 regions.append(self.reach(parent, Hull(placement.translation[None], 0.0)))
+        fixed = np.array([parent == 0 for parent in self.parents], dtype=bool)
         return AxisReaches(
             np.array([region.center for region in regions]).reshape(-1, 3),
             np.array([region.axis for region in regions]).reshape(-1, 3),
             np.array([region.radius for region in regions]),
             np.array([region.half_length for region in regions]),
-            np.array([parent == 0 for parent in self.parents], dtype=bool),
+            fixed,
             self.prismatic,
         )
 

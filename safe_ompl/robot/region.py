@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from math import hypot
 from typing import Any, TypeAlias
 
@@ -89,21 +89,14 @@ class GoalRegion:
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> GoalRegion:
         """Read a region from a document: `frame` with position and orientation, and bounds."""
-        keys = [bounded.name for bounded in fields(cls)]
-        document.check_keys(data, keys)
+        document.check_fields(cls, data)
         frame = document.mapping("frame", data.get("frame", {}), _POSE_KEYS)
-        with document.within("frame"):
-            pose = Pose.from_mapping(frame)
-        return cls(pose, **{key: data[key] for key in keys if key != "frame" and key in data})
+        return cls(**{**data, "frame": document.section("frame", frame, Pose.from_mapping)})
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what `from_mapping` reads."""
-        data: dict[str, Any] = {} if self.frame == Pose() else {"frame": self.frame.to_mapping()}
-        for key in (bounded.name for bounded in fields(self) if bounded.name != "frame"):
-            given = getattr(self, key)
-            if given is not None:
-                data[key] = list(given)
-        return data
+        given = document.changed_fields(self)
+        return {k: v.to_mapping() if isinstance(v, Pose) else list(v) for k, v in given.items()}
 
     @property
     def turns(self) -> bool:
@@ -111,10 +104,9 @@ class GoalRegion:
         return any(getattr(self, key) is not None for key in _ANGLES)
 
     def nearest(self, pose: pin.SE3) -> tuple[FloatArray, FloatArray | None]:
-        """Return the position (3,) and the orientation (3, 3) of the region that are nearest to a pose.
+        """Return the position (3,) and the orientation (3, 3) of the region nearest to a pose, all in the world frame.
 
-        Both in the world frame; the orientation is None where any will do. The nearest orientation is that with the
-        least angle to the pose's own.
+        The orientation is None where any will do, else that with the least angle to the pose's own.
         """
         frame = self.frame.se3
         here = frame.rotation.T @ (pose.translation - frame.translation)
@@ -182,13 +174,6 @@ class RegionPlace(Place):
     """A region of the tip as a place to go to: its error is that to the nearest pose of the region.
 
     ½‖Δx‖² has the gradient −JᵀΔx, as for a place: the way to the nearest pose is the steepest one.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    region : GoalRegion
-        The region.
     """
 
     def __init__(self, robot: Robot, region: GoalRegion) -> None:

@@ -18,9 +18,10 @@ from safe_ompl.geometry import Shape
 from safe_ompl.robot.displacement_bounds import DisplacementBounds
 from safe_ompl.robot.forward_kinematics import ForwardKinematics
 from safe_ompl.robot.joint_tables import Mimic
-from safe_ompl.robot.loading.attachment import Attachment, as_pose
+from safe_ompl.robot.loading import CollisionSource
 from safe_ompl.robot.loading.blueprint import (
     Attached,
+    Attachment,
     Blueprint,
     Combined,
     OnBase,
@@ -28,12 +29,12 @@ from safe_ompl.robot.loading.blueprint import (
     RangeByJoint,
     Ranges,
     WithAccelerations,
+    as_pose,
     check_prefixes,
     standing,
 )
 from safe_ompl.robot.loading.packages import find_example, robots_folder
 from safe_ompl.robot.loading.parts import GuardedCopy, RobotParts, independent
-from safe_ompl.robot.loading.shapes import CollisionSource
 from safe_ompl.robot.loading.sources import ModelsBlueprint, UrdfBlueprint, check_models, owned
 from safe_ompl.robot.loading.urdf import existing_file
 from safe_ompl.robot.reach import JointChain
@@ -58,9 +59,7 @@ class Robot(ForwardKinematics):
     tip : str
         The frame at the end of the arm.
     segments : ndarray, shape (L, 2)
-        Link segments of the skeleton as pairs of key points.
-    segment_names : tuple of str
-        For each segment the frame at its distal end.
+        Link segments of the skeleton as pairs of key points; `segment_names` has the frame at the distal end of each.
     coupling : Coupling
         How the joints of Pinocchio's model follow the planned ones.
     shared : RobotParts
@@ -69,13 +68,6 @@ class Robot(ForwardKinematics):
         Joints that are held, with their values [rad or m].
     links_without_collision : tuple of str
         Moving links that have visual but no collision shapes: nothing is proven of them.
-
-    Parameters
-    ----------
-    blueprint : Blueprint
-        How to build the robot, in this process or another.
-    parts : RobotParts, optional
-        What the blueprint builds, where that is known.
     """
 
     def __init__(self, blueprint: Blueprint, parts: RobotParts | None = None) -> None:
@@ -135,11 +127,9 @@ class Robot(ForwardKinematics):
             What collides of links that have visual shapes only. "visual": those shapes. Otherwise nothing, which
             `links_without_collision` and a warning say; a robot with no collision shape on any moving link is refused
             unless this is "optional".
-        group : str, optional
-            Group of the SRDF whose joints move; the others are held as those are that do not move the tip.
-        locked_state : str, optional
-            State of the SRDF that says at which values joints are held that are not in the group or do not move the
-            tip; zero by default.
+        group, locked_state : str, optional
+            Group of the SRDF whose joints move, the others are held; and state of the SRDF that says at which values
+            joints are held, zero by default.
 
         Raises
         ------
@@ -147,19 +137,9 @@ class Robot(ForwardKinematics):
             Missing or malformed file, missing mesh, unknown joint or frame, unsupported joint type.
         """
         srdf_file = None if srdf is None else str(existing_file(srdf, "SRDF"))
-        blueprint = UrdfBlueprint(
-            str(existing_file(urdf, "URDF")),
-            srdf_file,
-            tuple(str(folder) for folder in package_dirs),
-            tip,
-            dict(locked or {}),
-            hulls,
-            name,
-            dict(limits or {}),
-            collision,
-            group,
-            locked_state,
-        )
+        files = str(existing_file(urdf, "URDF")), srdf_file, tuple(map(str, package_dirs))
+        held, ranges = dict(locked or {}), dict(limits or {})
+        blueprint = UrdfBlueprint(*files, tip, held, hulls, name, ranges, collision, group, locked_state)
         return cls(standing(blueprint, base, mobile_base))
 
     @classmethod
@@ -176,19 +156,10 @@ class Robot(ForwardKinematics):
         group: str | None = None,
         locked_state: str | None = None,
     ) -> Robot:
-        """Build a robot of example-robot-data.
+        """Build a robot of example-robot-data by its key in `safe_ompl.robot.loading.EXAMPLES`: "panda", "ur5".
 
-        Parameters
-        ----------
-        name : str
-            A key of `safe_ompl.robot.loading.packages.EXAMPLES`: "panda", "ur5", "xarm7", "kinova", …
-        tip, locked, hulls, base, mobile_base, collision, group, locked_state
-            As in `from_urdf`; by default those of the table of examples.
-
-        Raises
-        ------
-        UnknownNameError
-            If there is no such robot.
+        The rest is as in `from_urdf`, by default that of the table of examples. Raises UnknownNameError if there is
+        none.
         """
         example = find_example(name)
         folder = robots_folder()
@@ -245,17 +216,10 @@ class Robot(ForwardKinematics):
             If the models are not Pinocchio's, a body's shape is not supported (a plane, say), or as in `from_urdf`.
         """
         check_models(model, collision_model, visual_model)
-        own_model, own_collision, own_visual = owned(model, collision_model, visual_model)
+        own, collision, visual = owned(model, collision_model, visual_model)
+        held, ranges, title = dict(locked or {}), dict(limits or {}), name or model.name or "robot"
         blueprint = ModelsBlueprint(
-            own_model,
-            own_collision,
-            own_visual,
-            tip,
-            dict(locked or {}),
-            hulls,
-            name or model.name or "robot",
-            dict(limits or {}),
-            dict(mimics or {}),
+            own, collision, visual, tip, held, hulls, title, ranges, dict(mimics or {})
         )
         return cls(standing(blueprint, base, mobile_base))
 
@@ -263,21 +227,11 @@ class Robot(ForwardKinematics):
     def combined(cls, name: str, robots: Mapping[str, Robot], *, tip: str | None = None) -> Robot:
         """Return several robots in one cell as one robot, each where its base is.
 
-        All bodies of one are checked against all bodies of the others, but for two that never move.
+        All bodies of one are checked against all bodies of the others, but for two that never move. Joints, links and
+        frames of each get its key as prefix: "left" makes "left_joint1". Goals are about the tip of the robot with the
+        key `tip`, by default of the first; the skeleton of the danger has all arms.
 
-        Parameters
-        ----------
-        name : str
-            Name for reports.
-        robots : mapping of str to Robot
-            Two or more. Joints, links and frames of each get its key as prefix: "left" makes "left_joint1".
-        tip : str, optional
-            Key of the robot whose tip goals are about; default: the first. The skeleton of the danger has all arms.
-
-        Raises
-        ------
-        InputError
-            If there are fewer than two, names coincide, or there is no such key.
+        Raises InputError if there are fewer than two, names coincide, or there is no such key.
         """
         for prefix, robot in robots.items():
             document.text("prefix", prefix)
@@ -319,10 +273,9 @@ class Robot(ForwardKinematics):
             Name of the object, for reports.
         shape : Shape
             Box, Sphere, Cylinder, Capsule or Mesh of `safe_ompl.geometry`.
-        link : str, optional
-            Link or frame that it is fixed to; default: the tip.
-        pose : Pose, pin.SE3, mapping or position, optional
-            Where it is in the frame of the link; default: at its origin.
+        link, pose : optional
+            Link or frame that it is fixed to, by default the tip; and where it is in its frame, by default at its
+            origin.
         touch_links : sequence of str
             Links that it may touch, such as moving fingers. Those that do not move against `link` it always may.
         danger : bool
@@ -330,7 +283,7 @@ class Robot(ForwardKinematics):
 
         Raises
         ------
-        InputError, UnknownNameError
+        InputError
             If the shape is another, the link does not exist, or its name is taken.
         """
         where = self.tip if link is None else link
@@ -342,19 +295,10 @@ class Robot(ForwardKinematics):
         return type(self)(blueprint, blueprint.applied(self.shared))
 
     def with_accelerations(self, limits: Mapping[str, float]) -> Robot:
-        """Return the same robot that knows acceleration limits of its joints; URDFs have none.
+        """Return the same robot that knows acceleration limits of its joints [rad/s² or m/s²]; URDFs have none.
 
-        Parameters
-        ----------
-        limits : mapping of str to float
-            By joint [rad/s² or m/s²]; of joints that are not named what was known before stays.
-
-        Raises
-        ------
-        UnknownNameError
-            If it plans with no joint of such a name.
-        InputError
-            If a limit is not positive.
+        Of joints that are not named what was known before stays. Raises InputError if a limit is not positive,
+        UnknownNameError if it plans with no joint of such a name.
         """
         for name, limit in limits.items():
             if name not in self.joint_names:
@@ -422,12 +366,8 @@ class Robot(ForwardKinematics):
     def named(self, q: ArrayLike | str) -> dict[str, float]:
         """Return `q: (n,)`, or the state of the SRDF that it names, as a mapping from joint name to value [rad or m].
 
-        A state holds what the SRDF says, for whichever joints: of several groups with that state, those of all.
-
-        Raises
-        ------
-        InputError
-            If there is no state of that name, or no SRDF; if `q` has the wrong shape or is not finite.
+        A state holds what the SRDF says, for whichever joints: of several groups with that state, those of all. Raises
+        InputError if there is no state of that name, or no SRDF; if `q` has the wrong shape or is not finite.
         """
         return self.blueprint.state(q) if isinstance(q, str) else super().named(q)
 

@@ -10,34 +10,26 @@ from typing import Any
 from safe_ompl.common import InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import Pose
-from safe_ompl.robot.loading.attachment import Attachment, as_pose, attachments
-from safe_ompl.robot.loading.blueprint import mobile_ranges
-from safe_ompl.robot.loading.shapes import CollisionSource, check_source
+from safe_ompl.robot.loading.blueprint import Attachment, as_pose, attachments, mobile_ranges
+from safe_ompl.robot.loading.collision import CollisionSource, check_source
 from safe_ompl.robot.robot import Robot
 
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """How to build a robot; see `Robot.from_example` and `Robot.from_urdf` for the meaning of each field.
+    """How to build a robot; see `Robot.from_example` and `Robot.from_urdf` for what is not said here.
 
     Parameters
     ----------
     example : str, optional
         Name of a robot of example-robot-data; give this, `urdf` or `robots`.
-    urdf, srdf : path-like, optional
-        Files of a robot.
-    package_dirs : sequence of path-like, optional
-        Folders that hold the packages which the URDF names.
-    tip : str, optional
-        Frame at the end of the arm; default: the example's own, or the farthest body.
+    urdf, srdf, package_dirs, tip, hulls, group, locked_state, collision : optional
+        As for `Robot.from_urdf`.
     locked : mapping of str to float, optional
         Joints that are held still [rad or m]. None: those that the example locks by default.
-    hulls : bool, optional
-        Collide with the convex hulls of meshes.
-    base : pose, optional
-        Where the base is in the world: `position` [m], and `quaternion_xyzw`, `rpy` or `yaw`.
-    mobile_base : two pairs of float, optional
-        Limits [m] of a base that slides in x and y, and turns.
+    base, mobile_base : optional
+        Where the base is in the world: `position` [m], and `quaternion_xyzw`, `rpy` or `yaw`; and limits [m] of one
+        that slides in x and y, and turns.
     attached : sequence, optional
         Objects in the gripper: each a shape and a pose as an obstacle of a scene has them, and `link`; `touch_links`
         and `danger` if wanted.
@@ -45,10 +37,6 @@ class RobotSpec:
         Several robots in one cell, by the prefix of their names; `tip` is the prefix of one of them then.
     name : str, optional
         Name for reports; of several robots "cell" by default.
-    group, locked_state : str, optional
-        Group of the SRDF whose joints move, state of the SRDF in which others are held.
-    collision : {"required", "visual", "optional"}, optional
-        What collides of links without collision shapes.
     accelerations : mapping of str to float, optional
         Acceleration limits by joint [rad/s² or m/s²]: URDFs have none. Those of a scenario's `motion` come first.
 
@@ -96,11 +84,11 @@ class RobotSpec:
             "urdf": self.urdf and document.file("urdf", self.urdf, (".urdf", ".xml", ".xacro")),
             "srdf": self.srdf and document.file("srdf", self.srdf, (".srdf", ".xml")),
             "package_dirs": tuple(Path(folder).resolve() for folder in folders),
-            "locked": None if self.locked is None else _joint_values(self.locked),
+            "locked": None if self.locked is None else document.numbers_by_name("locked", self.locked),
             "base": None if self.base is None else as_pose(self.base, "base"),
             "mobile_base": None if self.mobile_base is None else mobile_ranges(self.mobile_base),
             "attached": tuple(self.attached),
-            "accelerations": _accelerations(self.accelerations),
+            "accelerations": document.numbers_by_name("accelerations", self.accelerations, above=0.0),
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)
@@ -137,12 +125,7 @@ class RobotSpec:
 
     def to_mapping(self, folder: Path | None) -> dict[str, Any]:
         """Return what `from_mapping` reads, with files named relative to `folder`."""
-        set_fields = {
-            f.name: getattr(self, f.name)
-            for f in fields(self)
-            if getattr(self, f.name) != f.default
-            and (f.name not in ("robots", "accelerations") or getattr(self, f.name))
-        }
+        set_fields = document.changed_fields(self)
         for key in ("urdf", "srdf"):
             if key in set_fields:
                 set_fields[key] = document.file_name(set_fields[key], folder)
@@ -164,10 +147,7 @@ class RobotSpec:
     def with_package_dirs(self, folders: Sequence[Path]) -> RobotSpec:
         """Return the spec with more folders that hold packages, searched first, for each URDF that it names.
 
-        Raises
-        ------
-        InputError
-            If it names none: the robots of example-robot-data bring their own.
+        Raises InputError if it names none: the robots of example-robot-data bring their own.
         """
         if not self.reads_urdf:
             raise InputError(
@@ -189,35 +169,10 @@ class RobotSpec:
         if self.robots:
             parts = {prefix: spec.build() for prefix, spec in self.robots.items()}
             return Robot.combined(self.name or "cell", parts, tip=self.tip)
-        chosen: dict[str, Any] = {
-            "base": self.base,
-            "mobile_base": self.mobile_base,
-            "hulls": self.hulls,
-            "group": self.group,
-            "locked_state": self.locked_state,
-            "collision": self.collision,
-        }
+        keys = ("base", "mobile_base", "hulls", "group", "locked_state", "collision")
+        chosen: dict[str, Any] = {key: getattr(self, key) for key in keys}
         if self.example is not None:
             return Robot.from_example(self.example, tip=self.tip, locked=self.locked, **chosen)
         assert self.urdf is not None
-        return Robot.from_urdf(
-            self.urdf,
-            self.srdf,
-            self.package_dirs,
-            self.tip,
-            self.locked,
-            name=self.name,
-            **chosen,
-        )
-
-
-def _joint_values(locked: Mapping[str, float]) -> dict[str, float]:
-    joints = document.mapping("locked", locked)
-    with document.within("locked"):
-        return {joint: document.number(joint, value) for joint, value in joints.items()}
-
-
-def _accelerations(limits: Mapping[str, float]) -> dict[str, float]:
-    joints = document.mapping("accelerations", limits)
-    with document.within("accelerations"):
-        return {joint: document.number(joint, limit, above=0.0) for joint, limit in joints.items()}
+        files = self.urdf, self.srdf, self.package_dirs
+        return Robot.from_urdf(*files, self.tip, self.locked, name=self.name, **chosen)

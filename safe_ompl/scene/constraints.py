@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields
 from math import inf, pi
 from typing import Any, TypeAlias, TypeVar
 
@@ -17,33 +17,17 @@ _UP = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a document, whose keys are the fields of a dataclass.
-
-    Raises
-    ------
-    InputError
-        If a value cannot be used; the message starts with its key.
-    """
+    """A section of a document, whose keys are the fields of a dataclass; raises InputError that starts with the key."""
 
     @classmethod
     def from_mapping(cls: type[SectionT], data: Mapping[str, Any]) -> SectionT:
-        """Read the section from a document.
-
-        Raises
-        ------
-        InputError
-            If a key is unknown or missing, or a value cannot be used; the message starts with the key.
-        """
-        document.check_keys(data, [field.name for field in fields(cls)])
-        for field in fields(cls):
-            if field.default is MISSING:
-                document.require(data, field.name)
+        """Read the section from a document."""
+        document.check_fields(cls, data)
         return cls(**data)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what `from_mapping` reads: what is not the default."""
-        given = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) != f.default}
-        return {key: _plain(value) for key, value in given.items()}
+        return {key: _plain(value) for key, value in document.changed_fields(self).items()}
 
 
 @dataclass(frozen=True)
@@ -73,18 +57,7 @@ class ToolConstraint(Section):
 
 @dataclass(frozen=True)
 class TipBox(Section):
-    """Bounds of the tip's position in the world; what is not given is not bounded.
-
-    Parameters
-    ----------
-    x, y, z : (float, float), optional
-        Least and largest coordinate [m].
-
-    Raises
-    ------
-    InputError
-        If bounds are no two numbers in the right order, or there are none.
-    """
+    """Bounds of the tip's position in the world, least and largest coordinate [m]; what is not given is not bounded."""
 
     x: tuple[float, ...] | None = None
     y: tuple[float, ...] | None = None
@@ -123,12 +96,10 @@ class MovingObstacles(Section):
     time: float
 
     def __post_init__(self) -> None:
-        speeds = document.mapping("speeds", self.speeds)
+        speeds = document.numbers_by_name("speeds", self.speeds, at_least=0.0)
         if not speeds:
             raise InputError("must name an obstacle at least", "speeds")
-        with document.within("speeds"):
-            checked = {name: document.number(name, speed, at_least=0.0) for name, speed in speeds.items()}
-        object.__setattr__(self, "speeds", checked)
+        object.__setattr__(self, "speeds", speeds)
         object.__setattr__(self, "time", document.number("time", self.time, above=0.0))
 
 
@@ -177,9 +148,7 @@ class PathLimits(Section):
         kinds: dict[str, type[Section]] = {"tool": ToolConstraint, "tip": TipBox, "moving": MovingObstacles}
         read = dict(data)
         for key in kinds.keys() & data.keys():
-            given = document.mapping(key, data[key])
-            with document.within(key):
-                read[key] = kinds[key].from_mapping(given)
+            read[key] = document.section(key, data[key], kinds[key].from_mapping)
         return super().from_mapping(read)
 
 
@@ -226,7 +195,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Section):
         return value.to_mapping()
     if isinstance(value, Mapping):
-        return dict(value)
+        return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 
@@ -241,9 +210,7 @@ def _by_joint(key: str, value: Any) -> ByJoint | None:
     if value is None:
         return None
     if isinstance(value, Mapping):
-        joints = document.mapping(key, value)
-        with document.within(key):
-            return {name: document.number(name, limit, above=0.0) for name, limit in joints.items()}
+        return document.numbers_by_name(key, value, above=0.0)
     if isinstance(value, (list, tuple)):
         limits = document.numbers(key, value)
         return tuple(document.number(f"{key}[{k}]", limit, above=0.0) for k, limit in enumerate(limits))

@@ -17,7 +17,7 @@ import numpy as np
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.robot import Robot
-from safe_ompl.scene.goal import configuration_for
+from safe_ompl.scene.scenario import configuration_for
 from safe_ompl.scene.scene import Scene
 
 WHERE_FROM = (
@@ -29,24 +29,10 @@ _SLIGHTLY = 0.1  # [rad or m]; a goal this far outside the limits is still belie
 
 @dataclass(frozen=True)
 class MbmProblem:
-    """One planning problem of a MotionBenchMaker file.
+    """One planning problem of a MotionBenchMaker file, the number `index` of a family of scenes.
 
-    Attributes
-    ----------
-    family : str
-        Scene family that it belongs to.
-    index : int
-        Its number within the family, as the file gives it.
-    joint_names : tuple of str
-        Joints in the order of the values below; empty if the file names none.
-    start : tuple of float
-        Start configuration [rad].
-    goals : tuple of tuple of float
-        Goal configurations, any of which will do [rad].
-    scene : Scene
-        The obstacles, all of them dangerous with weight 1.
-    source : str
-        File and key, for errors.
+    Joint values [rad or m] are in the order of `joint_names`, of the robot's where the file names none; any of the
+    goals will do. The obstacles are all dangerous with weight 1. The source is file and key, for errors.
     """
 
     family: str
@@ -60,10 +46,7 @@ class MbmProblem:
     def start_configuration(self, robot: Robot) -> FloatArray:
         """Return the start (n,) in the order of the robot's joints.
 
-        Raises
-        ------
-        InputError
-            If the joints are not those of the robot, or a value is outside its limits.
+        Raises InputError if the joints are not those of the robot, or a value is outside its limits.
         """
         return self._for(robot, "start", self.start)
 
@@ -94,15 +77,7 @@ class MbmProblem:
 
 @dataclass(frozen=True)
 class MbmFile:
-    """A MotionBenchMaker file.
-
-    Attributes
-    ----------
-    robot : str
-        Name of the robot that the problems are for.
-    joint_names : tuple of str
-        Its joints.
-    """
+    """A MotionBenchMaker file: problems for the robot of that name and these joints, by family."""
 
     path: Path
     robot: str
@@ -112,19 +87,9 @@ class MbmFile:
 
     @classmethod
     def load(cls, path: str | Path, spacing: float = 0.1) -> MbmFile:
-        """Read a file.
+        """Read a file; the danger points of its scenes have a spacing [m].
 
-        Parameters
-        ----------
-        path : path-like
-            The JSON file.
-        spacing : float
-            Distance between the danger points of the scenes [m].
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, is not JSON, or does not hold lists of problems by family.
+        Raises InputError if it cannot be read, is not JSON, or does not hold lists of problems by family.
         """
         with document.within(str(path), ": "):
             try:
@@ -145,14 +110,9 @@ class MbmFile:
         return {family: len(items) for family, items in self._families.items()}
 
     def problems(self, family: str) -> Iterator[MbmProblem]:
-        """Yield the problems of a family, in the order of the file.
+        """Yield the problems of a family, in the order of the file; raise UnknownNameError if there is none.
 
-        Raises
-        ------
-        UnknownNameError
-            If there is no such family.
-        InputError
-            If a problem is malformed; the message names file, key and value.
+        Raises InputError, which names file, key and value, if a problem is malformed.
         """
         if family not in self._families:
             raise UnknownNameError("family", family, self._families, str(self.path))
@@ -187,12 +147,8 @@ class MbmFile:
 
 def _read_json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(document.file_text(path))
     except json.JSONDecodeError as error:
         raise InputError(f"malformed JSON: {error.msg}", f"line {error.lineno}") from None
     except RecursionError:
         raise InputError("malformed JSON: nested too deeply") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"is not text in UTF-8 ({error})") from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})") from None

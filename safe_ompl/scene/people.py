@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS, Person
+from safe_ompl.scene.constraints import Section
 from safe_ompl.scene.scene import Scene
 
 _OF_LIMB = {
@@ -24,16 +25,9 @@ WALKING = 1.6  # [m/s]
 
 
 class BodyRegion(NamedTuple):
-    """Contact limits of a region of the body.
+    """Contact limits of a region of the body: largest force of a transient contact [N], 0: none; effective mass [kg].
 
-    Attributes
-    ----------
-    force : float
-        Largest force of a transient contact [N]; 0: none.
-    mass : float
-        Effective mass [kg].
-    stiffness : float
-        [N/mm]
+    Its stiffness is in N/mm.
     """
 
     force: float
@@ -58,7 +52,7 @@ CONTACT_TABLE: dict[str, BodyRegion] = {
 
 
 @dataclass(frozen=True)
-class People:
+class People(Section):
     """People beside a robot, and the assumptions about them that trajectories rest on.
 
     What is proven holds *if* no limb moves faster than its speed.
@@ -98,55 +92,28 @@ class People:
     robot_mass: float | None = None
 
     def __post_init__(self) -> None:
+        lengths = ("speed", "reaction_time", "clearance")
         values: dict[str, Any] = {
-            "speed": document.number("speed", self.speed, at_least=0.0),
-            "reaction_time": document.number("reaction_time", self.reaction_time, at_least=0.0),
-            "clearance": document.number("clearance", self.clearance, at_least=0.0),
-            "contact": document.flag("contact", self.contact),
+            key: document.number(key, getattr(self, key), at_least=0.0) for key in lengths
         }
+        values["contact"] = document.flag("contact", self.contact)
         if self.who is not None:
             values["who"] = tuple(document.text("who", name) for name in document.sequence("who", self.who))
             if not values["who"]:
                 raise InputError("name one obstacle at least, or leave it out", "who")
         if self.robot_mass is not None:
             values["robot_mass"] = document.number("robot_mass", self.robot_mass, above=0.0)
-        speeds = document.mapping("speeds", self.speeds)
-        with document.within("speeds"):
-            document.check_keys(speeds, LIMBS)
-            values["speeds"] = {name: document.number(name, v, at_least=0.0) for name, v in speeds.items()}
-        regions = document.mapping("regions", self.regions)
+        values["speeds"] = document.numbers_by_name("speeds", self.speeds, LIMBS, at_least=0.0)
+        regions = document.mapping("regions", self.regions, CONTACT_TABLE)
         with document.within("regions"):
-            document.check_keys(regions, CONTACT_TABLE)
             values["regions"] = {name: _region(name, given) for name, given in regions.items()}
         for key, value in values.items():
             object.__setattr__(self, key, value)
 
-    @classmethod
-    def from_mapping(cls, data: Mapping[str, Any]) -> People:
-        """Read people from a document."""
-        document.check_keys(data, [field.name for field in fields(cls)])
-        return cls(**data)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return what `from_mapping` reads."""
-        standard = People()
-        given = {f.name: getattr(self, f.name) for f in fields(self)}
-        changed = {key: value for key, value in given.items() if value != getattr(standard, key)}
-        if "who" in changed:
-            changed["who"] = list(self.who or ())
-        if "regions" in changed:
-            changed["regions"] = {name: list(region) for name, region in self.regions.items()}
-        return changed
-
     def names(self, scene: Scene) -> tuple[str, ...]:
         """Return the names of the obstacles that are treated as people.
 
-        Raises
-        ------
-        InputError
-            If the scene has no person, and none is named.
-        UnknownNameError
-            If the scene has no obstacle of such a name.
+        Raises InputError if the scene has no person, and none is named; or has no obstacle of such a name.
         """
         if self.who is not None:
             return tuple(scene[name].name for name in self.who)
@@ -163,19 +130,9 @@ class People:
         return self.speeds.get(limb, self.speed)
 
     def region_of(self, limb: str) -> BodyRegion:
-        """Return the contact limits of a limb; those of the head for what is no limb.
-
-        Raises
-        ------
-        UnknownNameError
-            If a limb belongs to no region.
-        """
-        name = limb.removeprefix("left_").removeprefix("right_")
+        """Return the contact limits of a limb; those of the head for what is no limb."""
+        name = limb.removeprefix("left_").removeprefix("right_") if limb in LIMBS else "head"
         name = _OF_LIMB.get(name, name)
-        if limb not in LIMBS:
-            name = "head"
-        if name not in CONTACT_TABLE:
-            raise UnknownNameError("region of the body", name, CONTACT_TABLE)
         return self.regions.get(name, CONTACT_TABLE[name])
 
 

@@ -1,20 +1,184 @@
-"""A planning problem in one file: robot, scene, start, goal, and the parameters of danger and planners."""
+"""Planning problems in a file: robot, scene, start, goal, limits, and the parameters of danger and planners."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
-from safe_ompl.common import documents as yaml_documents
-from safe_ompl.robot import Robot, RobotSpec
+from safe_ompl.geometry import Pose
+from safe_ompl.robot import GoalRegion, Robot, RobotSpec
 from safe_ompl.scene.constraints import MotionLimits, PathLimits
-from safe_ompl.scene.goal import Configuration, Goal, configuration_for, read_configuration
 from safe_ompl.scene.people import People
 from safe_ompl.scene.scene import Scene
+
+Configuration: TypeAlias = tuple[float, ...] | Mapping[str, float]
+"""Joint values in the robot's order, or by the names of the joints [rad or m]."""
+
+_TOLERANCE, _REGION_TOLERANCE = 0.01, 0.001  # [m]
+_TURNS = ("quaternion_xyzw", "rpy")
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where the robot is to go: to one of several configurations, or with its tip to a place.
+
+    Both may be given; a planner takes the one that it can use.
+
+    Parameters
+    ----------
+    configurations : sequence of Configuration, optional
+        Goal configurations, any of which will do.
+    position : sequence of 3 float, optional
+        Where the tip of the robot is to be, in the world frame [m].
+    quaternion_xyzw : sequence of 4 float, optional
+        Orientation of the tip, which makes the place a pose.
+    tolerance : float, optional
+        How near to the place or region is near enough [m]; default: 0.01 for a place, 0.001 for a region.
+    region : GoalRegion, optional
+        Where the tip may be, instead of a position.
+
+    Raises
+    ------
+    InputError
+        If there is no configuration, position or region, both of the latter, or a value cannot be used.
+    """
+
+    configurations: tuple[Configuration, ...] = ()
+    position: tuple[float, ...] | None = None
+    quaternion_xyzw: tuple[float, ...] | None = None
+    tolerance: Any = None  # becomes a float
+    region: GoalRegion | None = None
+
+    def __post_init__(self) -> None:
+        given = document.sequence("configurations", self.configurations)
+        read = tuple(read_configuration(key, item) for key, item in _numbered("configurations", given))
+        object.__setattr__(self, "configurations", read)
+        usual = _TOLERANCE if self.region is None else _REGION_TOLERANCE
+        wanted = usual if self.tolerance is None else document.number("tolerance", self.tolerance, above=0.0)
+        object.__setattr__(self, "tolerance", wanted)
+        if self.region is not None and (self.position is not None or self.quaternion_xyzw is not None):
+            raise InputError("give only one of position and region", "region")
+        if self.position is not None:
+            pose = Pose(self.position, self.quaternion_xyzw or (0.0, 0.0, 0.0, 1.0))
+            object.__setattr__(self, "position", pose.position)
+            object.__setattr__(self, "quaternion_xyzw", self.quaternion_xyzw and pose.quaternion_xyzw)
+        elif self.quaternion_xyzw is not None:
+            raise InputError("missing: an orientation alone is no goal", "position")
+        elif not self.configurations and self.region is None:
+            raise InputError(
+                "missing: give configuration, configurations, position or region", "configuration"
+            )
+
+    @property
+    def is_place(self) -> bool:
+        """Whether it says where the tip is to be."""
+        return self.position is not None or self.region is not None
+
+    @property
+    def rotation(self) -> FloatArray | None:
+        """Orientation of the tip as a matrix (3, 3), or None where any will do."""
+        if self.position is None or self.quaternion_xyzw is None:
+            return None
+        rotation: FloatArray = Pose(self.position, self.quaternion_xyzw).se3.rotation
+        return rotation
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> Goal:
+        """Read ``configuration`` or ``configurations``, and ``position`` with orientation or ``region``."""
+        document.check_keys(
+            data, ("configuration", "configurations", "position", *_TURNS, "tolerance", "region")
+        )
+        if "configuration" in data and "configurations" in data:
+            raise InputError("give only one of configuration and configurations", "configurations")
+        if "configuration" in data:
+            configurations = [read_configuration("configuration", data["configuration"])]
+        else:
+            configurations = document.sequence("configurations", data.get("configurations", ()))
+        turn = None
+        if any(key in data for key in _TURNS):
+            turn = Pose.from_mapping(data).quaternion_xyzw
+        region = None
+        if "region" in data:
+            region = document.section("region", data["region"], GoalRegion.from_mapping)
+        return cls(tuple(configurations), data.get("position"), turn, data.get("tolerance"), region)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what `from_mapping` reads."""
+        data: dict[str, Any] = {}
+        if len(self.configurations) == 1:
+            data["configuration"] = self.configurations[0]
+        elif self.configurations:
+            data["configurations"] = self.configurations
+        for key in ("position", "quaternion_xyzw"):
+            if getattr(self, key) is not None:
+                data[key] = getattr(self, key)
+        if self.region is not None:
+            data["region"] = self.region.to_mapping()
+        if self.tolerance != (_TOLERANCE if self.region is None else _REGION_TOLERANCE):
+            data["tolerance"] = self.tolerance
+        return data
+
+    def configuration_array(self, robot: Robot) -> FloatArray:
+        """Return the goal configurations as an array (G, n); errors as `configuration_for`, also if there is none."""
+        if not self.configurations:
+            raise InputError("missing: this planner needs a goal configuration", "configuration")
+        if len(self.configurations) == 1:
+            return configuration_for(robot, "configuration", self.configurations[0])[None]
+        named = _numbered("configurations", self.configurations)
+        return np.array([configuration_for(robot, key, given) for key, given in named])
+
+
+def read_configuration(key: str, value: Any) -> Configuration:
+    """Return a configuration of finite numbers from a list, or from a mapping of joint names to values."""
+    if isinstance(value, Mapping):
+        with document.within(key):
+            return {str(joint): document.number(str(joint), given) for joint, given in value.items()}
+    return document.numbers(key, value)
+
+
+def configuration_for(robot: Robot, key: str, given: Configuration) -> FloatArray:
+    """Return a configuration as joint values (n,) in the order of the robot's joints [rad or m].
+
+    The `key` is what it is called, for errors: InputError, if it has not one value for every joint, or a value is
+    outside the joint's limits; UnknownNameError, if it names a joint that the robot does not have (or that is locked).
+    """
+    joints = robot.joint_names
+    if isinstance(given, Mapping):
+        q = _by_name(joints, key, given)
+    elif len(given) != len(joints):
+        names = ", ".join(joints)
+        raise InputError(
+            f"has {len(given)} values, but the robot has {len(joints)} joints to move: {names}", key
+        )
+    else:
+        q = np.array(given, dtype=np.float64)
+    for i in np.flatnonzero(~robot.within_limits(q)):
+        raise InputError(
+            f"joint {joints[i]!r} = {q[i]:g} is outside its limits [{robot.lower[i]:g}, {robot.upper[i]:g}]",
+            key,
+        )
+    return q
+
+
+def _by_name(joints: tuple[str, ...], key: str, given: Mapping[str, float]) -> FloatArray:
+    for name in given:
+        if name not in joints:
+            raise UnknownNameError("joint", name, joints, key)
+    missing = [name for name in joints if name not in given]
+    if missing:
+        raise InputError(f"no value for the joint {' and '.join(map(repr, missing))}", key)
+    return np.array([given[name] for name in joints], dtype=np.float64)
+
+
+def _numbered(key: str, items: Any) -> Iterator[tuple[str, Any]]:
+    return ((f"{key}[{k}]", item) for k, item in enumerate(items))
+
 
 _TIME = 5.0  # [s]
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -26,26 +190,18 @@ class Scenario:
 
     Parameters
     ----------
-    name : str
-        Name for reports.
-    robot : RobotSpec
-        Which robot.
-    scene : Scene
-        The obstacles.
+    name, description : str
+        Name for reports, and what happens here.
+    robot, scene : RobotSpec, Scene
+        Which robot, and the obstacles.
     start : sequence of float, or mapping of str to float
         Start configuration, in the order of the robot's joints or by joint name [rad or m].
     goal : Goal
         Where to go.
-    description : str, optional
-        What happens here.
-    danger : mapping, optional
-        Parameters of the danger field, by name.
-    planners : mapping, optional
-        For each planner's name its parameters, by name.
-    limits : PathLimits, optional
-        What every path must keep to.
-    motion : MotionLimits, optional
-        How fast the robot may move, for trajectories.
+    danger, planners : mapping, optional
+        Parameters of the danger field by name, and those of planners by the planner's name.
+    limits, motion : PathLimits, MotionLimits, optional
+        What every path must keep to, and how fast the robot may move, for trajectories.
     people : People, optional
         Who may come near it, for trajectories.
     time : float, optional
@@ -93,10 +249,7 @@ class Scenario:
     def load(cls, path: str | Path) -> Scenario:
         """Read a scenario from a YAML file; the files that it names are relative to it.
 
-        Raises
-        ------
-        InputError
-            If it cannot be read or is not valid; the message names file, key and value.
+        Raises InputError, which names file, key and value, if it cannot be read or is not valid.
         """
         file = Path(path)
         if file.suffix.lower() in (".urdf", ".xacro"):
@@ -104,7 +257,7 @@ class Scenario:
                 f"is a robot, not a scenario: `safe-ompl new {file} -o scenario.yaml` writes one for it",
                 str(file),
             )
-        with yaml_documents.reading(file) as data:
+        with document.reading(file) as data:
             return cls._from_mapping(data, file)
 
     @classmethod
@@ -114,21 +267,14 @@ class Scenario:
         robot = robot if isinstance(robot, str) else document.mapping("robot", robot)
         with document.within("robot"):
             spec = RobotSpec.from_mapping(robot, file.parent)
-        scene_keys = document.mapping("scene", data.get("scene") or {})
-        with document.within("scene"):
-            scene = Scene.from_mapping(scene_keys, file.parent)
-        goal_keys = document.mapping("goal", document.require(data, "goal"))
-        with document.within("goal"):
-            goal = Goal.from_mapping(goal_keys)
-        limit_keys = document.mapping("limits", data.get("limits") or {})
-        with document.within("limits"):
-            limits = PathLimits.from_mapping(limit_keys)
-        with document.within("motion"):
-            motion = MotionLimits.from_mapping(document.mapping("motion", data.get("motion") or {}))
+        goal = document.section(
+            "goal", document.mapping("goal", document.require(data, "goal")), Goal.from_mapping
+        )
+        scene = document.section("scene", data.get("scene"), lambda d: Scene.from_mapping(d, file.parent))
         people = None
         if "people" in data:
+            people = document.section("people", data["people"], People.from_mapping)
             with document.within("people"):
-                people = People.from_mapping(document.mapping("people", data["people"] or {}))
                 people.names(scene)
         return cls(
             name=data.get("name", file.stem),
@@ -139,8 +285,8 @@ class Scenario:
             description=data.get("description", ""),
             danger=data.get("danger") or {},
             planners=data.get("planners") or {},
-            limits=limits,
-            motion=motion,
+            limits=document.section("limits", data.get("limits"), PathLimits.from_mapping),
+            motion=document.section("motion", data.get("motion"), MotionLimits.from_mapping),
             people=people,
             time=data.get("time", _TIME),
             file=file,
@@ -163,7 +309,7 @@ class Scenario:
             **({"people": self.people.to_mapping()} if self.people is not None else {}),
             "time": self.time,
         }
-        Path(path).write_text(yaml_documents.dump_document(data), encoding="utf-8")
+        Path(path).write_text(document.dump_document(data), encoding="utf-8")
 
     def build_robot(self) -> Robot:
         """Return the robot; an InputError names the scenario file."""
@@ -171,24 +317,12 @@ class Scenario:
             return self.robot.build()
 
     def start_configuration(self, robot: Robot) -> FloatArray:
-        """Return the start as joint values (n,) [rad or m].
-
-        Raises
-        ------
-        InputError
-            If it does not fit the robot: a wrong number of values, an unknown joint, a value outside limits.
-        """
+        """Return the start as joint values (n,) [rad or m]; errors as `configuration_for`."""
         with document.within(self._source, ": "):
             return configuration_for(robot, "start", self.start)
 
     def goal_configurations(self, robot: Robot) -> FloatArray:
-        """Return the goal configurations (G, n) [rad or m]; errors as `start_configuration`.
-
-        Raises
-        ------
-        InputError
-            Also if the goal is a place of the tip only.
-        """
+        """Return the goal configurations (G, n) [rad or m]; errors as `Goal.configuration_array`."""
         with document.within(f"{self._source}: goal"):
             return self.goal.configuration_array(robot)
 
@@ -209,10 +343,7 @@ def list_scenarios() -> dict[str, Path]:
 def find_scenario(name_or_path: str | Path) -> Path:
     """Return the scenario file of this path or, failing that, of this name; see `list_scenarios`.
 
-    Raises
-    ------
-    UnknownNameError
-        If there is none; the message lists those that exist.
+    Raises UnknownNameError, which lists those that exist, if there is none.
     """
     path = Path(name_or_path)
     if path.is_file():

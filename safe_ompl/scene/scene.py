@@ -60,10 +60,7 @@ class Scene:
     def from_file(cls, path: str | Path) -> Scene:
         """Read a scene from a YAML file; mesh and point files are relative to it.
 
-        Raises
-        ------
-        InputError
-            If it cannot be read or is not a valid scene; the message names file, line, key and value.
+        Raises InputError, which names file, line, key and value, if it cannot be read or is not a valid scene.
         """
         file = Path(path)
         with document.reading(file) as data:
@@ -111,15 +108,9 @@ class Scene:
     def from_mbm(cls, problem: Mapping[str, Any], spacing: float = _SPACING) -> Scene:
         """Return the scene of a MotionBenchMaker problem: every obstacle is dangerous, with weight 1.
 
-        Obstacles without a name are named after their kind; where names repeat, later ones get a number.
-
-        Parameters
-        ----------
-        problem : mapping
-            Lists of obstacles under ``box`` (name, half_extents), ``cylinder`` (name, radius, length) and
-            ``sphere`` (name, radius), each with position [m] and orientation_quat_xyzw.
-        spacing : float
-            Distance between danger points [m].
+        The problem has lists of obstacles under ``box`` (name, half_extents), ``cylinder`` (name, radius, length) and
+        ``sphere`` (name, radius), each with position [m] and orientation_quat_xyzw. Obstacles without a name are named
+        after their kind; where names repeat, later ones get a number.
         """
         obstacles: dict[str, Obstacle] = {}
         _refuse_other_obstacles(problem)
@@ -175,10 +166,8 @@ class Scene:
 
         Raises
         ------
-        UnknownNameError
-            If there is no obstacle of a name.
         InputError
-            If a place cannot be used; the message starts with the name.
+            If there is no obstacle of a name, or a place cannot be used; the message starts with the name.
         """
         for name in document.mapping("places", places):
             self[name]  # raises where there is none
@@ -193,24 +182,9 @@ class Scene:
     def danger_points(self, spacing: float | None = None) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return the points that are dangerous to approach: those of all obstacles with weight above 0.
 
-        Parameters
-        ----------
-        spacing : float, optional
-            Distance between points [m]; default: the scene's own.
-
-        Raises
-        ------
-        InputError
-            If the spacing is not positive, or there would be more than a million points; none are made then.
-
-        Returns
-        -------
-        points : ndarray, shape (M, 3)
-            On the surfaces, in the world frame [m].
-        weights : ndarray, shape (M,)
-            Danger weight of each.
-        owner : ndarray of int, shape (M,)
-            Index of its obstacle in `obstacles`.
+        Those are points (M, 3) on the surfaces, in the world frame [m], `spacing` apart [m], by default the scene's
+        own; the danger weight of each (M,); and the index of its obstacle in `obstacles` (M,). Raises InputError if the
+        spacing is not positive, or there would be more than a million points; none are made then.
         """
         step = self.spacing if spacing is None else spacing
         dangerous = [obstacle for obstacle in self.obstacles if obstacle.weight > 0]

@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.danger import DangerField, DangerLimit, segment_bounds
+from safe_ompl.danger import DangerLimit
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories.limits import RateLimits
 
@@ -391,7 +391,7 @@ class BlendProof:
             q = piece.places(np.array([middle])).q[0]
             approach = self._required.pairs.radii @ steps
             free = not self._required.pairs.within_margins(q, approach + self._required.provable(0.0))
-            if free and all(danger_within(limit.field, q, steps) <= limit.limit for limit in self._limits):
+            if free and all(limit.holds_within(q, steps) for limit in self._limits):
                 continue
             if 2 * approach.max(initial=0.0) < self._floor or (not free and self._checker.touches(q)):
                 return False
@@ -399,16 +399,3 @@ class BlendProof:
                 return False
             intervals += [(first, middle), (middle, last)]
         return True
-
-
-def danger_within(field: DangerField, q: FloatArray, steps: FloatArray) -> float:
-    """Return a proven bound of the danger while the joints are within `steps: (n,)` of `q: (n,)`; +inf: not known."""
-    robot = field.robot
-    fields, distances = field.link_fields(robot.keypoints(q)[None])
-    moved = (robot.bounds.keypoint_radii @ steps)[robot.segments].max(axis=1)
-    grown = segment_bounds(fields, distances, moved[:, None])
-    if field.weighting == "length":
-        if field.segments.lengths is None:
-            return float("inf")
-        grown *= field.segments.lengths.reshape(1, -1, 1)
-    return float(field.aggregated(grown.sum(axis=1))[0])

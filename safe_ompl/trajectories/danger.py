@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.danger import JointMotions, KinetostaticField
-from safe_ompl.danger.kernels import cell_bounds
+from safe_ompl.danger.kernels import CellMotions, cell_bounds
 from safe_ompl.trajectories.body_speeds import acceleration_bounds
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 from safe_ompl.trajectories.time_law import TimeLaw
@@ -98,18 +98,13 @@ class MovingDanger:
         )
         speeds = np.linalg.norm(velocities, axis=2) + spans.halves[:, None] * accelerations
         weights = np.ones(len(points)) if field.weights is None else field.weights
-        start, end = np.ascontiguousarray(field.segments.pairs.T)
         field.count(keypoints, points)
+        strokes = steps[:, sliding].sum(axis=1)
+        state = np.ascontiguousarray(keypoints), np.ascontiguousarray(velocities)
         level, push = cell_bounds(
-            np.ascontiguousarray(keypoints),
-            np.ascontiguousarray(velocities),
-            start,
-            end,
+            CellMotions(*state, speeds, accelerations, spans.halves, strokes),
+            field.segments.pairs,
             np.ascontiguousarray(points),
-            speeds,
-            accelerations,
-            spans.halves,
-            steps[:, sliding].sum(axis=1),
             self.field.gamma,
             field.weighting == "length",
             self.field.lead * rates,

@@ -15,11 +15,17 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.view import plots
     from safe_ompl.view.browser.view import BrowserView, save_page, view
-    from safe_ompl.view.content import ViewerContent
-    from safe_ompl.view.pictures.animation import ANIMATION_ENDINGS, save_animation
-    from safe_ompl.view.pictures.path import DrawnPath, render_path
-    from safe_ompl.view.pictures.results import draw_plan, drawn_path, render_comparison, save_png
-    from safe_ompl.view.recordings import RECORDING_ENDING, read_recording
+    from safe_ompl.view.content import RECORDING_ENDING, ViewerContent, read_recording
+    from safe_ompl.view.pictures.path import (
+        ANIMATION_ENDINGS,
+        DrawnPath,
+        draw_plan,
+        drawn_path,
+        render_comparison,
+        render_path,
+        save_animation,
+        save_png,
+    )
 
 __all__ = [
     "ANIMATION_ENDINGS",

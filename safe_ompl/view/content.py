@@ -2,52 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
+from safe_ompl.certificates import Pairs
+from safe_ompl.collision import fresh_data
 from safe_ompl.common import FloatArray, InputError, finite_array
+from safe_ompl.common import documents as document
 from safe_ompl.danger import DangerField
-from safe_ompl.geometry import Obstacle, Person, Pose
-from safe_ompl.io import TimedMotion, built_robot, built_scene
+from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
+from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks, unpacked_robot
 from safe_ompl.paths import Curve
-from safe_ompl.planning import PlanResult, wiring
+from safe_ompl.planning import PlanResult, danger_field
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
-from safe_ompl.view.annotations import Proof
 
 CERTIFIED = "certified path"
 _PLAYING_TIME = 8.0  # [s] to play a path once that has no times
+RECORDING_ENDING = ".jsonl"
 
 
 @dataclass(frozen=True)
 class ViewerContent:
     """A robot in its scene, and what there is to show of its paths.
-
-    Parameters
-    ----------
-    robot : Robot
-        Who moves.
-    scene : Scene
-        What stands around it.
-    paths : mapping of str to (N, n) array, optional
-        Planner name → way points [rad or m].
-    posture : (n,) array, optional
-        Where the robot stands if there is no path; default: the middle of its limits.
-    danger : mapping or None
-        Options of the danger field, as those of `SafeSetup`; None: without danger.
-    proof : Proof, optional
-        The intervals that prove a path of the same name.
-    motions : mapping of str to TimedMotion, optional
-        Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
-        configurations are the path of that name.
-    movers : Movers, optional
-        People and things that move meanwhile.
-    title : str, optional
-        Title of the page.
 
     Raises
     ------
@@ -55,15 +38,19 @@ class ViewerContent:
         If a path or the posture does not fit the robot.
     """
 
-    robot: Robot
-    scene: Scene
-    paths: Mapping[str, FloatArray] = field(default_factory=dict)
+    robot: Robot  # Who moves
+    scene: Scene  # What stands around it
+    paths: Mapping[str, FloatArray] = field(default_factory=dict)  # Planner name → way points [rad or m]
+    # (n,), where the robot stands if there is no path; default: the middle of its limits
     posture: FloatArray | None = None
+    # Options of the danger field, as those of `SafeSetup`; None: without danger
     danger: Mapping[str, Any] | None = field(default_factory=dict)
-    proof: Proof | None = None
+    proof: Proof | None = None  # The intervals that prove a path of the same name
+    # Planner name → motion in time: it is played as it is in time, with its speed and what bounds it. Its
+    # configurations are the path of that name
     motions: Mapping[str, TimedMotion] = field(default_factory=dict)
-    movers: Movers | None = None
-    title: str = ""
+    movers: Movers | None = None  # People and things that move meanwhile
+    title: str = ""  # Title of the page
 
     def __post_init__(self) -> None:
         moved = {name: motion.configurations for name, motion in self.motions.items()}
@@ -84,12 +71,7 @@ class ViewerContent:
     def of_certificate(cls, content: Mapping[str, Any], robot: Robot | None = None) -> ViewerContent:
         """Return what a certificate is about, with its proof; it is shown, not verified.
 
-        Parameters
-        ----------
-        content : mapping
-            The certificate.
-        robot : Robot, optional
-            Its robot; default: built from what the certificate carries.
+        Its robot is by default built from what it carries.
 
         Raises
         ------
@@ -175,7 +157,7 @@ class ViewerContent:
         """The danger of the robot in its scene; None where there is none, or nothing is dangerous."""
         if self.danger is None:
             return None
-        found = wiring.danger_field(self.robot, self.scene, self.danger)
+        found = danger_field(self.robot, self.scene, self.danger)
         return found if found.points is not None and len(found.points) else None
 
     def along(self, name: str, shares: FloatArray) -> FloatArray:
@@ -198,24 +180,13 @@ Keypoints = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True, eq=False)
 class Movers:
-    """Where people and things are at some instants; between two of them they stay where they were.
+    """Where people and things are at some instants; between two of them they stay where they were."""
 
-    Parameters
-    ----------
-    times : (T,) array
-        Instants [s].
-    heights : mapping of str to float
-        Name of a person → height [m].
-    people : sequence of mapping
-        For each instant: name → key points in the world [m]; who is not there is not seen.
-    places : sequence of mapping
-        For each instant: name of an obstacle of the scene → its pose.
-    """
-
-    times: FloatArray
-    heights: Mapping[str, float]
+    times: FloatArray  # (T,), instants [s]
+    heights: Mapping[str, float]  # Name of a person → height [m]
+    # For each instant: name → key points in the world [m]; who is not there is not seen
     people: Sequence[Mapping[str, Keypoints]]
-    places: Sequence[Mapping[str, Pose]]
+    places: Sequence[Mapping[str, Pose]]  # For each instant: name of an obstacle of the scene → its pose
 
     @property
     def objects(self) -> frozenset[str]:
@@ -239,3 +210,181 @@ class Movers:
         places = self.places[self.sample(time)]
         things = [replace(o, pose=places[o.name]) for o in scene if o.name in places]
         return [*self.people_at(time), *things]
+
+
+# ------------------------------------------------------------------------------------ what is said of a configuration
+
+
+@dataclass(frozen=True)
+class ProvenInterval:
+    """An interval of an edge in which nothing can touch."""
+
+    edge: int  # Number of the edge, from 0
+    start: float  # Where on the edge, from 0 to 1
+    end: float
+    # The two bodies that have least to spare at its centre; empty names where nothing can meet
+    pair: tuple[str, str]
+    distance: float  # How far they are apart there [m]
+    margin: (
+        float  # How far they may approach each other within the interval, and what they must keep besides [m]
+    )
+
+    def __str__(self) -> str:
+        where = f"edge {self.edge + 1}, {self.start:.0%} to {self.end:.0%}"
+        if not any(self.pair):
+            return f"{where}: nothing can meet"
+        one, other = (name.removeprefix("obstacle:") for name in self.pair)
+        return (
+            f"{where}: {one} and {other} are {1e3 * self.distance:.1f} mm apart, "
+            f"may approach by {1e3 * self.margin:.1f} mm"
+        )
+
+
+@dataclass(frozen=True)
+class Proof:
+    """The intervals of a path, in the order in which it is driven."""
+
+    intervals: tuple[ProvenInterval, ...]
+    stops: FloatArray  # (I + 1,), where each begins, as a fraction of the path's length; and its end
+
+    @classmethod
+    def of_certificate(cls, content: Mapping[str, Any], robot: Robot, scene: Scene) -> Proof:
+        """Return the intervals of a certificate; they are shown as they are, and not verified."""
+        path = np.array(content["path"], dtype=float)
+        pairs = Pairs(robot, scene)
+        steps = robot.difference(path[:-1], path[1:])
+        arcs = np.linalg.norm(steps, axis=1)
+        before = np.concatenate([[0.0], np.cumsum(arcs)])
+        intervals, stops = [], []
+        for edge, proven in enumerate(content["edges"][: len(steps)]):
+            reached = 0.0
+            for item in proven:
+                end = min(1.0, item["centre"] + item["half_length"])
+                q = path[edge] + item["centre"] * steps[edge]
+                margins, nearest = np.array(item["margins"]), (("", ""), np.inf, 0.0)
+                if len(margins):
+                    distances = pairs.distances(q)
+                    k = int(np.argmin(distances - margins))
+                    nearest = pairs.names[k], float(distances[k]), float(margins[k])
+                intervals.append(ProvenInterval(edge, reached, end, *nearest))
+                stops.append(before[edge] + reached * arcs[edge])
+                reached = end
+        total = float(before[-1]) or 1.0
+        return cls(tuple(intervals), np.array([*stops, before[-1]]) / total)
+
+    def at(self, share: float) -> ProvenInterval | None:
+        """Return the interval at a fraction of the path's length; None where there is none."""
+        if not self.intervals:
+            return None
+        number = int(np.searchsorted(self.stops, share, side="right")) - 1
+        return self.intervals[min(max(number, 0), len(self.intervals) - 1)]
+
+
+@dataclass(frozen=True)
+class NearestPoints:
+    """The nearest points of robot and obstacles."""
+
+    distance: float  # [m]; zero or negative in contact
+    on_robot: FloatArray  # (3,), In the world frame [m]
+    on_obstacle: FloatArray
+    link: str  # What they are on
+    obstacle: str
+
+
+class Nearest:
+    """Finds the nearest points of the moving bodies of a robot and of some obstacles."""
+
+    def __init__(self, robot: Robot, obstacles: Iterable[Obstacle]) -> None:
+        self._robot = robot
+        self._geometry = robot.shared.collision_model.copy()
+        self._geometry.removeAllCollisionPairs()
+        bodies = list(robot.shared.collision_model.geometryObjects)
+        moving = [k for k, body in enumerate(bodies) if body.parentJoint != 0]
+        self._names: list[tuple[str, str]] = []
+        for obstacle in obstacles:
+            for name, shape, placement in obstacle.geometries():
+                number = self._geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, shape))
+                for k in moving:
+                    self._geometry.addCollisionPair(pin.CollisionPair(k, number))
+                    self._names.append((bodies[k].name.rsplit("_", 1)[0], obstacle.name))
+        self._kinematics, self._data = robot.shared.model.createData(), fresh_data(self._geometry)
+
+    def at(self, q: FloatArray) -> NearestPoints | None:
+        """Return the nearest points at `q: (n,)`; None if there is no obstacle."""
+        if not self._names:
+            return None
+        full = self._robot.pinocchio_configuration(q)
+        pin.computeDistances(self._robot.shared.model, self._kinematics, self._geometry, self._data, full)
+        results = self._data.distanceResults
+        least = int(np.argmin([result.min_distance for result in results]))
+        result, (link, obstacle) = results[least], self._names[least]
+        return NearestPoints(
+            float(result.min_distance),
+            np.array(result.getNearestPoint1()),
+            np.array(result.getNearestPoint2()),
+            link,
+            obstacle,
+        )
+
+
+# -------------------------------------------------------------------------------------------------- recordings
+
+
+def read_recording(
+    file: str | Path, robot: Robot | None = None, package_dirs: Sequence[Path] = ()
+) -> ViewerContent:
+    """Return what a file of ticks shows: robot and people in motion, with the robot's state and its reason.
+
+    The robot is by default built from what the file carries; parameters and errors as of `safe_ompl.load`.
+    """
+    header, ticks = read_ticks(file)
+    with document.within(str(file), ": "):
+        if len(ticks) < 2:
+            raise InputError(f"must have two ticks at least, got {len(ticks)}")
+        if robot is None:
+            robot = unpacked_robot(document.require(header, "robot"), package_dirs)
+        scene = built_scene(document.require(header, "scene"))
+        times = np.array([document.require(tick, "time") for tick in ticks], dtype=float)
+        motion = TimedMotion(
+            robot,
+            scene,
+            times - times[0],
+            np.array([document.require(tick, "q") for tick in ticks], dtype=float),
+            np.linalg.norm([document.require(tick, "qd") for tick in ticks], axis=1),
+            binding=tuple(str(document.require(tick, "state")) for tick in ticks),
+            name="live",
+            remarks=tuple(_remark(tick) for tick in ticks),
+        )
+        people = document.mapping("people", header.get("people") or {})
+        movers = Movers(
+            times - times[0],
+            {name: float(document.require(person, "height")) for name, person in people.items()},
+            [_keypoints(tick.get("people") or {}) for tick in ticks],
+            [
+                {
+                    name: Pose(tuple(place["position"]), tuple(place["quaternion_xyzw"]))
+                    for name, place in (tick.get("objects") or {}).items()
+                }
+                for tick in ticks
+            ],
+        )
+    return ViewerContent(
+        robot, scene, danger=None, motions={motion.name: motion}, movers=movers, title=Path(file).stem
+    )
+
+
+def _keypoints(people: Mapping[str, Any]) -> dict[str, Keypoints]:
+    """Return the key points from which a `Person` is drawn; others, such as the pelvis, follow from them."""
+    return {
+        name: {point: place for point, place in points.items() if point in STANDING}
+        for name, points in people.items()
+    }
+
+
+def _remark(tick: Mapping[str, Any]) -> str:
+    said = str(tick["state"])
+    if tick.get("distance") is not None:
+        limb = str(tick.get("limb") or "").replace("_", " ")
+        whose = f"{tick.get('who')}'s {limb}" if limb else str(tick.get("who"))
+        said += f", {1e3 * tick['distance']:.0f} mm from {tick.get('link')} to {whose}"
+    return f"{said}; {tick['reason']}" if tick.get("reason") else said

@@ -16,21 +16,11 @@ Colour = tuple[float, float, float]
 
 
 class PlannerStyle(NamedTuple):
-    """Looks of a planner.
+    """Looks of a planner."""
 
-    Attributes
-    ----------
-    colour : Colour
-        Of its curves, boxes and robots.
-    dashes : tuple of float
-        On and off lengths of its lines, in line widths; empty for a solid line.
-    strong : bool
-        Whether it is a safe planner, which stands out.
-    """
-
-    colour: Colour
-    dashes: tuple[float, ...]
-    strong: bool
+    colour: Colour  # Of its curves, boxes and robots
+    dashes: tuple[float, ...]  # On and off lengths of its lines, in line widths; empty for a solid line
+    strong: bool  # Whether it is a safe planner, which stands out
 
 
 # Safe planners, and below their classical counterparts in a pale tone of it (distinct to the colour-blind).
@@ -47,8 +37,8 @@ _OTHER_DASHES = ((4.0, 1.5), (1.2, 1.2), (6.0, 1.5, 1.2, 1.5), (2.5, 1.0))
 def planner_styles(names: Iterable[str]) -> dict[str, PlannerStyle]:
     """Return the looks of planners by name.
 
-    Safe planners get a strong colour and a solid line, "Classic…" ones a pale tone of the same hue and
-    dashes, those as printed ("Paper…") the same colours with dots, and all others slate greys in their order.
+    Safe planners get a strong colour and a solid line, "Classic…" ones a pale tone of the same hue and dashes, those as
+    printed ("Paper…") the same colours with dots, and all others slate greys in their order.
     """
     styles: dict[str, PlannerStyle] = {}
     others = 0

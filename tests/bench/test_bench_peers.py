@@ -21,7 +21,7 @@ from systems import SYSTEMS, System
 from table import figure, markdown
 
 from safe_ompl import CollisionChecker, Robot, Scene
-from safe_ompl.scene.mbm import MbmFile
+from safe_ompl.scene import MbmFile
 
 POLE = {
     "name": "pole",
@@ -122,7 +122,7 @@ class Fake:
         if self.order == "raise":
             raise ValueError("start is in collision")
         if self.order == "end":
-            os._exit(3)
+            os.kill(os.getpid(), 9)
         if self.answered == 1:
             time.sleep(2.0)  # kernels are compiled
         return [[0.0], [1.0]]

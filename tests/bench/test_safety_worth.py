@@ -1,20 +1,17 @@
 """What the bench of safety's worth keeps in files, and what it says of paths that may not move."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
 
 import safety_worth
 from safety_worth import as_rows, compared, loaded, pairs
 
-from safe_ompl.trajectories.timing import PathTimer
+from safe_ompl import PathTimer
 
 RUNS = {
     ("panda_shelf", 0, "fastest"): 2.0,
@@ -26,14 +23,14 @@ RUNS = {
 }
 
 
-def test_files_hold_what_may_not_move_and_what_is_unsolved(tmp_path: Path) -> None:
+def test_files_hold_what_may_not_move_and_what_is_unsolved(tmp_path):
     file = tmp_path / "runs.json"
     file.write_text(json.dumps(as_rows(RUNS), allow_nan=False), encoding="utf-8")
     assert json.loads(file.read_text())[0]["durations"] == {"fastest": 2.0, "RRTConnect": "may not move"}
     np.testing.assert_equal(loaded(file), RUNS)
 
 
-def test_the_median_counts_may_not_move_as_infinitely_long() -> None:
+def test_the_median_counts_may_not_move_as_infinitely_long():
     ours = np.array([1.0, 2.0, 3.0, np.inf, np.inf, np.nan])
     theirs = np.array([2.0, 2.0, np.inf, 1.0, np.inf, 1.0])
     said = compared(ours, theirs, "ours/theirs")
@@ -43,17 +40,15 @@ def test_the_median_counts_may_not_move_as_infinitely_long() -> None:
     assert compared(ours[4:5], theirs[4:5], "one") == "one: nothing to compare"
 
 
-def test_only_problems_that_both_methods_had_are_compared() -> None:
+def test_only_problems_that_both_methods_had_are_compared():
     ours, theirs = pairs({**RUNS, ("random 2", 0, "fastest"): 1.0}, "fastest", "RRTConnect")
     np.testing.assert_equal(ours, [2.0, 3.0, np.nan])
     np.testing.assert_equal(theirs, [np.inf, 4.0, 1.0])
 
 
-def test_it_goes_on_where_it_stopped_and_draws(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_goes_on_where_it_stopped_and_draws(tmp_path, capsys, monkeypatch):
     class Problem(safety_worth.WorthProblem):
-        def setups(self):  # type: ignore[no-untyped-def]
+        def setups(self):
             return None
 
     done = tmp_path / "done.json"
@@ -71,7 +66,7 @@ def test_it_goes_on_where_it_stopped_and_draws(
     assert "2 problems, 2 runs of each method; 1 that are not complete are left out" in said
 
 
-def test_no_motion_is_shorter_than_the_bound() -> None:
+def test_no_motion_is_shorter_than_the_bound():
     setups = safety_worth.WorthProblem("panda_shelf").setups()
     straight = np.array([setups.start, setups.goals[0]])
     alone = PathTimer(setups.safe.robot, setups.safe.timer.limits)

@@ -12,23 +12,17 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from signing import signed
 
+from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Obstacle, Pose, Scene, Sphere
+from safe_ompl.certificates import Pairs, certificate, verify
 from safe_ompl.certificates.claims import Danger
-from safe_ompl.certificates.issue import Pairs, certificate, terms_of_field
+from safe_ompl.certificates.issue import terms_of_field
 from safe_ompl.certificates.verifier.danger import PlainDanger
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CertificateError, InputError, PlanningError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.scene_document import carried_scene
-from safe_ompl.io.schema import digest, record
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl.common import CertificateError, InputError, PlanningError
+from safe_ompl.io import carried_scene
+from safe_ompl.io.schema import record
+from safe_ompl.robot import Robot, robot_hash
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
 seeds = st.integers(0, 2**32 - 1)
@@ -70,11 +64,6 @@ def written(path, ur5, clutter):
 def tampered(written):
     """Return a copy to tamper with."""
     return copy.deepcopy(written)
-
-
-def signed(content):
-    """Return the content with the digest that belongs to it: whoever tampers can compute that."""
-    return {**content, "digest": digest(content)}
 
 
 # ------------------------------------------------------------------------------------------------- what holds
@@ -127,62 +116,63 @@ def refused(content, robot, scene, match):
         verify(content, robot, scene)
 
 
-def test_a_dropped_interval(tampered, ur5, clutter):
-    tampered["edges"][1].pop(len(tampered["edges"][1]) // 2)
-    refused(signed(tampered), ur5, clutter, r"edge 1: no interval covers [\d.]+ to [\d.]+ of it")
+def touching(robot, plain):
+    """Return a configuration at which something touches."""
+    drawn = np.random.default_rng(0).uniform(robot.lower, robot.upper, (100, robot.n))
+    return next(q for q in drawn if plain.nearest(q) <= 0)
 
 
-def test_a_dropped_edge(tampered, ur5, clutter):
-    tampered["edges"].pop()
-    refused(signed(tampered), ur5, clutter, "the path has 3 edges, the certificate 2")
+def swapped(content):
+    names = content["joint_names"]
+    names[0], names[1] = names[1], names[0]
 
 
-def test_a_shifted_interval(tampered, ur5, clutter):
-    tampered["edges"][2][0]["centre"] += 0.02
-    refused(signed(tampered), ur5, clutter, "edge 2: no interval covers 0.000000 to 0.0")
+def without_a_pair(content):
+    content["pairs"].pop()
+    for edge in content["edges"]:
+        for interval in edge:
+            interval["margins"].pop()
 
 
-def test_a_lengthened_interval(tampered, ur5, clutter):
-    tampered["edges"][0] = [{**tampered["edges"][0][0], "centre": 0.5, "half_length": 0.5}]
-    refused(signed(tampered), ur5, clutter, r"edge 0, interval 0 \(centre 0.5.* mm are needed")
+def lengthened(content):
+    content["edges"][0] = [{**content["edges"][0][0], "centre": 0.5, "half_length": 0.5}]
 
 
-def test_an_enlarged_margin(tampered, ur5, clutter):
-    margins = tampered["edges"][1][0]["margins"]
-    margins[0] += 3.0
-    pair = [name.removeprefix("obstacle:") for name in tampered["pairs"][0]]
-    refused(
-        signed(tampered),
-        ur5,
-        clutter,
-        rf"edge 1, interval 0 .*'{pair[0][:-2]}' and .* apart, .* mm are claimed",
-    )
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (
+            lambda c: c["edges"][1].pop(len(c["edges"][1]) // 2),
+            r"edge 1: no interval covers [\d.]+ to [\d.]+ of",
+        ),
+        (lambda c: c["edges"].pop(), "the path has 3 edges, the certificate 2"),
+        (lambda c: c["edges"][2][0].update(centre=0.04), "edge 2: no interval covers 0.000000 to 0.0"),
+        (lengthened, r"edge 0, interval 0 \(centre 0.5.* mm are needed"),
+        (
+            lambda c: add_to(c["edges"][1][0]["margins"], 3.0),
+            "edge 1, interval 0 .* apart, .* mm are claimed",
+        ),
+        (
+            lambda c: c["edges"][1][0].update(margins=[0.0] * len(c["pairs"])),
+            "edge 1, interval 0 .*the margin of .* is 0.000 mm, .* mm are needed",
+        ),
+        (lambda c: c["path"][2].__setitem__(3, 7.0), "way point 2: joint 'wrist_1_joint' = 7 is outside its"),
+        (swapped, "joint order: "),
+        (without_a_pair, "its pairs of bodies are not those of robot and scene"),
+    ],
+)
+def test_what_was_changed_is_refused_by_name(tampered, ur5, clutter, change, match):
+    change(tampered)
+    refused(signed(tampered), ur5, clutter, match)
 
 
-def test_a_margin_that_is_too_small(tampered, ur5, clutter):
-    tampered["edges"][1][0]["margins"] = [0.0] * len(tampered["pairs"])
-    refused(
-        signed(tampered), ur5, clutter, "edge 1, interval 0 .*the margin of .* is 0.000 mm, .* mm are needed"
-    )
+def add_to(margins, more):
+    margins[0] += more
 
 
 def test_a_way_point_in_an_obstacle(tampered, ur5, clutter, plain_check):
-    plain = plain_check(ur5, clutter)
-    rng = np.random.default_rng(0)
-    touching = next(q for q in rng.uniform(ur5.lower, ur5.upper, (100, 6)) if plain.nearest(q) <= 0)
-    tampered["path"][2] = touching.tolist()
+    tampered["path"][2] = touching(ur5, plain_check(ur5, clutter)).tolist()
     refused(signed(tampered), ur5, clutter, "edge 1, interval")
-
-
-def test_a_way_point_outside_the_limits(tampered, ur5, clutter):
-    tampered["path"][2][3] = 7.0
-    refused(signed(tampered), ur5, clutter, "way point 2: joint 'wrist_1_joint' = 7 is outside its limits")
-
-
-def test_swapped_joints(tampered, ur5, clutter):
-    names = tampered["joint_names"]
-    names[0], names[1] = names[1], names[0]
-    refused(signed(tampered), ur5, clutter, "joint order: ")
 
 
 def test_a_moved_obstacle(written, ur5, clutter):
@@ -248,11 +238,9 @@ def test_what_is_no_certificate(tampered, ur5, clutter):
 
 
 def test_a_path_that_is_not_free_gets_none(ur5, clutter, plain_check):
-    rng = np.random.default_rng(0)
-    plain = plain_check(ur5, clutter)
-    touching = next(q for q in rng.uniform(ur5.lower, ur5.upper, (100, 6)) if plain.nearest(q) <= 0)
+    q = touching(ur5, plain_check(ur5, clutter))
     with pytest.raises(PlanningError, match="edge 0 cannot be certified: too near at "):
-        certificate([touching, touching + 0.1], ur5, clutter)
+        certificate([q, q + 0.1], ur5, clutter)
 
 
 # -------------------------------------------------------------------------------------------------- clearance
@@ -405,3 +393,27 @@ def test_a_danger_of_another_kind_is_no_claim_of_this_one(ur5, clutter, path, op
 def test_without_a_claim_of_danger_there_is_nothing_to_compare(written, ur5, clutter):
     field = DangerField(ur5, [[1.0, 0.0, 0.0]])
     assert verify(written, ur5, clutter, terms=terms_of_field(field, 0.1)).edges == 3
+
+
+# ------------------------------------------- what verifies certificates runs no code of what plans, proves motions,
+
+
+PROVERS = ("collision", "danger", "planning", "paths", "trajectories", "certificates.issue")
+LOADED = "import sys, {module}; print(*(name for name in sys.modules if name.startswith('safe_ompl.')))"
+
+
+def provers_loaded_by(module):
+    """Return the modules of provers that importing a module loads, in a new process."""
+    command = [sys.executable, "-c", LOADED.format(module=module)]
+    loaded = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120).stdout.split()
+    assert module in loaded
+    rooms = tuple(f"safe_ompl.{room}." for room in PROVERS)
+    return [name for name in loaded if f"{name}.".startswith(rooms)]
+
+
+def test_the_verifier_loads_no_prover():
+    assert not provers_loaded_by("safe_ompl.certificates.verifier.verify")
+
+
+def test_what_issues_does():
+    assert provers_loaded_by("safe_ompl.certificates.issue")

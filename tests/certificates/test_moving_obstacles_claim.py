@@ -5,17 +5,11 @@ import json
 
 import numpy as np
 import pytest
+from signing import signed
 
-from safe_ompl.certificates.issue import certificate
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CertificateError, InputError, PlanningError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.schema import digest
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Obstacle, Pose, Scene
+from safe_ompl.certificates import certificate, verify
+from safe_ompl.common import CertificateError, InputError, PlanningError
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0, 0, 0]])
 
@@ -33,10 +27,6 @@ def nearest(ur5, clutter, plain_check):
 def written(ur5, clutter, speed, time, **claims):
     moving = {"speeds": {"ball": speed}, "time": time}
     return json.loads(json.dumps(certificate(PATH, ur5, clutter, moving_obstacles=moving, **claims)))
-
-
-def signed(content):
-    return {**content, "digest": digest(content)}
 
 
 def test_it_is_proven_up_to_how_far_the_obstacle_is(ur5, clutter, nearest):
@@ -75,10 +65,7 @@ def test_clearance_is_kept_while_they_move(ur5, clutter, nearest):
         written(ur5, clutter, 0.6 * nearest["ball"], 1.0, clearance=clear)
 
 
-@pytest.mark.parametrize(
-    ("key", "factor"),
-    [("speeds", 2.0), ("time", 2.0)],
-)
+@pytest.mark.parametrize(("key", "factor"), [("speeds", 2.0), ("time", 2.0)])
 def test_a_claim_that_was_made_larger(ur5, clutter, nearest, key, factor):
     content = written(ur5, clutter, 0.7 * nearest["ball"], 1.0)
     claim = content["moving_obstacles"]

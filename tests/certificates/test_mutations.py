@@ -7,15 +7,14 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from signing import signed
 
+from safe_ompl import CertificateError, verify
 from safe_ompl.certificates.claims import Certificate
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.common.errors import CertificateError
-from safe_ompl.io.schema import digest
-from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl.robot import robot_hash
 
 BENCH = Path(__file__).parents[2] / "bench"
-NUMBER = 120
+NUMBER = 60
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +49,6 @@ def test_random_mutations_are_refused_or_claim_nothing_false(bench, quiet):
             assert result in ("refused", "true"), (k, case.name, mode, result)
             found[mode, result] += 1
     assert min(found.values()) > NUMBER / 50, found
-
-
-def signed(content):
-    return {**content, "digest": digest(content)}
 
 
 @pytest.mark.parametrize(

@@ -10,23 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from signing import signed
 
-from safe_ompl.certificates.issue import certificate, terms_of
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.common.errors import CertificateError, InputError
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.mesh import Mesh
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.robot_document import built_robot, carried_robot
-from safe_ompl.io.scene_document import built_scene, carried_scene, unpack
-from safe_ompl.io.schema import digest
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scenario import Scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertificateError, InputError, Scenario, Scene
+from safe_ompl.certificates import certificate, terms_of, verify
+from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
+from safe_ompl.io import built_robot, built_scene, carried_robot, carried_scene
+from safe_ompl.io.carried_files import unpack
+from safe_ompl.robot import Robot, robot_hash
 
 ROBOTS = Path(__file__).parents[2] / "scenarios" / "robots"
 
@@ -37,10 +28,6 @@ PLAIN = {"locked": {}, "limits": {}, "hulls": True}  # of a recipe
 def travelled(data):
     """Return what arrives when plain data is written to a file and read again."""
     return json.loads(json.dumps(data, allow_nan=False))
-
-
-def signed(content):
-    return {**content, "digest": digest(content)}
 
 
 @pytest.fixture

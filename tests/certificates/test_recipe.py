@@ -7,19 +7,11 @@ import shutil
 import numpy as np
 import pytest
 
-from safe_ompl.certificates.issue import certificate
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import CertificateError, InputError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.mesh import Mesh
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.robot_document import built_robot, carried_robot
+from safe_ompl import CertificateError, CollisionChecker, InputError, Scene, certificate, verify
+from safe_ompl.geometry import Box, Mesh, Obstacle, Pose
+from safe_ompl.io import built_robot, carried_robot
 from safe_ompl.io.schema import digest
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl.robot import Robot, robot_hash
 
 TURNED = Pose((0.1, -0.2, 1 / 3), (0.0, 0.0, 0.6, 0.8))
 KINDS = [

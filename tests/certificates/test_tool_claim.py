@@ -5,14 +5,12 @@ import json
 
 import numpy as np
 import pytest
+from signing import signed
 
+from safe_ompl import CertificateError, InputError, PlanningError, SafeSetup, certificate, verify
 from safe_ompl.certificates.claims import Tool
-from safe_ompl.certificates.issue import certificate
-from safe_ompl.certificates.verifier.tool import PlainTool
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.common.errors import CertificateError, InputError, PlanningError
-from safe_ompl.io.schema import digest, record
-from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl.certificates.verifier.bodies import PlainTool
+from safe_ompl.io.schema import record
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.6, -1.5, 0.5, 0.1, 0, 0]])
 T = np.linspace(0.0, 1.0, 500)[:, None]
@@ -38,10 +36,6 @@ def claim(tips, angle, room=0.01):
 
 def written(robot, scene, tool):
     return json.loads(json.dumps(certificate(PATH, robot, scene, tool=tool)))
-
-
-def signed(content):
-    return {**content, "digest": digest(content)}
 
 
 def test_it_is_proven_up_to_the_angle_that_is_reached(ur5, clutter, tips, tilt):

@@ -8,24 +8,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from safe_ompl import CertificateError, DangerField, InputError, Obstacle, People
+from safe_ompl.certificates import certificate, verify
 from safe_ompl.certificates.claims import at_most
-from safe_ompl.certificates.issue import certificate, terms_of_field
-from safe_ompl.certificates.verifier.distances import corners
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CertificateError, InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.obstacle import Obstacle
+from safe_ompl.certificates.issue import terms_of_field
+from safe_ompl.certificates.verifier.bodies import corners
+from safe_ompl.collision import CertifiedMotion, CollisionChecker
 from safe_ompl.io.schema import digest
 from safe_ompl.robot import Robot
-from safe_ompl.scene.people import People
-from safe_ompl.trajectories.caps import StandstillError
-from safe_ompl.trajectories.curve import BlendedCurve, Piece
-from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories import BlendedCurve, Piece, RateLimits, StandstillError, Trajectory, time_path
 from safe_ompl.trajectories.time_law import SmoothLaw, TimeLaw
-from safe_ompl.trajectories.timing import time_path
-from safe_ompl.trajectories.trajectory import Trajectory
 
 PATH = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.5, -1.4, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
 PEOPLE = People(who=("ball",), speed=1.2, reaction_time=0.05, clearance=0.01)
@@ -344,7 +336,7 @@ def test_what_does_not_hold_is_refused(written, ur5, scene, change, message):
 
 
 def test_a_curve_through_an_obstacle_is_refused(ur5, scene):
-    """A motion that was timed elsewhere: its arcs are not free."""
+    """A motion that was timed elsewhere: its blends are not free."""
     low = np.array([[0.0, -1.5, 0.5, 0, 0, 0], [0.4, 0.3, 0.5, 0, 0, 0], [0.8, -1.5, 0.6, 0.2, 0, 0]])
     trajectory = time_path(low, ur5, RateLimits.of(ur5, 2.0, 4.0))
     safe = certificate(PATH, ur5, scene)

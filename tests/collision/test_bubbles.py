@@ -8,7 +8,8 @@ from hypothesis.extra import numpy as hnp
 from scipy.optimize import linprog
 
 from safe_ompl.collision import bubbles
-from safe_ompl.common.arrays import first_primes, halton_point
+from safe_ompl.common import halton_point
+from safe_ompl.common.inputs import first_primes
 
 SIZES = st.integers(1, 7)
 POSITIVE = st.floats(0.01, 10.0)

@@ -7,17 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR
-from safe_ompl.collision.checker import Clearance, CollisionChecker
-from safe_ompl.common.counts import Counts
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box, Cylinder, Sphere
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Cylinder, InputError, Obstacle, Person, PointCloud, Pose, Robot, Scene, Sphere
+from safe_ompl.collision import DISTANCE_ERROR, Clearance, CollisionChecker
+from safe_ompl.common import Counts
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm"]
 TOLERANCE = 3e-5  # [m]; contacts this near the limit may be called either way
@@ -179,18 +171,6 @@ def test_margins_are_exact(robot_named, plain_check, clutter, rng, name):
     assert 10 < near < 100
 
 
-def test_each_margin_belongs_to_its_pair(panda, plain_check, clutter):
-    checker, plain = CollisionChecker(panda, clutter), plain_check(panda, clutter)
-    q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.5])
-    distances = plain.distances(q)[pairs_to_check(checker, plain)]
-    assert distances.min() > 0.01
-    for k in range(0, len(distances), 7):
-        margins = np.zeros(len(distances))
-        for factor, expected in ((0.99, False), (1.01, True)):
-            margins[k] = factor * distances[k]
-            assert checker.within_margins(q, margins) == expected
-
-
 def test_margins_leave_plain_queries_alone(panda, clutter):
     checker = CollisionChecker(panda, clutter)
     q = np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.5])
@@ -293,27 +273,6 @@ def test_distances_are_those_of_plain_coal(robot_named, plain_check, clutter, rn
     assert clearance.distance == pytest.approx(expected[nearest], abs=1e-6)
 
 
-def test_clearance_of_a_known_place(robot_named):
-    slider = robot_named("slider")
-    q = np.array([0.1, 0.3, 0.2, 0.5])
-    hand = slider.tip_pose(q).act(np.array([0.1, 0.02, 0.0]))  # a ball of 0.06 m
-    away = hand - slider.keypoints(q)[-1]
-    near = hand + away / np.linalg.norm(away)
-    scene = Scene(
-        (Obstacle("far", Sphere(0.1), Pose((5, 5, 5))), Obstacle("near", Sphere(0.1), Pose(tuple(near))))
-    )
-    clearance = CollisionChecker(slider, scene).clearance(q)
-    assert (clearance.link, clearance.obstacle) == ("right_hand", "near")
-    assert clearance.distance == pytest.approx(1 - 0.06 - 0.1, abs=1e-6)
-
-
-def test_pairs_that_cannot_meet_still_have_a_distance(ur5):
-    scene = Scene((Obstacle("moon", Sphere(1.0), Pose((0.0, 0.0, 9.0))),))
-    clearance = CollisionChecker(ur5, scene).clearance(np.zeros(6))
-    assert clearance.obstacle == "moon"
-    assert 6 < clearance.distance < 9
-
-
 # ----------------------------------------------------------------------------------------------- the broad phase
 
 
@@ -392,7 +351,3 @@ def test_queries_are_counted(panda, clutter):
 def test_error_of_distances_covers_the_tolerance_of_coal(panda):
     contacts = pin.GeometryData(panda.collision_model)
     assert all(request.gjk_tolerance < DISTANCE_ERROR / 5 for request in contacts.collisionRequests)
-
-
-def test_repr_tells_the_size(panda, clutter):
-    assert repr(CollisionChecker(panda, clutter)).startswith("CollisionChecker('panda', 5 obstacles, ")

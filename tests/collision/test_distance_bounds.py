@@ -9,16 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.collision.bounds import ALLOWANCE, BoundsProof, DistanceBounds
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import FLOOR, CertifiedMotion, Verdict
-from safe_ompl.collision.separation import Separation
-from safe_ompl.common.counts import Counts
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, Verdict
+from safe_ompl.collision import FLOOR, Separation
+from safe_ompl.collision.pairs import ALLOWANCE, BoundsProof, DistanceBounds
+from safe_ompl.common import Counts
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
 STEP = 0.01  # [rad]
@@ -39,7 +33,9 @@ def along(delta):
 
 
 def proof(pairs, start, delta, required=0.0, growth=None):
-    return pairs.bounds.prove(start, delta, np.zeros(len(pairs.names)) + required + ALLOWANCE, growth, FLOOR)
+    return pairs.bounds.prove(
+        (start, delta), np.zeros(len(pairs.names)) + required + ALLOWANCE, growth, FLOOR
+    )
 
 
 # --------------------------------------------------------------------------------------------------- what is proven
@@ -77,15 +73,16 @@ def test_what_must_be_kept_is_kept(robot_named, clutter, name, seed, margin, lat
                 assert not pairs.within_margins(start + t * delta, required + t * growth)
 
 
-def test_a_cloud_is_seen(ur5, rng):
-    points = np.array([0.5, 0.0, 0.4]) + rng.uniform(-0.1, 0.1, (60, 3))
-    checker = CollisionChecker(ur5, Scene((Obstacle("cloud", PointCloud(0.02, points=points)),)))
-    proven = 0
-    for start, delta in edges(ur5, 80):
-        if proof(checker.pairs, start, delta).proven:
-            proven += 1
-            assert not any(checker.touches(start + t * delta) for t in along(delta))
-    assert proven > 10
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("enough", [0.1, np.inf])
+def test_no_pair_is_nearer_than_its_bound(robot_named, clutter, name, enough):
+    robot = robot_named(name)
+    checker = CollisionChecker(robot, clutter)
+    Q = np.array([q for q, _ in edges(robot, 40) if not checker.touches(q)])
+    bounds = checker.pairs.bounds.of(Q, np.arange(len(checker.pairs.names)), enough)
+    assert (bounds > 0.0).mean() > 0.9
+    for q, bound in zip(Q, bounds, strict=True):
+        assert not checker.pairs.within_margins(q, np.maximum(bound - ALLOWANCE, 0.0))
 
 
 def test_where_it_fails_a_pair_is_near(ur5, clutter):
@@ -119,6 +116,23 @@ def test_verdicts_are_those_of_coal_alone(robot_named, clutter, monkeypatch, nam
     assert by_bounds.margin_queries + by_bounds.collision_queries < 0.5 * checker.counts.queries
 
 
+@pytest.mark.parametrize("by_bounds", [True, False])
+@pytest.mark.parametrize("speed", [0.0, 0.1])
+def test_nothing_that_moves_reaches_a_free_motion(ur5, clutter, monkeypatch, by_bounds, speed):
+    if not by_bounds:
+        monkeypatch.setattr(DistanceBounds, "prove", lambda *_: BoundsProof(False, -1.0, [[0.0, 1.0]]))
+    checker, free = CollisionChecker(ur5, clutter), 0
+    motion, pairs = CertifiedMotion(checker), far_pairs(ur5, clutter)
+    speeds = {obstacle.name: speed for obstacle in clutter if obstacle.name != "table"}
+    reached = np.array([speeds.get(name, 0.0) for _, name in pairs.names])
+    for start, delta in edges(ur5, 60):
+        if motion.check_moving(start, start + delta, speeds, (0.0, 1.0)).verdict is Verdict.FREE:
+            free += 1
+            for t in along(delta):
+                assert not pairs.within_margins(start + t * delta, t * reached)
+    assert free > 10
+
+
 def test_free_edges_hardly_need_coal(ur5, clutter):
     checker = CollisionChecker(ur5, clutter)
     motion, work, free = CertifiedMotion(checker), Counts(), 0
@@ -145,24 +159,10 @@ def test_nothing_is_kept_from_one_edge_to_the_next(ur5, clutter):
 # --------------------------------------------------------------------------------------------------- special cases
 
 
-def test_obstacles_can_be_placed_anew(ur5):
-    def scene(place):
-        return Scene((Obstacle("post", Box((0.1, 0.1, 0.8)), Pose(place, (0.6, 0.0, 0.0, 0.8))),))
-
-    here = CollisionChecker(ur5, scene((0.5, 0.1, 0.4)), movable=("post",))
-    there = CollisionChecker(ur5, scene((-0.3, 0.4, 0.5)), movable=("post",))
-    asked = list(edges(ur5, 60))
-    before = [proof(here.pairs, *edge).proven for edge in asked]
-    wanted = [proof(there.pairs, *edge).proven for edge in asked]
-    assert before != wanted
-    here.move(there.scene)
-    assert [proof(here.pairs, *edge).proven for edge in asked] == wanted
-
-
 def test_without_pairs_everything_is_free(ur5):
     nothing = np.zeros((0, 2), np.intp), np.zeros((0, ur5.n))
     bounds = DistanceBounds(ur5, ur5.shared.collision_model, *nothing, Counts())
-    assert bounds.prove(*next(edges(ur5, 1)), np.zeros(0), None, FLOOR).proven
+    assert bounds.prove(next(edges(ur5, 1)), np.zeros(0), None, FLOOR).proven
 
 
 def test_what_has_no_end_is_left_to_coal(ur5):
@@ -172,7 +172,7 @@ def test_what_has_no_end_is_left_to_coal(ur5):
     )
     number = geometry.addGeometryObject(plane)
     bounds = DistanceBounds(ur5, geometry, np.array([[3, number]]), np.ones((1, ur5.n)), Counts())
-    found = bounds.prove(*next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
+    found = bounds.prove(next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
     assert not found.proven
     assert not found.covers(0.4, 0.6)
 

@@ -2,24 +2,14 @@
 
 import pickle
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, Verdict
-from safe_ompl.collision.separation import Separation
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl import InputError, Obstacle, Pose, Scene, Sphere, UnknownNameError
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, Verdict
 
 ROBOTS = ["panda", "kinova", "twin_arm", "slider"]
 ERROR = 2e-5  # [m] of coal's distances
@@ -37,19 +27,6 @@ def random_edge(robot, seed, length):
     start = rng.uniform(robot.lower, robot.upper)
     end = start + length * rng.normal(size=robot.n) / np.sqrt(robot.n)
     return start, np.where(robot.continuous, end, np.clip(end, robot.lower, robot.upper))
-
-
-@pytest.fixture(scope="module")
-def crank(tmp_path_factory):
-    """One joint about z that turns a ball of 0.05 m at a distance of 0.5 m."""
-    urdf = tmp_path_factory.mktemp("crank") / "crank.urdf"
-    urdf.write_text(
-        """<robot name="crank"><link name="base"/>
-        <link name="ball"><collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>
-        </link><joint name="turn" type="revolute"><parent link="base"/><child link="ball"/><axis xyz="0 0 1"/>
-          <limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
-    )
-    return Robot.from_urdf(urdf)
 
 
 def balls(**places):
@@ -134,12 +111,6 @@ def test_few_sets_of_pairs_are_made(panda, clutter):
     assert numbers[-1] > numbers[0]
 
 
-def test_a_margin_takes_in_what_never_touches(crank):
-    motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65))).with_margin(0.06)
-    assert motion.check(START, END).verdict is not Verdict.FREE
-    assert motion.with_margin(0.04).is_free(START, END)
-
-
 def test_exempt_pairs_and_chosen_obstacles(crank):
     motion = CertifiedMotion(CollisionChecker(crank, balls(far=0.65, near=0.62)))
     assert motion.with_min_clearance(0.04).check(START, END).pair == ("ball", "near")
@@ -161,9 +132,9 @@ def test_people_by_default(crank):
 @pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf, "0.1"])
 def test_the_distance_must_be_a_length(crank, bad):
     motion = CertifiedMotion(CollisionChecker(crank, balls(a=0.9)))
-    with pytest.raises(InputError, match="min clearance must be a length >= 0"):
+    with pytest.raises(InputError, match="min clearance must be a finite length"):
         motion.with_min_clearance(bad)
-    with pytest.raises(InputError, match="margin must be a length >= 0"):
+    with pytest.raises(InputError, match="margin must be a finite length"):
         motion.with_margin(bad)
 
 
@@ -247,7 +218,7 @@ def test_the_motion_among_moving_obstacles_is_checked(crank):
     with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'; known: walker"):
         motion.check_moving(START, END, {"runner": 1.0}, (0.0, 1.0))
     for speed in (-1.0, np.nan, np.inf):
-        with pytest.raises(InputError, match="speed of 'walker' must be a number >= 0"):
+        with pytest.raises(InputError, match="speed of 'walker' must be a finite number"):
             motion.check_moving(START, END, {"walker": speed}, (0.0, 1.0))
     for span in ((-1.0, 1.0), (1.0, 0.5), (0.0, np.nan)):
         with pytest.raises(InputError, match="span must be two instants"):
@@ -265,7 +236,7 @@ def test_all_motions_are_free_among_moving_obstacles_once_these_are_given(crank)
     with pytest.raises(UnknownNameError, match="unknown obstacle 'runner'"):
         motion.with_moving_obstacles({"runner": 1.0}, 1.0)
     for time in (-1.0, np.nan, np.inf, "1"):
-        with pytest.raises(InputError, match="time must be a number >= 0"):
+        with pytest.raises(InputError, match="time must be a finite number of seconds"):
             motion.with_moving_obstacles({"walker": 1.0}, time)
 
 
@@ -288,16 +259,3 @@ def test_what_moves_during_an_edge_comes_on_top_of_what_may_have_moved(crank):
     moved = still.with_moving_obstacles({"walker": 0.3}, 1.0)
     assert moved.is_free(START, END)
     assert moved.check_moving(START, END, {"walker": 0.3}, (0.0, 1.0)).verdict is Verdict.BLOCKED
-
-
-def test_planned_paths_keep_what_a_person_may_walk():
-    setup = setup_scenario(Scenario.load(find_scenario("planar3")))
-    person = next(o.name for o in setup.scene if o.weight > 0)
-    setup.setMovingObstacles({person: 0.2}, 0.2)
-    for planner in ("SafeRRTConnect", "RRTConnect"):
-        path = setup.plan(planner, time=20.0, seed=1, simplify=0.2).path
-        names = [obstacle for _, obstacle in setup.checker.distance_names]
-        of_person = np.array([name == person for name in names])
-        for start, end in pairwise(path):
-            for t in np.linspace(0, 1, 20):
-                assert setup.checker.distances(start + t * (end - start))[of_person].min() > 0.04 - ERROR

@@ -6,12 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.distances import PairDistances, Proximity
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, CollisionChecker, Obstacle, Pose, Scene, Sphere
+from safe_ompl.collision import PairDistances, Proximity
 
 WITHIN = 0.1
 

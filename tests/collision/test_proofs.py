@@ -5,16 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.certificates.issue import certificate
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion, Verdict
-from safe_ompl.danger.certified import CertifiedDanger
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Capsule, Cylinder, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedDanger, DangerField, Obstacle, PointCloud, Scene, certificate, verify
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict
+from safe_ompl.geometry import Box, Capsule, Cylinder, Pose, Sphere
 
 ERROR = 2e-5  # [m] of coal's distances
 
@@ -71,3 +64,28 @@ def test_proofs_in_all_kinds_of_scenes(robot_named, plain_check, name, scene, se
         field = DangerField(robot, points, weights)
         bounds = CertifiedDanger(field).of_edge(start, end)
         assert field.values(edge).max() <= bounds.upper * (1 + 1e-9)
+
+
+# ------------------------------------------- a checker with a large cloud never misses what balls, one by one, woul
+
+
+RADIUS = 0.02
+
+
+@pytest.fixture(scope="module")
+def scan():
+    """Return a patch of a wall and of a table, as a camera sees them."""
+    rng = np.random.default_rng(2)
+    wall = np.column_stack(
+        [rng.normal(0.55, 0.002, 120), rng.uniform(-0.4, 0.4, 120), rng.uniform(0.2, 0.8, 120)]
+    )
+    table = np.column_stack(
+        [rng.uniform(0.2, 0.8, 120), rng.uniform(-0.4, 0.4, 120), rng.normal(0.1, 0.002, 120)]
+    )
+    return np.concatenate([wall, table])
+
+
+def test_a_certificate_beside_a_large_cloud_verifies(panda, scan):
+    scene = Scene((Obstacle("scan", PointCloud(RADIUS, points=np.tile(scan, (20, 1)))),))
+    path = [[-1.8, -0.9, 0.0, -2.4, 0.0, 1.8, 0.8], [-2.4, -0.7, 0.1, -2.2, 0.1, 1.9, 0.6]]
+    assert verify(certificate(path, panda, scene), panda, scene).edges == 1

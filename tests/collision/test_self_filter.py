@@ -1,26 +1,18 @@
 """The robot's own points go from a cloud, and no others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from safe_ompl import Box, CollisionChecker, InputError, Obstacle, PointCloud, Pose, Scene
 from safe_ompl.collision import robot_points, without_robot
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.reach import bounding_hull
-from safe_ompl.scene.scene import Scene
+from safe_ompl.robot import bounding_hull
 
 Q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.7])
 MARGIN = 0.02
 
 
-def skin(robot) -> np.ndarray:
+def skin(robot):
     """Return corners of the robot's hulls in the world."""
     data, found = robot.model.createData(), []
     pin.forwardKinematics(robot.model, data, robot.pinocchio_configuration(Q))
@@ -32,14 +24,14 @@ def skin(robot) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def scan(panda) -> tuple[np.ndarray, int]:
+def scan(panda):
     """Points on the robot, then points anywhere."""
     own = skin(panda) + np.random.default_rng(0).normal(0, 0.002, skin(panda).shape)
     anywhere = np.random.default_rng(1).uniform([-0.6, -0.6, 0], [0.9, 0.6, 1.2], (400, 3))
     return np.concatenate([own, anywhere]), len(own)
 
 
-def test_which_points_are_the_robot_s_is_what_distances_say(panda, scan) -> None:
+def test_which_points_are_the_robot_s_is_what_distances_say(panda, scan):
     points, own = scan
     mine = robot_points(points, panda, Q, MARGIN)
     assert mine[:own].all()
@@ -60,7 +52,7 @@ def test_which_points_are_the_robot_s_is_what_distances_say(panda, scan) -> None
             assert mine[k] == (distance < MARGIN)
 
 
-def test_a_robot_that_saw_itself_is_free(panda, scan, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_robot_that_saw_itself_is_free(panda, scan, caplog):
     points, own = scan
     pose = Pose.from_rpy((0.4, -0.2, 0.1), (0.1, 0.2, 0.3))
     cloud = PointCloud(0.01, points=(points - pose.se3.translation) @ pose.se3.rotation)
@@ -77,17 +69,17 @@ def test_a_robot_that_saw_itself_is_free(panda, scan, caplog: pytest.LogCaptureF
     assert cleared["table"] is table
 
 
-def test_a_cloud_that_is_all_robot_goes(panda) -> None:
+def test_a_cloud_that_is_all_robot_goes(panda):
     scene = Scene((Obstacle("scan", PointCloud(0.01, points=skin(panda))),))
     assert without_robot(scene, panda, Q, MARGIN).names == ()
 
 
-def test_a_cloud_without_robot_stays_itself(panda) -> None:
+def test_a_cloud_without_robot_stays_itself(panda):
     scene = Scene((Obstacle("scan", PointCloud(0.01, points=[[5, 5, 5]])),))
     assert without_robot(scene, panda, Q, MARGIN)["scan"] is scene["scan"]
 
 
-def test_what_cannot_be_is_refused(panda) -> None:
+def test_what_cannot_be_is_refused(panda):
     with pytest.raises(InputError, match="margin must be a finite number >= 0, got -1"):
         without_robot(Scene((Obstacle("s", PointCloud(0.01, points=[[5, 5, 5]])),)), panda, Q, -1)
     with pytest.raises(InputError, match=r"q must have shape \(7\), got \(2,\)"):

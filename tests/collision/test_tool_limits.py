@@ -6,14 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.motion import MotionLimit, Verdict
-from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
-from safe_ompl.common.errors import InputError
-from safe_ompl.robot.robot import Robot
+from safe_ompl import InputError, TipBounds, ToolOrientation, Verdict
 
 ROBOTS = ["panda", "ur5", "kinova", "slider", "twin_arm"]
 UP = [0.0, 0.0, 1.0]
-T = np.linspace(0.0, 1.0, 801)
+T = np.linspace(0.0, 1.0, 201)
 
 
 def edges(robot, rng, count, length):
@@ -47,7 +44,7 @@ def test_the_angle_is_that_between_axis_and_direction(ur5, rng):
 def test_what_is_proven_of_the_angle_holds_at_every_sample(robot_named, rng, name):
     robot = robot_named(name)
     seen = set()
-    for start, end in edges(robot, rng, 60, 0.8):
+    for start, end in edges(robot, rng, 30, 0.8):
         axis, direction = rng.normal(size=(2, 3))
         limit = ToolOrientation.as_at(robot, start, direction, rng.uniform(0.1, 1.0))
         limit = limit if rng.random() < 0.7 else ToolOrientation(robot, axis, direction, 1.5)
@@ -70,7 +67,7 @@ def test_what_is_proven_of_the_angle_holds_at_every_sample(robot_named, rng, nam
 def test_what_is_proven_of_the_tip_holds_at_every_sample(robot_named, rng, name):
     robot = robot_named(name)
     seen = set()
-    for start, end in edges(robot, rng, 60, 0.8):
+    for start, end in edges(robot, rng, 30, 0.8):
         tip = robot.tip_pose(start).translation
         limit = TipBounds(robot, tip - rng.uniform(0.01, 0.6, 3), tip + rng.uniform(0.01, 0.6, 3))
         verdict = limit.check(start, end)
@@ -117,11 +114,6 @@ def test_a_motion_at_the_limit_is_undecided(ur5):
     assert 0.0 <= verdict.at <= 1.0
 
 
-def test_it_is_a_limit_of_motions(ur5):
-    limit: MotionLimit = TipBounds(ur5, [-9, -9, -9], [9, 9, 9])
-    assert limit.check(np.zeros(6), np.ones(6)).verdict is Verdict.FREE
-
-
 def test_walls_may_be_missing(ur5):
     limit = TipBounds(ur5, [-np.inf, -np.inf, 0.0], [np.inf, np.inf, np.inf])
     q = np.array([0.5, -1.2, 1.2, -1.0, -1.57, 0.0])
@@ -157,21 +149,8 @@ def test_what_is_no_box_is_refused(ur5, lower, upper, words):
         TipBounds(ur5, lower, upper)
 
 
-def test_mimic_joints_count_with_their_multipliers(data_folder, tmp_path, rng):
-    """A hand that turns back by twice the angle of the elbow."""
-    text = (data_folder / "gripper_arm.urdf").read_text()
-    for old, new in (
-        ('<joint name="wrist" type="fixed">', '<joint name="wrist" type="revolute">'),
-        (
-            '<origin xyz="0.42 0 0"/>',
-            '<origin xyz="0.42 0 0"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>'
-            '<mimic joint="elbow" multiplier="-2" offset="-0.3"/>',
-        ),
-    ):
-        assert old in text
-        text = text.replace(old, new)
-    (tmp_path / "parallel.urdf").write_text(text)
-    robot = Robot.from_urdf(tmp_path / "parallel.urdf")
+def test_mimic_joints_count_with_their_multipliers(robot_named, rng):
+    robot = robot_named("parallel")
     elbow = robot.joint_names.index("elbow")
     assert ToolOrientation(robot, [1.0, 0.0, 0.0], UP, 1.0).rates[elbow] == pytest.approx(3.0)
     seen = set()

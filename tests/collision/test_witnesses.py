@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.distances import Proximity
-from safe_ompl.common.errors import InputError
-from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, InputError, Scene
+from safe_ompl.collision import Proximity
+from safe_ompl.paths.cost import ObstacleCost
 
 WITHIN = 0.15
 
@@ -70,16 +68,6 @@ def test_hinge_costs_are_those_of_the_distances(near):
         assert costs[row] == pytest.approx(terms[of_row].sum(), rel=1e-9)
         np.testing.assert_allclose(gradients[row], rates[of_row] @ slopes[of_row], atol=1e-8)
     np.testing.assert_allclose(bends, np.sqrt(second)[:, None] * slopes, atol=1e-8)
-
-
-def test_witnesses_that_move_foretell_distances(near):
-    checker, Q = near
-    witnesses = Proximity(checker, WITHIN).witnesses(Q)
-    moved = Q + 1e-3
-    foretold, _ = distances_of(witnesses, moved)
-    for row, q in enumerate(moved):
-        found = foretold[witnesses.rows == row].min()
-        assert found == pytest.approx(checker.clearance(q).distance, abs=5e-4)
 
 
 def test_nothing_is_near_in_an_empty_scene(panda):

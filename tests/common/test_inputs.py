@@ -1,16 +1,14 @@
 """Checks of what users give: types of people's values, bounds, and messages in one voice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
+from safe_ompl import InputError
 from safe_ompl.common import inputs
-from safe_ompl.common.errors import InputError
 
 
 @pytest.mark.parametrize("value", [3, 3.0, np.float32(3), np.int64(3), np.uint8(3), np.array(3.0)])
-def test_numbers_of_all_kinds_are_floats(value: object) -> None:
+def test_numbers_of_all_kinds_are_floats(value):
     number = inputs.number("x", value)
     assert number == 3.0
     assert type(number) is float
@@ -34,13 +32,13 @@ def test_numbers_of_all_kinds_are_floats(value: object) -> None:
         ([], {}, "x must be a finite number, got []"),
     ],
 )
-def test_what_is_no_such_number_is_refused(value: object, bounds: dict, message: str) -> None:
+def test_what_is_no_such_number_is_refused(value, bounds, message):
     with pytest.raises(InputError) as caught:
         inputs.number("x", value, **bounds)
     assert str(caught.value).startswith(message)
 
 
-def test_bounds_that_are_met_exactly() -> None:
+def test_bounds_that_are_met_exactly():
     assert inputs.number("x", 0, at_least=0, at_most=0) == 0.0
     assert inputs.fraction("x", 1) == 1.0
     assert inputs.whole_number("n", np.int64(1), at_least=1) == 1
@@ -67,17 +65,17 @@ def test_bounds_that_are_met_exactly() -> None:
         (lambda: inputs.finite_array([1, np.nan], (2,), "q"), "q must be finite, got [1.0, nan]"),
     ],
 )
-def test_everything_else_speaks_alike(check, message: str) -> None:
+def test_everything_else_speaks_alike(check, message):
     with pytest.raises(InputError) as caught:
         check()
     assert str(caught.value) == message
 
 
-def test_flags_may_be_numpy_s() -> None:
+def test_flags_may_be_numpy_s():
     assert inputs.flag("f", np.bool_(False)) is False
 
 
-def test_a_message_is_short_whatever_is_given() -> None:
+def test_a_message_is_short_whatever_is_given():
     points = np.zeros((1000, 3))
     points[500, 2] = np.nan
     with pytest.raises(InputError, match=r"^p must be finite, got nan at \[500, 2\]$"):
@@ -87,7 +85,7 @@ def test_a_message_is_short_whatever_is_given() -> None:
     assert len(str(caught.value)) < 300
 
 
-def test_an_array_is_new_and_of_floats() -> None:
+def test_an_array_is_new_and_of_floats():
     given = np.arange(3, dtype=np.float32)
     array = inputs.finite_array(given, (3,), "q")
     array[0] = 7

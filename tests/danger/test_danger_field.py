@@ -7,13 +7,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.common.counts import Counts
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.evaluation import AGGREGATES
-from safe_ompl.danger.field import DangerField
+from safe_ompl import DangerField, InputError, Robot
+from safe_ompl.common import Counts
 from safe_ompl.danger.link_field import WEIGHTINGS, Segments, field
+from safe_ompl.danger.points import AGGREGATES
 from safe_ompl.robot.joint_tables import Coupling, KinematicTree
-from safe_ompl.robot.robot import Robot
 
 
 class PlanarArm:
@@ -92,11 +90,6 @@ def test_weights_are_one_by_default():
     )
 
 
-def test_mean():
-    danger = DangerField(ARM, POINTS, WEIGHTS, aggregate="mean")
-    assert danger.value(Q[0]) == pytest.approx(levels(Q[0]).mean(), rel=1e-12)
-
-
 def test_softmax_is_a_smooth_maximum_from_above():
     peaks = DangerField(ARM, POINTS, WEIGHTS).values(Q)
     for sharpness in (1e-2, 1.0, 10.0, 1e6):
@@ -106,21 +99,6 @@ def test_softmax_is_a_smooth_maximum_from_above():
     q = Q[0]
     soft = DangerField(ARM, POINTS, WEIGHTS, aggregate="softmax", sharpness=2.0).value(q)
     assert soft == pytest.approx(np.log(np.exp(2 * levels(q)).sum()) / 2, rel=1e-12)
-
-
-def test_length_weighting_and_k1():
-    danger = DangerField(ARM, POINTS, WEIGHTS, weighting="length", k1=3.0)
-    assert danger.value(Q[0]) == pytest.approx(3 * levels(Q[0], weighting="length").max(), rel=1e-12)
-
-
-@pytest.mark.parametrize("aggregate", AGGREGATES)
-def test_batch_is_the_same_as_one_by_one(aggregate):
-    danger = DangerField(ARM, POINTS, WEIGHTS, aggregate=aggregate)
-    values, gradients = danger.values_and_gradients(Q)
-    np.testing.assert_allclose(values, danger.values(Q), rtol=1e-15)
-    np.testing.assert_allclose(gradients, danger.gradients(Q), rtol=1e-15)
-    np.testing.assert_allclose(values, [danger.value(q) for q in Q], rtol=1e-13)
-    np.testing.assert_allclose(gradients, [danger.gradient(q) for q in Q], rtol=1e-10, atol=1e-12)
 
 
 @pytest.mark.parametrize("aggregate", AGGREGATES)
@@ -209,13 +187,6 @@ def test_vector_field_and_workspace_gradient():
     )
 
 
-def test_vectors_mapped_to_the_joints_make_the_robot_safer():
-    danger, q = DangerField(ARM, POINTS[:1]), Q[0]
-    push = np.repeat(danger.vector(q, POINTS[:1])[None], ARM.n + 1, axis=1)
-    step = ARM.pull_back(q[None], push)[0]
-    assert danger.value(q + 1e-3 * step / np.linalg.norm(step)) < danger.value(q)
-
-
 # ----------------------------------------------------------------------------------- points that move with q
 
 
@@ -275,13 +246,6 @@ def test_survives_pickling():
     again = pickle.loads(pickle.dumps(danger))
     assert np.array_equal(again.values(Q), danger.values(Q))
     assert repr(again) == repr(danger)
-
-
-def test_reads_like_its_constructor():
-    assert repr(DangerField(ARM, POINTS)) == (
-        "DangerField(PlanarArm([0.4, 0.3, 0.2]), <9 points>, "
-        "aggregate='max', weighting='unit', k1=1, sharpness=10)"
-    )
 
 
 def test_points_and_weights_cannot_change():

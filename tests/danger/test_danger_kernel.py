@@ -6,13 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import numpy_danger
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.evaluation import AGGREGATES
-from safe_ompl.danger.field import DangerField
-from safe_ompl.danger.link_field import WEIGHTINGS
-from safe_ompl.robot.robot import Robot
+from safe_ompl import DangerField, InputError
+from safe_ompl.danger.link_field import WEIGHTINGS, Segments
+from safe_ompl.danger.points import AGGREGATES, Evaluation, grouped
 
-ROBOTS = ("panda", "ur5", "kinova", "twin_arm", "slider")  # continuous and sliding joints, branches
+ROBOTS = (
+    "panda",
+    "kinova",
+    "twin_arm",
+    "slider",
+    "gripper",
+)  # continuous, sliding and mimic joints, branches
 
 
 def some(robot, rng, number):
@@ -39,12 +43,6 @@ def test_the_same_for_every_robot(robot_named, rng, name, aggregate, weighting):
     )
 
 
-def test_the_same_with_joints_that_mimic(data_folder, rng):
-    robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="finger_1")
-    assert not robot.coupling.trivial
-    agree(DangerField(robot, rng.normal(size=(5, 3)), aggregate="softmax"), some(robot, rng, 5))
-
-
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), number=st.integers(1, 300), aggregate=st.sampled_from(AGGREGATES))
 def test_the_same_for_any_number_of_points(robot_named, seed, number, aggregate):
@@ -59,17 +57,6 @@ def test_the_same_with_points_from_a_callable(robot_named, rng):
         DangerField(robot, lambda q: [[q[0], 0.5, 0.5], [0.5, q[1], 0.9]], [1.0, 2.0], aggregate="mean"),
         some(robot, rng, 6),
     )
-
-
-@pytest.mark.parametrize("aggregate", AGGREGATES)
-def test_infinite_where_a_link_meets_a_point(robot_named, rng, aggregate):
-    robot = robot_named("panda")
-    q = some(robot, rng, 2)
-    met = robot.keypoints(q[0])[robot.segments[-1, 1]]
-    danger = DangerField(robot, np.vstack([met, rng.normal(size=(3, 3))]), aggregate=aggregate)
-    values, gradients = danger.values_and_gradients(q)
-    assert np.isinf(values).tolist() == [True, False]
-    assert np.isfinite(gradients).all()
 
 
 @pytest.mark.parametrize("aggregate", AGGREGATES)
@@ -148,23 +135,26 @@ def test_the_gradient_of_groups_is_that_of_their_value(robot_named, rng, aggrega
         np.testing.assert_allclose(danger.gradient(q), slope, rtol=1e-5, atol=1e-8)
 
 
-def test_groups_far_away_cost_little(robot_named, rng, monkeypatch):
+def test_groups_far_away_cost_little(panda, rng):
     """The points themselves are not looked at: they may be anything."""
-    robot = robot_named("panda")
-    danger = DangerField(robot, rng.normal(size=(3000, 3)) * 0.3 + [4.0, 0.0, 0.0], aggregate="mean")
-    q = some(robot, rng, 1)
-    expected = danger.values(q)
-    danger._danger_points.groups.columns[0, :, :3000] = np.nan
-    np.testing.assert_array_equal(danger.values(q), expected)
+    groups = grouped(rng.normal(size=(3000, 3)) * 0.3 + [4.0, 0.0, 0.0], np.ones(3000))
+    options = {"by_length": False, "aggregate": "mean", "sharpness": 1.0, "tolerance": 0.01}
+    evaluation, q = Evaluation(panda, Segments(panda.segments), **options), some(panda, rng, 1)
+    expected = evaluation.grouped_values(q, groups)
+    groups.columns[0, :, :3000] = np.nan
+    np.testing.assert_array_equal(evaluation.grouped_values(q, groups), expected)
 
 
-@pytest.mark.parametrize("aggregate", ["mean", "softmax"])
+@pytest.mark.parametrize("aggregate", AGGREGATES)
 def test_a_link_through_one_of_many_points_is_infinitely_dangerous(robot_named, rng, aggregate):
     robot = robot_named("panda")
     q = some(robot, rng, 1)
     met = robot.keypoints(q[0])[robot.segments[0, 1]]
     danger = DangerField(robot, np.vstack([rng.normal(size=(1000, 3)), met]), aggregate=aggregate)
-    assert danger.values(q) == [np.inf]
+    values, gradients = danger.values_and_gradients(q)
+    assert values == [np.inf]
+    assert np.isfinite(gradients).all()
+    assert aggregate == "mean" or not gradients.any()
 
 
 @pytest.mark.parametrize("tolerance", [-0.01, 0.2, np.nan])
@@ -173,11 +163,45 @@ def test_tolerances_out_of_bounds_are_refused(robot_named, tolerance):
         DangerField(robot_named("panda"), [[1.0, 0.0, 0.0]], tolerance=tolerance)
 
 
-def test_a_point_on_a_link_among_many(robot_named, rng):
-    robot = robot_named("panda")
-    q = some(robot, rng, 1)
-    met = robot.keypoints(q[0])[robot.segments[0, 1]]
-    danger = DangerField(robot, np.vstack([rng.normal(size=(1000, 3)), met]))
-    values, gradients = danger.values_and_gradients(q)
-    assert values == [np.inf]
-    assert not gradients.any()
+# ------------------------------------------------------------------------------------------ danger points in groups
+
+
+@pytest.mark.parametrize("number", [1, 64, 65, 1024, 1025, 5000])
+@pytest.mark.parametrize("flat", [1.0, 0.0])
+def test_groups_hold_their_points(rng, number, flat):
+    points, charges = rng.normal(size=(number, 3)) * [1.0, flat, flat], rng.choice([1.0, 2.0], number)
+    groups = grouped(points, charges)
+    places, kept, balls = groups.columns[0, :, :number], groups.charges[0], groups.balls
+    centres = groups.columns[0, :, number:]
+    given = np.column_stack([points, charges])
+    np.testing.assert_array_equal(np.sort(np.column_stack([places.T, kept]), axis=0), np.sort(given, axis=0))
+    seen = []
+    blocks = balls["begin"][0]
+    for block in range(blocks):
+        held = balls[balls["begin"][block] : balls["end"][block]]
+        begin, end = held["begin"][0], held["end"][-1]
+        assert balls["number"][block] == held["number"].sum() == end - begin
+        for group in range(balls["begin"][block], balls["end"][block]):
+            first, last = balls["begin"][group], balls["end"][group]
+            seen += range(first, last)
+            for ball in (block, group):
+                away = np.linalg.norm(places[:, first:last] - centres[:, [ball]], axis=0)
+                assert (away <= balls["radius"][ball]).all()
+                assert (kept[first:last] <= balls["heaviest"][ball]).all()
+                assert (kept[first:last] >= balls["lightest"][ball]).all()
+        for ball, (first, last) in ((block, (begin, end)), (balls["begin"][block], (begin, held["end"][0]))):
+            np.testing.assert_allclose(
+                np.average(places[:, first:last], axis=1, weights=kept[first:last]),
+                centres[:, ball],
+                atol=1e-12,
+            )
+            away = np.square(places[:, first:last] - centres[:, [ball]]).sum(axis=0)
+            assert np.average(away, weights=kept[first:last]) == pytest.approx(balls["spread"][ball])
+            assert balls["charge"][ball] == pytest.approx(kept[first:last].mean())
+    assert seen == list(range(number))
+
+
+def test_groups_are_compact(rng):
+    """A hundred groups of points in a cube are about as wide as a hundredth of the cube."""
+    groups = grouped(rng.uniform(size=(6400, 3)), np.ones(6400))
+    assert np.median(groups.balls["radius"][groups.balls["begin"][0] :]) < 0.25

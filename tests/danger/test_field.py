@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
-from safe_ompl.common.errors import InputError
+from safe_ompl import InputError
 from safe_ompl.danger.link_field import (
     WEIGHTINGS,
     Segments,
@@ -140,13 +140,6 @@ def test_one_bad_point_spares_the_others(rng):
     np.testing.assert_allclose(mixed[:, [0, 1, 3]], alone[:, [0, 1, 3]], rtol=1e-13)
 
 
-def test_robot_is_the_sum_over_its_links(rng):
-    keypoints, points = arm(rng, 4), rng.normal(size=(6, 3))
-    by_hand = [[sum(link(k[a], k[b], p) for a, b in ARM.pairs) for p in points] for k in keypoints]
-    np.testing.assert_allclose(field(keypoints, ARM, points), by_hand, rtol=1e-13)
-    np.testing.assert_allclose(segment_fields(keypoints, ARM, points).sum(axis=1), by_hand, rtol=1e-13)
-
-
 def test_length_weighting_is_the_integral_over_arc_length(rng):
     keypoints, points = arm(rng, 4), rng.normal(size=(6, 3))
     unit = segment_fields(keypoints, ARM, points)
@@ -154,21 +147,6 @@ def test_length_weighting_is_the_integral_over_arc_length(rng):
     arc = segment_fields(keypoints, ARM, points, weighting="length")
     np.testing.assert_allclose(arc, unit * lengths, rtol=1e-13)
     np.testing.assert_allclose(field(keypoints, ARM, points, weighting="length"), arc.sum(axis=1), rtol=1e-13)
-
-
-@pytest.mark.parametrize("weighting", WEIGHTINGS)
-def test_k1_is_a_factor(rng, weighting):
-    keypoints, points, weights = arm(rng, 2), rng.normal(size=(3, 3)), rng.uniform(size=(2, 3))
-    for function, arguments in (
-        (field, (points,)),
-        (segment_fields, (points,)),
-        (workspace_gradient, (points,)),
-        (keypoint_gradient, (points, weights)),
-    ):
-        one = function(keypoints, ARM, *arguments, weighting=weighting)
-        np.testing.assert_allclose(
-            function(keypoints, ARM, *arguments, weighting=weighting, k1=2.5), 2.5 * one, rtol=1e-12
-        )
 
 
 # ------------------------------------------------------------------------------------------- batches, blocks
@@ -218,11 +196,6 @@ def test_known_lengths_change_nothing(rng):
             field(keypoints, ARM, points, weighting=weighting),
             rtol=1e-12,
         )
-
-
-def test_memory_order_changes_nothing(rng):
-    keypoints, points = arm(rng, 2), rng.normal(size=(6, 3))
-    assert np.array_equal(field(keypoints, ARM, points), field(keypoints, ARM, np.asfortranarray(points)))
 
 
 def test_nothing_in_nothing_out(rng):
@@ -301,18 +274,6 @@ def test_gradient_is_zero_on_a_segment(weighting):
     np.testing.assert_allclose(pulls, free, rtol=1e-12)
 
 
-def test_most_dangerous_point_alone(rng):
-    keypoints, points = arm(rng, 4), rng.normal(size=(9, 3))
-    active = field(keypoints, ARM, points).argmax(axis=1)
-    one_hot = np.eye(9)[active]
-    np.testing.assert_allclose(
-        keypoint_gradient(keypoints, ARM, points[active][:, None], np.ones((4, 1))),
-        keypoint_gradient(keypoints, ARM, points, one_hot),
-        rtol=1e-11,
-        atol=1e-13,
-    )
-
-
 def test_vector_field_has_the_length_of_the_field_and_points_to_the_robot(rng):
     keypoints, points = arm(rng), 5 * rng.normal(size=(20, 3))
     values = field(keypoints, ARM, points)[0]
@@ -325,32 +286,6 @@ def test_vector_field_has_the_length_of_the_field_and_points_to_the_robot(rng):
 
 
 # ------------------------------------------------------------------------------------------------------ laws
-
-
-def test_mean_over_a_sphere_is_the_value_at_its_centre(rng):
-    keypoints, centre = arm(rng), np.array([1.5, -1.0, 2.0])
-    radius = 0.9 * segment_distances(keypoints, ARM, centre[None]).min()
-    z, weight = np.polynomial.legendre.leggauss(60)
-    phi = np.linspace(0, 2 * np.pi, 120, endpoint=False)
-    ring = np.sqrt(1 - z**2)[:, None]
-    sphere = np.stack(
-        [ring * np.cos(phi), ring * np.sin(phi), np.broadcast_to(z[:, None], (60, 120))], axis=-1
-    )
-    values = field(keypoints, ARM, centre + radius * sphere.reshape(-1, 3)).reshape(60, 120)
-    mean = weight @ values.mean(axis=1) / 2
-    assert mean == pytest.approx(field(keypoints, ARM, centre[None])[0, 0], rel=1e-9)
-
-
-@repeatable
-@given(skeletons, places)
-def test_positive(keypoints, p):
-    assert (segment_fields(keypoints, ARM, p[None]) > 0).all()
-
-
-@repeatable
-@given(places, places, places)
-def test_symmetric_in_the_ends(a, b, p):
-    assert link(a, b, p) == pytest.approx(link(b, a, p), rel=1e-12)
 
 
 @repeatable
@@ -367,23 +302,6 @@ def test_invariant_under_rigid_motion(keypoints, p, rotation, translation):
             rtol=1e-7,
             atol=1e-7,
         )
-
-
-@repeatable
-@given(skeletons, places, st.floats(1e-3, 1e3))
-def test_homogeneous_of_degree_minus_one(keypoints, p, factor):
-    value = field(keypoints, ARM, p[None])
-    np.testing.assert_allclose(field(factor * keypoints, ARM, factor * p[None]), value / factor, rtol=1e-8)
-
-
-@repeatable
-@given(skeletons, places, st.floats(1.001, 10))
-def test_decreases_on_the_way_out(keypoints, direction, factor):
-    norm = np.linalg.norm(direction)
-    if norm > 1e-3:
-        p = 4 * direction / norm  # outside the ball that holds the key points
-        near, far = field(keypoints, ARM, np.array([p, factor * p]))[0]
-        assert far < near
 
 
 @repeatable

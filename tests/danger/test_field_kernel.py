@@ -99,14 +99,3 @@ def test_the_logarithm_is_that_of_the_library(ratio):
     link, place = np.array([[[-ratio / 8, 0, 0], [0, 0, 0]]]), np.array([[0.125, 0, 0]])
     theta = field(link, Segments([[0, 1]]), place, weighting="length")[0, 0]
     assert theta == pytest.approx(np.log1p(ratio), rel=1e-15 if ratio < 1 else 1e-13)
-
-
-def test_arrays_that_cannot_be_written_to_and_of_any_order():
-    rng = np.random.default_rng(0)
-    keypoints, points = rng.normal(size=(2, K, 3)), rng.normal(size=(5, 3))
-    expected = field(keypoints, TREE, points)
-    for order in "CF":
-        frozen = [np.array(array, order=order) for array in (keypoints, points)]
-        for array in frozen:
-            array.setflags(write=False)
-        np.testing.assert_array_equal(field(frozen[0], TREE, frozen[1]), expected)

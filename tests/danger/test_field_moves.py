@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.certified import CertifiedDanger
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import STANDING, Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, CertifiedDanger, DangerField, InputError, Obstacle, Person, Pose, Scene
+from safe_ompl.geometry import STANDING
 
 SCENE = Scene(
     (
@@ -27,13 +21,12 @@ def key_points(rng):
     return {name: 1.75 * point + place + rng.normal(0.0, 0.03, 3) for name, point in STANDING.items()}
 
 
-@pytest.mark.parametrize("aggregate", ["max", "softmax"])
-@pytest.mark.parametrize("spacing", [None, 0.2])
+@pytest.mark.parametrize(("aggregate", "spacing"), [("max", None), ("softmax", 0.2)])
 def test_after_any_moves_the_danger_is_that_of_a_field_made_anew(panda, rng, aggregate, spacing):
     scene = SCENE
     field = DangerField.of_scene(panda, scene, spacing, aggregate=aggregate)
     proof, changes = CertifiedDanger(field), 0
-    for k in range(30):
+    for k in range(12):
         places = {
             "colleague": key_points(rng),
             "box": Pose(tuple(rng.uniform(-1, 1, 3))),
@@ -50,7 +43,7 @@ def test_after_any_moves_the_danger_is_that_of_a_field_made_anew(panda, rng, agg
         assert field.minimum == anew.minimum
         changes += field.minimum != before
         assert proof.of_edge(*Q[:2]) == CertifiedDanger(anew).of_edge(*Q[:2])
-    assert changes > 10
+    assert changes > 3
 
 
 def test_the_revision_counts_moves_of_what_is_dangerous(panda):

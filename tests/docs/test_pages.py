@@ -47,7 +47,7 @@ def test_links_lead_somewhere(page):
             assert anchor in {anchor_of(heading) for heading in headings}, f"{page.name}: {link}"
 
 
-def anchor_of(heading: str) -> str:
+def anchor_of(heading):
     """Return the anchor that the site gives to a heading."""
     return re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", heading.lower()).strip())
 

@@ -4,12 +4,10 @@ import coal
 import numpy as np
 import pytest
 
+from safe_ompl import RateLimits, time_path
 from safe_ompl.geometry.kernels.hull_gaps import hull_gap
-from safe_ompl.people.reach import ReachSets
-from safe_ompl.people.replanning.command import StopMotion
-from safe_ompl.people.replanning.guarded_path import GuardedPath, RobotBodies
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import time_path
+from safe_ompl.people import ReachSets
+from safe_ompl.people.replanning import GuardedPath, RobotBodies, StopMotion
 
 
 def convex(points):

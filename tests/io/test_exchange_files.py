@@ -9,9 +9,8 @@ import shutil
 import numpy as np
 import pytest
 
-from safe_ompl import Box, InputError, JointPath, Obstacle, Pose, Robot, SafeSetup, Scene, load, save
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.robot.fingerprint import robot_hash
+from safe_ompl import Box, InputError, JointPath, Obstacle, PlanResult, Pose, SafeSetup, Scene, load, save
+from safe_ompl.robot import Robot, robot_hash
 
 
 @pytest.fixture(scope="module")
@@ -187,5 +186,5 @@ def test_what_is_no_csv_path_is_refused_by_line(content, words, tmp_path):
 
 
 def test_other_things_are_not_saved(tmp_path):
-    with pytest.raises(InputError, match="PlanResult, a JointPath or a Scene, not int"):
+    with pytest.raises(InputError, match="PlanResult, a JointPath, a Scene or a Motion, not int"):
         save(3, tmp_path / "x.json")

@@ -5,16 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import StaleSceneError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.paths.report import PathReport
-from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, Scene, StaleSceneError
+from safe_ompl.geometry import Obstacle, Pose, Sphere
+from safe_ompl.paths import PathReport, Simplifier
 
 SCENE = Scene((Obstacle("ball", Sphere(0.08), Pose((0.8, 0.6, 0.6)), weight=1.0),))
 MOVED = SCENE.moved({"ball": Pose((0.7, -0.3, 0.4))})

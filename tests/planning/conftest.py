@@ -2,10 +2,7 @@
 
 import pytest
 
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Obstacle, Pose, Scene, Sphere
 
 
 @pytest.fixture(scope="module")

@@ -5,13 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.objective import DangerObjective, DurationObjective
-from safe_ompl.scene.constraints import MotionLimits
-from safe_ompl.scene.people import People
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.trajectories.local_changes import duration_of
+from safe_ompl import DangerObjective, DurationObjective, InputError, People, Scenario, UnknownNameError
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import MotionLimits, find_scenario
+from safe_ompl.trajectories import duration_of
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.from_scenario import plan, setup_scenario
-from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import InputError, Scenario, plan
+from safe_ompl.planning import setup_scenario
+from safe_ompl.robot import RobotSpec
+from safe_ompl.scene import find_scenario
+from safe_ompl.scene.scenario import Goal
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
@@ -59,7 +59,7 @@ def test_a_scenario_whose_start_collides_names_file_and_pair(scenario, tmp_path)
 
 
 @pytest.mark.parametrize("planner", ["SafeRRTConnect", "RRTConnect", "SafeJTRRT"])
-def test_a_scenario_may_name_a_place_alone(planner: str) -> None:
+def test_a_scenario_may_name_a_place_alone(planner):
     scenario = Scenario.load(find_scenario("ur5_handover"))
     place = dataclasses.replace(scenario.goal, configurations=())
     setup = setup_scenario(dataclasses.replace(scenario, goal=place))

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.apps.benchmark.campaign import Campaign, summarize
-from safe_ompl.apps.cli.program import main
-from safe_ompl.common.errors import InputError
-from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl import InputError, SafeSetup, Scenario, Scene
+from safe_ompl.apps import main
+from safe_ompl.apps.benchmark import Campaign, summarize
+from safe_ompl.paths import Simplifier
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.optimise import Optimisation, optimise
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.scene.scene import Scene
-from safe_ompl.view.plots.paths import plot_plan
+from safe_ompl.scene import find_scenario
+from safe_ompl.view.plots import plot_plan
 
 
 @pytest.fixture(scope="module")

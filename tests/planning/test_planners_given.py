@@ -9,11 +9,10 @@ from pathlib import Path
 import pytest
 from ompl import geometric as og
 
-from safe_ompl.apps.benchmark.benchmark import Benchmark
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl import Benchmark, InputError, Scenario
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners.registry import _REFUSED
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import find_scenario
 
 PLAIN_PRM = [sys.executable, Path(__file__).parent / "programs" / "plain_prm.py"]
 WAYS = {
@@ -71,7 +70,7 @@ def test_an_objective_that_a_thread_of_ompls_own_asks_says_what_happens(setup, c
     objective, over = setup.getOptimizationObjective(), threading.Event()
     state = setup.getStateSpace().allocState()
 
-    def ask() -> None:
+    def ask():
         objective.motionCostHeuristic(state, state)
         over.set()
 

@@ -1,26 +1,15 @@
 """Results: what counts as solved, where paths begin and end, what is said, and how long all took."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.common.errors import InputError, PlanningError
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import plan
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import InputError, Obstacle, PlanningError, Pose, SafeRRTConnect, Scene, Sphere
+from safe_ompl.planning import PlanResult, SafeSetup, plan
+from safe_ompl.planning.ompl import ScratchState, StateBridge
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
@@ -28,22 +17,22 @@ ASIDE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
 
 
 @pytest.fixture
-def setup(ur5: Robot) -> SafeSetup:
+def setup(ur5):
     scene = Scene((Obstacle("ball", Sphere(0.15), Pose((0.45, 0.1, 0.55)), weight=1.0),))
     setup = SafeSetup(ur5, scene)
     setup.setConfigurations(START, GOAL)
     return setup
 
 
-class Fixed(ob.Planner):  # type: ignore[misc]
+class Fixed(ob.Planner):
     """Returns a path that it was given, and calls it what it was told."""
 
-    def __init__(self, setup: SafeSetup, path: list[Any], approximate: bool = False) -> None:
+    def __init__(self, setup, path, approximate=False):
         super().__init__(setup.getSpaceInformation(), "Fixed")
         self._scratch = ScratchState(StateBridge(setup.getStateSpace()))
         self._points, self._approximate = np.array(path), approximate
 
-    def solve(self, ptc: Any) -> Any:
+    def solve(self, ptc):
         solution = og.PathGeometric(self.getSpaceInformation())
         for q in self._points:
             solution.append(self._scratch.set(q))
@@ -53,11 +42,11 @@ class Fixed(ob.Planner):  # type: ignore[misc]
         )
         return ob.PlannerStatus(outcome)
 
-    def clear(self) -> None:
+    def clear(self):
         pass
 
 
-def test_an_approximate_solution_is_none(setup: SafeSetup) -> None:
+def test_an_approximate_solution_is_none(setup):
     short = [START, START + ASIDE]
     for options in ({}, {"simplify": True}):
         result = setup.plan(Fixed(setup, short, approximate=True), **options)
@@ -72,25 +61,25 @@ def test_an_approximate_solution_is_none(setup: SafeSetup) -> None:
     assert not setup.haveExactSolutionPath()
 
 
-def test_an_approximate_path_that_collides_does_not_leave(setup: SafeSetup) -> None:
+def test_an_approximate_path_that_collides_does_not_leave(setup):
     result = setup.plan(Fixed(setup, [START, START * [0, 1, 1, 1, 1, 1]], approximate=True))
     assert not result
     assert result.approximate_path is None
 
 
-def test_a_path_must_end_in_the_goal(setup: SafeSetup) -> None:
+def test_a_path_must_end_in_the_goal(setup):
     with pytest.raises(PlanningError, match=r"Fixed returned a path that ends 1\.6 rad away from the goal"):
         setup.plan(Fixed(setup, [START, START + ASIDE]))
 
 
-def test_a_path_must_begin_at_a_start(setup: SafeSetup) -> None:
+def test_a_path_must_begin_at_a_start(setup):
     setup.setConfigurations(START, START + 2 * ASIDE)
     with pytest.raises(PlanningError, match=r"begins 0\.1 rad away from every start"):
         setup.plan(Fixed(setup, [START + ASIDE, START + 2 * ASIDE]))
     assert setup.plan(Fixed(setup, [START, START + 2 * ASIDE]))
 
 
-def test_a_path_must_end_at_the_place(setup: SafeSetup) -> None:
+def test_a_path_must_end_at_the_place(setup):
     setup = SafeSetup(setup.robot, setup.scene)
     setup.setStartConfiguration(START)
     setup.setWorkspaceGoal(setup.robot.tip_pose(START + ASIDE).translation + np.array([0.0, 0.0, 0.03]))
@@ -101,7 +90,7 @@ def test_a_path_must_end_at_the_place(setup: SafeSetup) -> None:
 # -------------------------------------------------------------------------------------------------- what is said
 
 
-def test_five_lines(setup: SafeSetup) -> None:
+def test_five_lines(setup):
     lines = str(setup.plan(seed=0, time=20.0, simplify=True)).splitlines()
     assert len(lines) == 5
     assert lines[0] == "Exact solution: SafeRRTConnect, seed 0"
@@ -113,7 +102,7 @@ def test_five_lines(setup: SafeSetup) -> None:
     assert lines[4] == "certified: collision"
 
 
-def test_what_limits_are_proven(setup: SafeSetup) -> None:
+def test_what_limits_are_proven(setup):
     setup.setMaxDanger(1e3)
     setup.setMinClearance(0.01)
     setup.setMovingObstacles({"ball": 0.01}, 1.0)
@@ -123,7 +112,7 @@ def test_what_limits_are_proven(setup: SafeSetup) -> None:
     )
 
 
-def test_without_a_report_the_path_is_validated(setup: SafeSetup) -> None:
+def test_without_a_report_the_path_is_validated(setup):
     result = setup.plan(seed=0, time=20.0, report=False)
     assert result
     assert result.report is None
@@ -135,7 +124,7 @@ def test_without_a_report_the_path_is_validated(setup: SafeSetup) -> None:
     assert setup.counts.distance_queries == 0
 
 
-def test_links_without_collision_geometry_are_named(setup: SafeSetup, monkeypatch: Any) -> None:
+def test_links_without_collision_geometry_are_named(setup, monkeypatch):
     monkeypatch.setattr(setup.robot, "links_without_collision", ("cover",))
     result = setup.plan(seed=0, time=20.0)
     assert result.report.links_without_collision == ("cover",)
@@ -144,7 +133,7 @@ def test_links_without_collision_geometry_are_named(setup: SafeSetup, monkeypatc
 
 
 @pytest.mark.parametrize("options", [{}, {"simplify": True}, {"optimise": 0.5}])
-def test_times_add_up(setup: SafeSetup, ticks: Any, options: dict[str, Any]) -> None:
+def test_times_add_up(setup, ticks, options):
     result = setup.plan(seed=0, **{"time": 20.0, **options})
     elapsed = 1e-3 * (ticks.looks - 1)  # between the first look and the last
     parts = [
@@ -157,7 +146,7 @@ def test_times_add_up(setup: SafeSetup, ticks: Any, options: dict[str, Any]) -> 
     assert result.report.time > 0
 
 
-def test_simplification_keeps_to_the_time_limit(setup: SafeSetup, monkeypatch: Any) -> None:
+def test_simplification_keeps_to_the_time_limit(setup, monkeypatch):
     given = []
     monkeypatch.setattr(setup, "simplifySolution", lambda time: given.append(time))
     setup.plan(seed=0, time=20.0, simplify=True)
@@ -172,23 +161,23 @@ def test_simplification_keeps_to_the_time_limit(setup: SafeSetup, monkeypatch: A
 
 
 @pytest.mark.parametrize("time", [math.inf, 1e10, np.float32(20.0), 20])
-def test_long_times(setup: SafeSetup, time: Any) -> None:
+def test_long_times(setup, time):
     assert setup.solve(time)
     assert setup.haveExactSolutionPath()
 
 
-def test_solve_without_a_planner_takes_ours(setup: SafeSetup) -> None:
+def test_solve_without_a_planner_takes_ours(setup):
     assert setup.solve(20.0)
     assert setup.getPlanner().getName() == "SafeRRTConnect"
 
 
-def test_a_scenario_by_name() -> None:
+def test_a_scenario_by_name():
     result = plan("planar3", time=20.0)
     assert isinstance(result, PlanResult)
     assert result
 
 
-def test_planners_that_are_none(setup: SafeSetup, ur5: Robot) -> None:
+def test_planners_that_are_none(setup, ur5):
     other = SafeSetup(ur5, setup.scene)
     foreign = SafeRRTConnect(other.getSpaceInformation())
     for wrong, message in [
@@ -201,17 +190,17 @@ def test_planners_that_are_none(setup: SafeSetup, ur5: Robot) -> None:
             setup.plan(wrong)
 
 
-def test_a_solution_before_there_is_one(setup: SafeSetup) -> None:
+def test_a_solution_before_there_is_one(setup):
     with pytest.raises(InputError, match="there is no solution: call solve or plan first"):
         setup.solution()
 
 
-def test_danger_that_is_no_mapping(setup: SafeSetup) -> None:
+def test_danger_that_is_no_mapping(setup):
     with pytest.raises(InputError, match="danger must be a mapping of options, or None for none, got True"):
-        SafeSetup(setup.robot, setup.scene, danger=True)  # type: ignore[arg-type]
+        SafeSetup(setup.robot, setup.scene, danger=True)
 
 
-def test_goals_that_hang_are_refused(setup: SafeSetup) -> None:
+def test_goals_that_hang_are_refused(setup):
     goal = ob.GoalLazySamples(setup.getSpaceInformation(), lambda goal, state: False, False, 0.1)
     setup.setGoal(goal)
     with pytest.raises(InputError, match="GoalLazySamples waits for itself for ever"):

@@ -1,22 +1,14 @@
 """SafeSetup and plan: from a problem to a validated path, and clear words about problems that make no sense."""
 
 import json
-import logging
 
 import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.common.errors import CollisionError, InputError, PlanningError, UnknownNameError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.objective import DangerObjective
-from safe_ompl.planning.planners.registry import make_planner, planner_names
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, DangerObjective, Obstacle, Pose, SafeSetup, Scene
+from safe_ompl.common import CollisionError, InputError, PlanningError, UnknownNameError
+from safe_ompl.planning.planners import SafeRRTConnect, make_planner, planner_names
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
@@ -77,21 +69,12 @@ def test_as_the_json_of_the_command_line(setup):
     assert found["danger"]["avoidable"] >= 0
 
 
-def test_the_same_seed_gives_the_same_path_in_the_same_setup(setup):
-    first, other, again = (setup.plan(time=10.0, seed=seed) for seed in (5, 6, 5))
-    np.testing.assert_array_equal(first.path, again.path)
-    assert first.counts == again.counts
-    assert first.path.shape != other.path.shape or (first.path != other.path).any()
-
-
 @pytest.mark.parametrize("name", ["RRTConnect", "ClassicRRTConnect"])
 def test_other_planners_find_certified_paths(setup, name):
     result = setup.plan(name, time=10.0, seed=1)
     assert result.planner == name
     assert result.report.certified
     assert result.counts.nodes > 2
-    again = setup.plan(name, time=10.0, seed=1)
-    np.testing.assert_array_equal(result.path, again.path)
 
 
 def test_a_planner_object(setup):
@@ -108,16 +91,9 @@ def test_parameters_reach_the_planner(setup):
     assert steps[0] <= 0.1 + 1e-9 < steps[1]
 
 
-def test_no_solution_in_time(tmp_path):
-    urdf = tmp_path / "crank.urdf"
-    urdf.write_text(
-        """<robot name="crank"><link name="base"/><link name="ball"><collision><origin xyz="0.5 0 0"/>
-        <geometry><sphere radius="0.05"/></geometry></collision></link>
-        <joint name="turn" type="revolute"><parent link="base"/><child link="ball"/><axis xyz="0 0 1"/>
-        <limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
-    )
+def test_no_solution_in_time(crank):
     in_the_way = Scene((Obstacle("post", Box((0.1, 0.1, 0.1)), Pose((0.5, 0.0, 0.0))),))
-    setup = SafeSetup(Robot.from_urdf(urdf), in_the_way, danger=None)
+    setup = SafeSetup(crank, in_the_way, danger=None)
     setup.setConfigurations([-1.0], [1.0])
     result = setup.plan(time=0.2)
     assert not result
@@ -133,14 +109,6 @@ def test_a_goal_that_is_the_start(setup):
     result = setup.plan(time=5.0)
     assert result
     np.testing.assert_allclose(result.path[[0, -1]], [START, START])
-
-
-def test_another_problem_in_the_same_setup(setup):
-    setup.plan(time=10.0)
-    other = START + np.array([0.0, 0.0, 0.2, 0.3, 0.0, 1.0])
-    setup.setConfigurations(GOAL, other)
-    result = setup.plan(time=10.0)
-    np.testing.assert_allclose(result.path[[0, -1]], [GOAL, other])
 
 
 def test_a_path_that_nobody_checked_does_not_leave_the_package(setup):
@@ -225,22 +193,6 @@ def test_a_start_in_collision_names_the_pair(setup):
     folded = np.array([0.0, -1.6, 3.0, 0.0, 0.0, 0.0])
     with pytest.raises(CollisionError, match=r"goal is in collision: '\w+_link' touches '\w+_link'"):
         setup.setConfigurations(START, folded)
-
-
-def test_of_several_goals_the_free_ones_count(setup, caplog):
-    with caplog.at_level(logging.WARNING):
-        setup.setConfigurations(START, [IN_BALL, GOAL])
-    assert "goal 0 is in collision" in caplog.text
-    result = setup.plan(time=10.0)
-    np.testing.assert_allclose(result.path[-1], GOAL)
-    with pytest.raises(CollisionError, match="goal 1 is in collision"):
-        setup.setConfigurations(START, [IN_BALL, IN_BALL])
-
-
-def test_a_bad_problem_leaves_the_last_one_in_place(setup):
-    with pytest.raises(CollisionError):
-        setup.setConfigurations(START, IN_BALL)
-    assert setup.plan(time=10.0)
 
 
 @pytest.mark.parametrize("time", [0, -1.0, np.nan, np.inf, "5", None])

@@ -1,9 +1,6 @@
 """Inputs as people have them: by name, single precision, quaternions, poses; and limits that meet a start."""
 
-from __future__ import annotations
-
 import logging
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,19 +8,11 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CollisionError, InputError, UnknownNameError
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.goals import WorkspaceGoal
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.run import planner_data
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.place import inverse_kinematics
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, SafeRRTConnect, SafeSetup, Scene, planner_data
+from safe_ompl.common import CollisionError, InputError, UnknownNameError
+from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
+from safe_ompl.planning.ompl import ScratchState, StateBridge, WorkspaceGoal
+from safe_ompl.robot import inverse_kinematics
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 GOAL = START * [-1, 1, 1, 1, 1, 1]
@@ -31,7 +20,7 @@ IN_BALL = START * [0, 1, 1, 1, 1, 1]
 
 
 @pytest.fixture
-def setup(ur5: Robot) -> SafeSetup:
+def setup(ur5):
     scene = Scene((Obstacle("ball", Sphere(0.15), Pose((0.45, 0.1, 0.55)), weight=1.0),))
     return SafeSetup(ur5, scene)
 
@@ -46,7 +35,7 @@ def setup(ur5: Robot) -> SafeSetup:
         lambda robot, q: [np.float32(value) for value in q],
     ],
 )
-def test_forms_of_a_configuration(setup: SafeSetup, form: Any) -> None:
+def test_forms_of_a_configuration(setup, form):
     start, goal = form(setup.robot, START), form(setup.robot, GOAL)
     setup.setConfigurations(start, goal)
     np.testing.assert_allclose(setup.problem.start, START, atol=1e-6)
@@ -56,7 +45,7 @@ def test_forms_of_a_configuration(setup: SafeSetup, form: Any) -> None:
     assert setup.plan(seed=np.int64(0), time=np.float32(20.0))
 
 
-def test_names_that_are_wrong(setup: SafeSetup) -> None:
+def test_names_that_are_wrong(setup):
     named = setup.robot.named(START)
     with pytest.raises(UnknownNameError, match="start configuration: unknown joint 'elbow'; known: shoulder"):
         setup.setStartConfiguration({**named, "elbow": 1.0})
@@ -65,7 +54,7 @@ def test_names_that_are_wrong(setup: SafeSetup) -> None:
         setup.setConfigurations(START, named)
 
 
-def test_one_warning_for_many_goals_in_collision(setup: SafeSetup, caplog: pytest.LogCaptureFixture) -> None:
+def test_one_warning_for_many_goals_in_collision(setup, caplog):
     with caplog.at_level(logging.WARNING):
         setup.setConfigurations(START, [IN_BALL] * 20 + [GOAL])
     (record,) = caplog.records
@@ -73,7 +62,7 @@ def test_one_warning_for_many_goals_in_collision(setup: SafeSetup, caplog: pytes
     assert record.getMessage().endswith("; and 19 more")
 
 
-def pose(robot: Robot) -> pin.SE3:
+def pose(robot):
     return robot.tip_pose(GOAL)
 
 
@@ -86,7 +75,7 @@ def pose(robot: Robot) -> pin.SE3:
         lambda pose: (pose.translation.astype(np.float32), pin.Quaternion(pose.rotation).coeffs().tolist()),
     ],
 )
-def test_forms_of_a_pose(setup: SafeSetup, form: Any) -> None:
+def test_forms_of_a_pose(setup, form):
     setup.setWorkspaceGoal(*form(pose(setup.robot)))
     place = setup.getGoal().place
     np.testing.assert_allclose(place.position, pose(setup.robot).translation, atol=1e-6)
@@ -95,7 +84,7 @@ def test_forms_of_a_pose(setup: SafeSetup, form: Any) -> None:
     assert goal.place.dimension == 6
 
 
-def test_rotations_that_are_none(setup: SafeSetup) -> None:
+def test_rotations_that_are_none(setup):
     with pytest.raises(InputError, match=r"quaternion \(x, y, z, w\) must be of unit length"):
         setup.setWorkspaceGoal([0.4, 0.1, 0.5], [0, 0, 0, 2])
     with pytest.raises(InputError, match="the pose has one already"):
@@ -105,29 +94,29 @@ def test_rotations_that_are_none(setup: SafeSetup) -> None:
 # ------------------------------------------------------------------------------------------------ inverse kinematics
 
 
-def test_inverse_kinematics_reaches_the_pose(ur5: Robot) -> None:
+def test_inverse_kinematics_reaches_the_pose(ur5):
     q = inverse_kinematics(ur5, pose(ur5))
     assert ur5.within_limits(q).all()
     np.testing.assert_allclose(ur5.tip_pose(q).homogeneous, pose(ur5).homogeneous, atol=1e-3)
     np.testing.assert_array_equal(q, inverse_kinematics(ur5, pose(ur5)))
 
 
-def test_inverse_kinematics_takes_the_nearest(ur5: Robot) -> None:
+def test_inverse_kinematics_takes_the_nearest(ur5):
     q = inverse_kinematics(ur5, pose(ur5), near=GOAL + 0.05)
     np.testing.assert_allclose(q, GOAL, atol=0.01)
 
 
-def test_inverse_kinematics_takes_what_is_valid(setup: SafeSetup) -> None:
+def test_inverse_kinematics_takes_what_is_valid(setup):
     place = setup.robot.tip_pose(IN_BALL).translation
     assert inverse_kinematics(setup.robot, place, near=IN_BALL) is not None
 
-    def valid(q: np.ndarray) -> bool:
+    def valid(q):
         return not setup.checker.in_collision(q)
 
     assert inverse_kinematics(setup.robot, place, near=IN_BALL, valid=valid) is None, "it is inside the ball"
 
 
-def test_inverse_kinematics_says_what_is_wrong(ur5: Robot) -> None:
+def test_inverse_kinematics_says_what_is_wrong(ur5):
     assert inverse_kinematics(ur5, [9.0, 0.0, 0.0]) is None
     with pytest.raises(InputError, match="seeds must be"):
         inverse_kinematics(ur5, [0.4, 0.1, 0.5], seeds=0)
@@ -138,7 +127,7 @@ def test_inverse_kinematics_says_what_is_wrong(ur5: Robot) -> None:
 # --------------------------------------------------------------------------------------------- obstacles that move
 
 
-def test_moving_obstacles_must_leave_the_start_free(setup: SafeSetup) -> None:
+def test_moving_obstacles_must_leave_the_start_free(setup):
     setup.setConfigurations(START, GOAL)
     with pytest.raises(CollisionError, match="start is too near: 'ball' may move 1000 mm, and come to '"):
         setup.setMovingObstacles({"ball": 1.0}, 1.0)
@@ -154,7 +143,7 @@ def test_moving_obstacles_must_leave_the_start_free(setup: SafeSetup) -> None:
 # -------------------------------------------------------------------------------------- spaces wider than the robot
 
 
-def test_a_wider_space_does_not_widen_the_limits(slider: Robot) -> None:
+def test_a_wider_space_does_not_widen_the_limits(slider):
     """Beyond its stroke the carriage meets a wall that it never meets within: that pair is not looked at."""
     joint = int(np.flatnonzero(slider.prismatic)[0])
     middle = 0.5 * (slider.lower + slider.upper)
@@ -183,14 +172,14 @@ def test_a_wider_space_does_not_widen_the_limits(slider: Robot) -> None:
 
 
 @pytest.fixture(scope="session")
-def slider(robot_named: Any) -> Robot:
+def slider(robot_named):
     return robot_named("slider")
 
 
 # ----------------------------------------------------------------------------------------------------- planner data
 
 
-def test_planner_data_outside_a_safe_setup(setup: SafeSetup) -> None:
+def test_planner_data_outside_a_safe_setup(setup):
     plain = og.SimpleSetup(setup.getSpaceInformation())
     plain.addStartState(ScratchState(setup.wiring.bridge).set(START))
     plain.setGoalState(ScratchState(setup.wiring.bridge).set(GOAL))

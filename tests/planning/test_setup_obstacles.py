@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 from ompl import geometric as og
 
-from safe_ompl.common.errors import CollisionError, InputError, StaleSceneError, UnknownNameError
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.paths.measures import Curve
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.bubble import BubblePlanner
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import Box, BubblePlanner, Obstacle, Pose, SafeRRTConnect, Sphere
+from safe_ompl.common import CollisionError, InputError, StaleSceneError, UnknownNameError
+from safe_ompl.paths import Curve
+from safe_ompl.planning import SafeSetup, setup_scenario
+from safe_ompl.scene import Scenario, find_scenario
 
 PLANNERS = ["SafeRRTConnect", "SafePRM", "BubblePlanner", "RRTConnect"]
 BALL = Obstacle("ball", Sphere(0.1), Pose((0.3, 0.5, 0.4)), weight=0.5)

@@ -1,7 +1,5 @@
 """Limits of the tool on whole paths: planners, simplification, reports, scenarios and the command line keep to them."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from itertools import pairwise
@@ -11,21 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.apps.cli.program import main
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import CollisionError, InputError
-from safe_ompl.geometry.basic import Cylinder
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.place import inverse_kinematics
-from safe_ompl.robot.region import GoalRegion
-from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scene.constraints import PathLimits, TipBox, ToolConstraint
-from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, CollisionError, Cylinder, InputError, Obstacle, Pose, SafeSetup
+from safe_ompl.apps import main
+from safe_ompl.planning import setup_scenario
+from safe_ompl.robot import GoalRegion, RobotSpec, inverse_kinematics
+from safe_ompl.scene import Scenario, Scene, ToolConstraint
+from safe_ompl.scene.constraints import PathLimits, TipBox
+from safe_ompl.scene.scenario import Goal
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 LIMIT = np.radians(30.0)
@@ -34,7 +24,7 @@ PLANNERS = ["SafeRRTConnect", "SafeJTRRT", "SafePRM", "BubblePlanner", "ClassicR
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene():
     return Scene([Obstacle("pillar", Cylinder(0.08, 1.4), Pose([0.5, 0, 0.7]), weight=1.0)], spacing=0.1)
 
 
@@ -53,7 +43,7 @@ def ends(robot_named, scene):
 
 
 @pytest.fixture
-def setup(ur5, scene, ends) -> SafeSetup:
+def setup(ur5, scene, ends):
     setup = SafeSetup(ur5, scene)
     setup.setConfigurations(*ends["ur5"])
     return setup
@@ -180,7 +170,7 @@ def test_the_tip_stays_in_a_box(setup, ends):
 
 
 @pytest.fixture
-def scenario(scene, ends) -> Scenario:
+def scenario(scene, ends):
     start, goal = (tuple(q.tolist()) for q in ends["ur5"])
     return Scenario("cup", RobotSpec("ur5"), scene, start, Goal((goal,)))
 
@@ -195,11 +185,7 @@ def test_scenarios_keep_tools_upright(scenario, tmp_path):
     setup = setup_scenario(again)
     assert setup.getToolConstraint().limit == LIMIT
     assert setup.getTipBounds().lower.tolist() == [-np.inf, -np.inf, 0.2]
-    assert setup.plan(seed=1, time=8.0).validation.claims == (
-        "collision",
-        "tool orientation",
-        "tip position",
-    )
+    assert setup.plan(seed=1, time=8.0).validation.claims == ("collision", "tool orientation", "tip position")
 
 
 def test_scenarios_have_regions(scenario, tmp_path):

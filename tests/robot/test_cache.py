@@ -1,8 +1,6 @@
 """The cache on disk: where it is, what is read back, and that it never gets in the way."""
 
 import logging
-import os
-import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -57,25 +55,3 @@ def test_many_writers_leave_one_whole_file(tmp_path, monkeypatch):
             job.result()
     assert all(found is None or found == value for found in seen)
     assert [file.name for file in tmp_path.iterdir()] == ["pairs-abc.json"]
-
-
-def test_distances_do_not_depend_on_what_is_kept(tmp_path):
-    program = """if True:
-        import numpy as np
-        from safe_ompl import Box, CollisionChecker, Obstacle, Pose, Robot, Scene
-        robot = Robot.from_example("panda")
-        scene = Scene((Obstacle("box", Box((0.2, 0.3, 0.4)), Pose((0.5, 0.2, 0.4))),))
-        q = np.random.default_rng(3).uniform(robot.lower, robot.upper)
-        print(CollisionChecker(robot, scene).pair_distances(q).tobytes().hex())
-    """
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, "SAFE_OMPL_CACHE": kept},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for kept in ("off", str(tmp_path), str(tmp_path))
-    ]
-    assert said[0] == said[1] == said[2]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl import InputError, UnknownNameError
+from safe_ompl.robot import JointLimits
 
 ASKED = (
     "keypoints",
@@ -69,5 +70,24 @@ def test_nan_is_never_within_limits(kinova):
     assert kinova.within_limits([0.0, *((kinova.lower + kinova.upper) / 2)[1:]]).all()
 
 
-def test_differences_of_lists(kinova):
-    np.testing.assert_allclose(kinova.difference([3.0] * 6, [-3.0] * 6)[kinova.continuous], 2 * np.pi - 6)
+# ------------------------------------------------ the quick look at joint limits says what the robot's own one does
+
+
+@pytest.mark.parametrize("name", ["ur5", "kinova", "twin_arm"])
+def test_as_the_robot_says(robot_named, rng, name):
+    robot = robot_named(name)
+    limits = JointLimits(robot)
+    answers = set()
+    for q in rng.uniform(1.2 * robot.lower - 0.01, 1.2 * robot.upper + 0.01, (200, robot.n)):
+        answers.add(limits.hold(q))
+        assert limits.hold(q) is bool(robot.within_limits(q).all())
+    assert answers == {True, False}
+
+
+def test_what_is_not_finite_is_outside(kinova):
+    for bad in (np.nan, np.inf, -np.inf):
+        for joint in range(kinova.n):
+            q = np.zeros(kinova.n)
+            q = np.clip(q, kinova.lower, kinova.upper)
+            q[joint] = bad
+            assert JointLimits(kinova).hold(q) is False

@@ -7,45 +7,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.joint_tables import Coupling, Mimic, resolved
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, CertifiedMotion, CollisionChecker, InputError, Obstacle, Pose, Robot, Scene
+from safe_ompl.robot import Mimic, robot_hash
+from safe_ompl.robot.joint_tables import Coupling, resolved
 
 GRIP = 2
 
 
 @pytest.fixture(scope="module")
-def gripper(data_folder):
-    """Two links and a gripper: grip_mirror = 1.5·grip + 0.001."""
-    return Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="finger_1")
-
-
-@pytest.fixture(scope="module")
-def parallel(data_folder, tmp_path_factory):
-    """Two links and a hand that turns back by twice the angle of the elbow, less 0.3."""
-    text = (data_folder / "gripper_arm.urdf").read_text()
-    wrist = '<joint name="wrist" type="fixed">'
-    assert wrist in text
-    text = text.replace(wrist, '<joint name="wrist" type="revolute">').replace(
-        '<origin xyz="0.42 0 0"/>',
-        '<origin xyz="0.42 0 0"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>'
-        '<mimic joint="elbow" multiplier="-2" offset="-0.3"/>',
-    )
-    path = tmp_path_factory.mktemp("parallel") / "parallel.urdf"
-    path.write_text(text)
-    return Robot.from_urdf(path)
+def gripper(robot_named):
+    return robot_named("gripper")
 
 
 @pytest.fixture(params=["gripper", "parallel"])
-def robot(request):
-    return request.getfixturevalue(request.param)
+def robot(request, robot_named):
+    return robot_named(request.param)
 
 
 def spread(robot, rng, count):
@@ -68,7 +44,8 @@ def test_both_fingers_move(gripper):
     assert apart == pytest.approx([0.01 + 0.001, 0.01 + 0.001 + 2.5 * 0.04])
 
 
-def test_limits_shrink_until_the_mimic_keeps_to_its_own(parallel, edited, caplog):
+def test_limits_shrink_until_the_mimic_keeps_to_its_own(robot_named, edited, caplog):
+    parallel = robot_named("parallel")
     assert (parallel.lower[1], parallel.upper[1]) == pytest.approx((-1.65, 1.35))
     with caplog.at_level(logging.INFO):
         Robot.from_urdf(edited("gripper_arm.urdf", 'lower="0" upper="0.08"', 'lower="0" upper="0.031"'))
@@ -99,30 +76,6 @@ def test_chains_of_mimics():
     np.testing.assert_allclose(coupling.radii(np.array([1.0, 1.0, 1.0])), [9.0])
 
 
-def test_jacobians_against_finite_differences(robot, rng):
-    step = 1e-6
-    for q in spread(robot, rng, 5):
-        numeric, tip = np.zeros((len(robot.keypoints(q)), 3, robot.n)), np.zeros((3, robot.n))
-        for i, h in enumerate(step * np.eye(robot.n)):
-            numeric[:, :, i] = (robot.keypoints(q + h) - robot.keypoints(q - h)) / (2 * step)
-            tip[:, i] = (robot.tip_pose(q + h).translation - robot.tip_pose(q - h).translation) / (2 * step)
-        np.testing.assert_allclose(robot.keypoint_jacobians(q), numeric, atol=1e-7)
-        np.testing.assert_allclose(robot.tip_jacobian(q)[:3], tip, atol=1e-7)
-        gradients = rng.normal(size=(1, len(numeric), 3))
-        np.testing.assert_allclose(
-            robot.pull_back(q[None], gradients)[0], np.einsum("kci,kc->i", numeric, gradients[0]), atol=1e-6
-        )
-
-
-def test_motions_of_key_points_against_finite_differences(robot, rng):
-    q, delta, step = spread(robot, rng, 1)[0], rng.uniform(-0.3, 0.3, robot.n), 1e-4
-    before, here, after = (robot.keypoints(q + t * delta) for t in (-step, 0.0, step))
-    points, speed, push = (values[0] for values in robot.keypoint_motions(q[None], delta[None]))
-    np.testing.assert_allclose(points, here, atol=1e-12)
-    np.testing.assert_allclose(speed, (after - before) / (2 * step), atol=1e-6)
-    np.testing.assert_allclose(push, (after - 2 * here + before) / step**2, atol=1e-5)
-
-
 def test_points_of_bodies_against_finite_differences(robot, rng):
     q, step = spread(robot, rng, 1), 1e-6
     joints = np.arange(1, robot.model.njoints)
@@ -131,21 +84,6 @@ def test_points_of_bodies_against_finite_differences(robot, rng):
     for i, h in enumerate(step * np.eye(robot.n)):
         after, before = (robot.body_points(q + s * h, rows, joints, points)[0] for s in (1, -1))
         np.testing.assert_allclose(jacobians[:, i], (after - before) / (2 * step), atol=1e-7)
-
-
-def test_no_body_moves_farther_than_its_radii_allow(robot, body_points, rng):
-    bodies = body_points(robot)
-    for _ in range(200):
-        start, end = spread(robot, rng, 2)
-        end = start + rng.uniform(0.001, 1.0) * (end - start)
-        delta = np.abs(end - start)
-        constant, at_start = (
-            robot.bounds.displacement_radii @ delta,
-            robot.bounds.displacement_radii_at(start) @ delta,
-        )
-        for k, (old, new) in enumerate(zip(bodies.at(start), bodies.at(end), strict=True)):
-            moved = np.linalg.norm(new - old, axis=1).max()
-            assert moved <= min(constant[k], at_start[k]) + 1e-9
 
 
 def test_a_body_and_one_that_mimics_its_motion_approach_each_other(gripper, plain_check):

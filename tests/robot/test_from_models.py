@@ -7,12 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import InputError
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.joint_tables import Mimic
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, InputError, Robot, Scene
+from safe_ompl.robot import Mimic, robot_hash
 
 
 @pytest.fixture

@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.robot.loading.packages import EXAMPLES
-from safe_ompl.robot.reach import Hull, JointChain, ReachCylinder, bounding_hull
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, Scene
+from safe_ompl.robot import Hull, ReachCylinder, bounding_hull
+from safe_ompl.robot.loading import EXAMPLES
+from safe_ompl.robot.reach import JointChain
 
-ROBOTS = [*sorted(EXAMPLES), "twin_arm", "slider"]
+SIMPLE = [*sorted(EXAMPLES), "twin_arm", "slider"]
+ROBOTS = [*SIMPLE, "gripper", "parallel"]  # joints that mimic others, too
 ROUNDING = 1e-9  # [m]
 
 seeds = st.integers(0, 2**32 - 1)
@@ -277,7 +278,7 @@ def test_no_body_leaves_its_reach(robot_named, body_points, name, seed):
             assert contains(robot.chain.reach(joint, hull), points)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", SIMPLE)
 @settings(max_examples=20)
 @given(seed=seeds, radius=st.floats(0.0, 0.3))
 def test_no_obstacle_is_farther_from_an_axis_than_said(robot_named, name, seed, radius):

@@ -3,11 +3,14 @@
 import logging
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from self_pairs import self_pairs
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.robot.robot import Robot
+from safe_ompl import InputError, Robot
+from safe_ompl.robot import default_tip
+from safe_ompl.robot.arm import finger_links
+from safe_ompl.robot.loading import robots_folder
 
 
 def test_gripper_is_held_with_the_finger_that_mimics(data_folder, caplog):
@@ -17,12 +20,6 @@ def test_gripper_is_held_with_the_finger_that_mimics(data_folder, caplog):
     assert "grip_mirror = 0.031" in caplog.text
     fingers = {b.name: b.placement.translation for b in robot.collision_model.geometryObjects}
     assert fingers["finger_1_0"][1] == pytest.approx(0.005 + 0.02)
-    assert fingers["finger_2_0"][1] == pytest.approx(-0.005 - (1.5 * 0.02 + 0.001))
-
-
-def test_a_mimic_joint_follows_even_where_the_tip_alone_would_lock_it(data_folder):
-    robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", tip="hand", locked={"grip": 0.02})
-    fingers = {b.name: b.placement.translation for b in robot.collision_model.geometryObjects}
     assert fingers["finger_2_0"][1] == pytest.approx(-0.005 - (1.5 * 0.02 + 0.001))
 
 
@@ -147,3 +144,37 @@ def test_joints_whose_limits_leave_no_range_are_held(edited, caplog):
         Robot.from_urdf(urdf, tip="hand", locked={"grip": 0.0, "turn": 0.1})
     with pytest.raises(InputError, match=r"joint 'turn' has the limits \[0.1, 0.1\]: no range to plan in"):
         freed.with_limits({"turn": (0.1, 0.1)})
+
+
+# -------------------------------------------------------------------------------------------------- the default tip
+
+
+@pytest.mark.parametrize(
+    ("file", "tip"),
+    [
+        ("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
+        ("ur_description/urdf/ur5_joint_limited_robot.urdf", "ee_link"),
+        ("tiago_description/robots/tiago_no_hand.urdf", "wrist_ft_tool_link"),
+    ],
+)
+def test_tips_of_robots_as_they_come(file, tip):
+    model = pin.buildModelFromUrdf(str(robots_folder() / file))
+    assert default_tip(model, model) == tip
+
+
+def test_a_hand_is_the_tip_and_the_log_says_so(data_folder, caplog):
+    with caplog.at_level(logging.INFO):
+        robot = Robot.from_urdf(data_folder / "gripper_arm.urdf", locked={"grip": 0.01})
+    assert robot.tip == "hand"
+    assert "tip: hand, the body before the fingers (finger_1, finger_2)" in caplog.text
+
+
+def test_two_arms_are_no_fingers(data_folder, twin_arm):
+    assert finger_links(pin.buildModelFromUrdf(str(data_folder / "twin_arm.urdf"))) == frozenset()
+    assert twin_arm.tip == "right_hand"
+
+
+def test_fingers_on_a_standing_base_are_the_robot(data_folder, edited):
+    urdf = edited("gripper_arm.urdf", 'name="turn" type="revolute"', 'name="turn" type="fixed"')
+    urdf.write_text(urdf.read_text().replace('name="elbow" type="revolute"', 'name="elbow" type="fixed"'))
+    assert finger_links(pin.buildModelFromUrdf(str(urdf))) == frozenset()

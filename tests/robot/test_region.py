@@ -6,10 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.ik import METRES_PER_RADIAN, solve_from_seed
-from safe_ompl.robot.region import GoalRegion, RegionPlace
+from safe_ompl import GoalRegion, InputError, Pose
+from safe_ompl.robot import METRES_PER_RADIAN, RegionPlace, solve_from_seed
 
 FRAME = Pose.from_rpy([0.4, -0.1, 0.3], [0.3, -0.5, 1.2])
 REGIONS = {
@@ -57,9 +55,8 @@ def holds(region, position, rotation, tolerance):
     return inside
 
 
-def sampled_distance(region, pose, rng, count=4000):
+def sampled_distance(drawn, pose):
     """Return the least distance of a pose from samples of a region, position and orientation apart."""
-    drawn = [region.sample(rng) for _ in range(count)]
     position = min(np.linalg.norm(p - pose.translation) for p, _ in drawn)
     if drawn[0][1] is None:
         return position
@@ -78,10 +75,11 @@ def test_what_is_drawn_is_inside(region, rng):
 
 @pytest.mark.parametrize("region", NAMES)
 def test_the_nearest_pose_is_inside_and_none_that_is_drawn_is_nearer(region, rng):
+    drawn = [region.sample(rng) for _ in range(4000)]
     for pose in poses(rng, 6):
         position, rotation = region.nearest(pose)
         assert holds(region, position, rotation, 1e-7)
-        distance, sampled = region.distance(pose), sampled_distance(region, pose, rng)
+        distance, sampled = region.distance(pose), sampled_distance(drawn, pose)
         assert distance <= sampled + 1e-9
         assert sampled <= distance + 0.06, "samples are dense enough to say how far it is"
 

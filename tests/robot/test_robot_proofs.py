@@ -3,18 +3,11 @@
 import numpy as np
 import pytest
 
-from safe_ompl.certificates.issue import certificate, terms_of_field
-from safe_ompl.certificates.verifier.verify import verify
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import CertificateError
-from safe_ompl.danger.certified import CertifiedDanger
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Capsule, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertificateError, CertifiedMotion, CollisionChecker, Robot, Scene
+from safe_ompl.certificates import certificate, verify
+from safe_ompl.certificates.issue import terms_of_field
+from safe_ompl.danger import CertifiedDanger, DangerField
+from safe_ompl.geometry import Box, Capsule, Obstacle, Pose, Sphere
 
 SCENE = Scene(
     (
@@ -85,10 +78,3 @@ def test_no_danger_exceeds_its_bound(robot, free_edges):
         samples = field.values(start + np.linspace(0.0, 1.0, 300)[:, None] * (end - start))
         assert samples.max() <= bounds.upper * (1 + 1e-9)
         assert bounds.upper <= 1.06 * bounds.lower
-
-
-def test_gradient_of_the_danger_against_finite_differences(robot, free_edges):
-    field, step = danger_of(robot), 1e-6
-    q = free_edges[0][0]
-    numeric = [(field.value(q + h) - field.value(q - h)) / (2 * step) for h in step * np.eye(robot.n)]
-    np.testing.assert_allclose(field.gradient(q), numeric, rtol=1e-4, atol=1e-6)

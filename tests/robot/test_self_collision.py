@@ -1,12 +1,14 @@
 """Self pairs that are always in contact: sampled as long as undecided, and remembered on disk."""
 
+import json
+
 import pinocchio as pin
 import pytest
 
+from safe_ompl import Robot
 from safe_ompl.common import cache
-from safe_ompl.robot import self_collision
-from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.self_collision import always_in_contact, remembered_contacts, sample_configurations
+from safe_ompl.robot.loading import collision as self_collision
+from safe_ompl.robot.loading.collision import always_in_contact, remembered_contacts, sample_configurations
 
 
 def every_pair(robot):
@@ -89,8 +91,7 @@ def test_what_cannot_be_believed_is_sampled_anew(cache_folder, robot_named, valu
     expected = remembered_contacts(robot.model, geometry, samples)
     (file,) = cache_folder.iterdir()
     right = file.read_text()
-    key = self_collision._key(robot.model, geometry, samples)
-    file.write_text(value.replace("KEY", key))
+    file.write_text(value.replace("KEY", json.loads(right)["key"]))
     again = remembered_contacts(robot.model, geometry, samples)
     assert [(p.first, p.second) for p in again] == [(p.first, p.second) for p in expected]
     assert file.read_text() == right

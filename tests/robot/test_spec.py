@@ -3,13 +3,9 @@
 import numpy as np
 import pytest
 
+from safe_ompl import Box, Cylinder, InputError, Pose, Robot
 from safe_ompl.common import documents as yaml_documents
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box, Cylinder
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.spec import RobotSpec
+from safe_ompl.robot import RobotSpec, robot_hash
 
 PLACED = """
 urdf: twin_arm.urdf

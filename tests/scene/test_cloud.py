@@ -1,12 +1,8 @@
 """Point clouds: files, and collision that never misses a ball."""
 
-from __future__ import annotations
-
 import pickle
 from array import array as number_array
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import coal
 import numpy as np
@@ -15,32 +11,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safe_ompl.common.errors import InputError, warn_once
+from safe_ompl import Box, InputError, Obstacle, PointCloud, Scene
+from safe_ompl.common import warn_once
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.cloud import PointCloud, cell_tree, touched_cells
+from safe_ompl.geometry.cloud import cell_tree, touched_cells
 from safe_ompl.geometry.mesh import triangle_tree
-from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.point_files import _lzf_decompressed
-from safe_ompl.scene.scene import Scene
 
 POINTS = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 3))
-PROBES = [
-    coal.Capsule(0.05, 0.2),
-    coal.Box(0.1, 0.15, 0.2),
-    coal.Cylinder(0.05, 0.2),
-    coal.Sphere(0.1),
-]
+PROBES = [coal.Capsule(0.05, 0.2), coal.Box(0.1, 0.15, 0.2), coal.Cylinder(0.05, 0.2), coal.Sphere(0.1)]
 
 
-def hull() -> coal.Convex:
+def hull():
     corners = coal.StdVec_Vec3s()
     for corner in np.random.default_rng(4).normal(0, 0.06, (40, 3)):
         corners.append(corner)
     return coal.Convex.convexHull(corners, True, "Qt")
 
 
-def write_ply(path: Path, points: np.ndarray, form: str) -> Path:
+def write_ply(path, points, form):
     header = (
         f"ply\nformat {form} 1.0\ncomment end of header follows\nelement vertex {len(points)}\n"
         "property float x\nproperty uchar red\nproperty double y\nproperty float z\n"
@@ -58,11 +47,11 @@ def write_ply(path: Path, points: np.ndarray, form: str) -> Path:
     return path
 
 
-def lzf_compressed(data: bytes) -> bytes:
+def lzf_compressed(data):
     """Return literal runs and copies, as the LZF format has them."""
     out, literals, seen, k = bytearray(), bytearray(), {}, 0
 
-    def flush() -> None:
+    def flush():
         for first in range(0, len(literals), 32):
             run = literals[first : first + 32]
             out.extend(bytes([len(run) - 1]) + run)
@@ -98,7 +87,7 @@ RECORD = [
 ]
 
 
-def write_pcd(path: Path, points: np.ndarray, form: str) -> Path:
+def write_pcd(path, points, form):
     table = np.zeros(len(points), RECORD)
     for axis, column in zip("xyz", points.T, strict=True):
         table[axis][:, 0] = column
@@ -122,14 +111,14 @@ def write_pcd(path: Path, points: np.ndarray, form: str) -> Path:
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary", "binary_compressed"])
-def test_reads_pcd(tmp_path: Path, form: str) -> None:
+def test_reads_pcd(tmp_path, form):
     points = POINTS.copy()
     points[4] = np.nan
     cloud = PointCloud(0.01, write_pcd(tmp_path / "cloud.pcd", points, form))
     np.testing.assert_allclose(cloud.centres, np.delete(points, 4, axis=0), atol=1e-7)
 
 
-def test_lzf_copies_may_overlap_what_they_write() -> None:
+def test_lzf_copies_may_overlap_what_they_write():
     # Two literals, then 20 bytes from 2 back: what liblzf makes of "ab" eleven times.
     assert _lzf_decompressed(b"\x01ab\xe0\x0b\x01", 22) == b"ab" * 11
     for damaged in (b"\x01ab\xe0\x0b\x05", b"\x01ab\xe0\x0b", b"\x01ab"):
@@ -139,7 +128,7 @@ def test_lzf_copies_may_overlap_what_they_write() -> None:
 
 @pytest.mark.parametrize("form", ["ascii", "binary", "binary_compressed"])
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.1, 0.5, 0.95])
-def test_a_damaged_pcd_is_refused(tmp_path: Path, form: str, share: float) -> None:
+def test_a_damaged_pcd_is_refused(tmp_path, form, share):
     file = write_pcd(tmp_path / "cloud.pcd", POINTS, form)
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))])
@@ -151,14 +140,14 @@ def test_a_damaged_pcd_is_refused(tmp_path: Path, form: str, share: float) -> No
     ("old", "new"),
     [(b"FIELDS rgb y", b"FIELDS rgb q"), (b"DATA binary", b"DATA zipped"), (b"SIZE 4 8", b"SIZE 4 7")],
 )
-def test_a_pcd_that_is_something_else_is_refused(tmp_path: Path, old: bytes, new: bytes) -> None:
+def test_a_pcd_that_is_something_else_is_refused(tmp_path, old, new):
     file = write_pcd(tmp_path / "cloud.pcd", POINTS, "binary")
     file.write_bytes(file.read_bytes().replace(old, new))
     with pytest.raises(InputError, match="cannot be read as PCD"):
         PointCloud(0.01, file)
 
 
-def message(points: np.ndarray, order: str = "<", padding: int = 8) -> dict[str, Any]:
+def message(points, order="<", padding=8):
     """Return an organised cloud (2, N/2) as a PointCloud2 message has it, with gaps in points and rows."""
     record = np.dtype(
         {
@@ -191,7 +180,7 @@ def message(points: np.ndarray, order: str = "<", padding: int = 8) -> dict[str,
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_reads_the_data_of_a_ros_message(order: str) -> None:
+def test_reads_the_data_of_a_ros_message(order):
     points = POINTS.copy()
     points[7] = np.nan
     given = message(points, order)
@@ -215,18 +204,18 @@ def test_reads_the_data_of_a_ros_message(order: str) -> None:
         ("row_step", 40, "do not fit"),
     ],
 )
-def test_a_message_that_contradicts_itself_is_refused(key: str, value: Any, words: str) -> None:
+def test_a_message_that_contradicts_itself_is_refused(key, value, words):
     with pytest.raises(InputError, match=words):
         PointCloud.from_message({**message(POINTS), key: value}, 0.01)
 
 
-def test_a_message_without_data_is_refused() -> None:
+def test_a_message_without_data_is_refused():
     with pytest.raises(InputError, match="data: the PointCloud2 message lacks it"):
         PointCloud.from_message({key: value for key, value in message(POINTS).items() if key != "data"}, 0.01)
 
 
 @pytest.mark.parametrize(("factor", "warns"), [(1000.0, True), (1.0, False)])
-def test_a_cloud_in_millimetres_is_told(caplog: pytest.LogCaptureFixture, factor: float, warns: bool) -> None:
+def test_a_cloud_in_millimetres_is_told(caplog, factor, warns):
     warn_once.cache_clear()
     PointCloud(0.01, points=factor * POINTS)
     said = [record.message for record in caplog.records if record.levelname == "WARNING"]
@@ -235,12 +224,12 @@ def test_a_cloud_in_millimetres_is_told(caplog: pytest.LogCaptureFixture, factor
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
-def test_reads_ply(tmp_path: Path, form: str) -> None:
+def test_reads_ply(tmp_path, form):
     cloud = PointCloud(0.01, write_ply(tmp_path / "cloud.ply", POINTS, form))
     assert cloud.centres == pytest.approx(POINTS, abs=1e-6)
 
 
-def test_reads_npy_and_needs_the_file_no_more(tmp_path: Path) -> None:
+def test_reads_npy_and_needs_the_file_no_more(tmp_path):
     file = tmp_path / "cloud.npy"
     np.save(file, POINTS.astype(np.float32))
     cloud = PointCloud(0.01, file)
@@ -250,7 +239,7 @@ def test_reads_npy_and_needs_the_file_no_more(tmp_path: Path) -> None:
     assert again.centres == pytest.approx(POINTS, abs=1e-6)
 
 
-def test_reads_every_legal_ply(tmp_path: Path) -> None:
+def test_reads_every_legal_ply(tmp_path):
     """Comments with "end_header", properties that are lists, vertices that are not the first element."""
     file = tmp_path / "odd.ply"
     file.write_text(
@@ -264,14 +253,14 @@ def test_reads_every_legal_ply(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"no ply", b"ply\nelement vertex 2\nend_header\n"])
-def test_unreadable_ply_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_unreadable_ply_is_refused(tmp_path, content):
     file = tmp_path / "cloud.ply"
     file.write_bytes(content)
     with pytest.raises(InputError, match="PLY"):
         PointCloud(0.01, file)
 
 
-def test_truncated_ply_is_refused(tmp_path: Path) -> None:
+def test_truncated_ply_is_refused(tmp_path):
     file = write_ply(tmp_path / "cloud.ply", POINTS, "binary_little_endian")
     file.write_bytes(file.read_bytes()[:-5])
     with pytest.raises(InputError, match="cannot be read as PLY"):
@@ -301,13 +290,13 @@ def test_truncated_ply_is_refused(tmp_path: Path) -> None:
         ({"points": [[0, 0, 0]], "radius": 0}, "radius: must be a finite number in [0.0001, 10000], got 0"),
     ],
 )
-def test_unusable_clouds_are_refused(fields: dict, message: str) -> None:
+def test_unusable_clouds_are_refused(fields, message):
     with pytest.raises(InputError) as caught:
         PointCloud(**{"radius": 0.01, **fields})
     assert message in str(caught.value)
 
 
-def test_bad_arrays_are_refused(tmp_path: Path) -> None:
+def test_bad_arrays_are_refused(tmp_path):
     for name, array, message in (
         ("nan", np.full((2, 3), np.nan), "none of 2 points is finite"),
         ("far", np.array([[0, 0, 0], [0, 2e4, 0]]), "farther than 10000 m away; are they in metres?"),
@@ -320,20 +309,18 @@ def test_bad_arrays_are_refused(tmp_path: Path) -> None:
             PointCloud(0.01, tmp_path / f"{name}.npy")
 
 
-def test_a_small_cloud_is_made_of_balls() -> None:
+def test_a_small_cloud_is_made_of_balls():
     names = [name for name, _, _ in Obstacle("rubble", PointCloud(0.01, points=POINTS[:3])).geometries()]
     assert names == ["rubble/0", "rubble/1", "rubble/2"]
 
 
-def raw_mesh() -> coal.BVHModelOBBRSS:
+def raw_mesh():
     return triangle_tree(*Box((0.1, 0.15, 0.2)).triangles(8))
 
 
 @pytest.mark.parametrize("resolution", [None, 0.05, "off"])
 @pytest.mark.parametrize("probe", [*PROBES, hull(), raw_mesh()], ids=lambda probe: type(probe).__name__)
-def test_a_large_cloud_contains_its_balls_in_every_query(
-    probe: coal.ShapeBase, resolution: float | str | None
-) -> None:
+def test_a_large_cloud_contains_its_balls_in_every_query(probe, resolution):
     """One geometry for the cloud against one ball per point: never farther, never free where a ball is hit."""
     radius, margin = 0.02, 0.05
     cloud = PointCloud(radius, points=POINTS, resolution=resolution)
@@ -376,7 +363,7 @@ def test_a_large_cloud_contains_its_balls_in_every_query(
 
 
 @pytest.mark.parametrize("resolution", [None, 0.013, 0.1])
-def test_the_cells_contain_every_ball_and_no_more_than_is_promised(resolution: float | None) -> None:
+def test_the_cells_contain_every_ball_and_no_more_than_is_promised(resolution):
     radius = 0.02
     cloud = PointCloud(radius, points=POINTS + np.array([12.0, -7.0, 3.0]), resolution=resolution)
     edge = cloud.cell_edge
@@ -392,7 +379,7 @@ def test_the_cells_contain_every_ball_and_no_more_than_is_promised(resolution: f
     assert gaps.max() <= 3**0.5 * edge + 1e-9
 
 
-def test_the_tree_holds_every_cell_far_from_the_origin() -> None:
+def test_the_tree_holds_every_cell_far_from_the_origin():
     cells = touched_cells(POINTS + np.array([900.0, -900.0, 2.0]), 0.02, 0.01)
     tree, placement = cell_tree(cells, 0.01)
     probe, request = coal.Sphere(0.001), coal.CollisionRequest()
@@ -407,7 +394,7 @@ def test_the_tree_holds_every_cell_far_from_the_origin() -> None:
     assert high == pytest.approx((cells.max(axis=0) + 1) * 0.01, abs=1e-5)
 
 
-def test_a_link_wholly_inside_a_cloud_is_seen() -> None:
+def test_a_link_wholly_inside_a_cloud_is_seen():
     grid = np.stack(np.meshgrid(*[np.arange(-5, 6) * 0.05] * 3), axis=-1).reshape(-1, 3)
     (part,) = PointCloud(0.05, points=grid).parts()
     where = coal.Transform3s(part.placement.rotation, part.placement.translation)
@@ -416,7 +403,7 @@ def test_a_link_wholly_inside_a_cloud_is_seen() -> None:
     assert coal.collide(part.geometry, where, coal.Sphere(0.002), tiny, request, result)
 
 
-def test_many_points_keep_few_cells(caplog: pytest.LogCaptureFixture) -> None:
+def test_many_points_keep_few_cells(caplog):
     points = np.random.default_rng(0).uniform(0, 1, (100_000, 3)) * np.array([2, 2, 0.001])
     cloud = PointCloud(0.002, points=points)
     with caplog.at_level("INFO"):
@@ -426,7 +413,7 @@ def test_many_points_keep_few_cells(caplog: pytest.LogCaptureFixture) -> None:
     assert PointCloud(0.02, points=POINTS).cell_edge == pytest.approx(0.01)
 
 
-def test_points_that_a_camera_did_not_see_are_left_out(caplog: pytest.LogCaptureFixture) -> None:
+def test_points_that_a_camera_did_not_see_are_left_out(caplog):
     points = POINTS.astype(np.float32)
     points[[3, 7]] = np.nan
     points[9, 1] = np.inf
@@ -437,7 +424,7 @@ def test_points_that_a_camera_did_not_see_are_left_out(caplog: pytest.LogCapture
     assert cloud == PointCloud(0.01, points=np.delete(points, [3, 7, 9], axis=0).tolist())
 
 
-def test_clouds_of_arrays_compare_hash_and_read_back() -> None:
+def test_clouds_of_arrays_compare_hash_and_read_back():
     cloud = PointCloud(np.float32(0.01), points=POINTS)
     same, moved = PointCloud(np.float32(0.01), points=POINTS.tolist()), PointCloud(0.01, points=POINTS + 0.1)
     assert cloud == same
@@ -453,14 +440,14 @@ def test_clouds_of_arrays_compare_hash_and_read_back() -> None:
         cloud.centres[0] = 0
 
 
-def test_a_cloud_that_has_collided_pickles() -> None:
+def test_a_cloud_that_has_collided_pickles():
     cloud = PointCloud(0.01, points=POINTS)
     cloud.parts()
     assert pickle.loads(pickle.dumps(cloud)).parts()[0].geometry.computeVolume() is not None
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.5), st.booleans())
-def test_thinning_keeps_the_points_that_a_plain_walk_keeps(seed: int, distance: float, flat: bool) -> None:
+def test_thinning_keeps_the_points_that_a_plain_walk_keeps(seed, distance, flat):
     points = np.random.default_rng(seed).uniform(0, 1, (120, 3)).round(2) * [0 if flat else 1, 1, 1]
     left, kept = np.unique(points, axis=0), []
     while len(left):
@@ -469,7 +456,7 @@ def test_thinning_keeps_the_points_that_a_plain_walk_keeps(seed: int, distance: 
     assert (surfaces.thinned(points, distance) == kept).all()
 
 
-def test_danger_points_are_points_of_the_cloud() -> None:
+def test_danger_points_are_points_of_the_cloud():
     points = PointCloud(0.01, points=POINTS).danger_points(0.3)
     assert len(points) < len(POINTS)
     assert all((point == POINTS).all(axis=1).any() for point in points)

@@ -4,10 +4,8 @@ import coal
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.hulls import convex_hull
-from safe_ompl.geometry.mesh import Mesh
-from safe_ompl.robot.robot import Robot
+from safe_ompl import InputError, Mesh, Robot
+from safe_ompl.geometry import convex_hull
 
 
 def ring(sides, height=0.0):

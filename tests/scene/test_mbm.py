@@ -1,25 +1,21 @@
 """MotionBenchMaker files."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.mbm import MbmFile
+from safe_ompl import InputError, Robot, UnknownNameError
+from safe_ompl.scene import MbmFile
 
 ROBOTS = Path(__file__).resolve().parents[2] / "scenarios" / "robots"
 PLACE = {"position": [1.0, 0, 0], "orientation_quat_xyzw": [0, 0, 0, 1]}
 
 
-def document() -> dict[str, Any]:
+def document():
     problem = {
         "start": [0, 0.1],
         "goals": [[1, 0.2], [-1, 0.3]],
@@ -38,13 +34,13 @@ def document() -> dict[str, Any]:
     }
 
 
-def write(folder: Path, data: Any) -> Path:
+def write(folder, data):
     file = folder / "problems.json"
     file.write_text(data if isinstance(data, str) else json.dumps(data))
     return file
 
 
-def test_problems_come_in_order(tmp_path: Path) -> None:
+def test_problems_come_in_order(tmp_path):
     file = MbmFile.load(write(tmp_path, document()), spacing=0.3)
     assert file.robot == "planar2"
     assert file.families == {"easy": 2, "none": 0, "odd": 1}
@@ -57,7 +53,7 @@ def test_problems_come_in_order(tmp_path: Path) -> None:
     assert pickle.loads(pickle.dumps(problem)) == problem
 
 
-def test_joints_are_matched_by_name(tmp_path: Path) -> None:
+def test_joints_are_matched_by_name(tmp_path):
     arm = Robot.from_urdf(ROBOTS / "planar2.urdf", ROBOTS / "planar2.srdf", tip="tip")
     data = document()
     problem = next(iter(MbmFile.load(write(tmp_path, data))))
@@ -80,7 +76,7 @@ def test_joints_are_matched_by_name(tmp_path: Path) -> None:
         problem.goal_configurations(arm)
 
 
-def test_unknown_families_are_refused(tmp_path: Path) -> None:
+def test_unknown_families_are_refused(tmp_path):
     with pytest.raises(UnknownNameError, match="unknown family 'cage'; known: easy, none, odd"):
         MbmFile.load(write(tmp_path, document())).problems("cage")
 
@@ -96,7 +92,7 @@ def test_unknown_families_are_refused(tmp_path: Path) -> None:
         ({"problems": {}, "joints": [1]}, "joints: must be text"),
     ],
 )
-def test_malformed_files_are_refused(tmp_path: Path, data: Any, message: str) -> None:
+def test_malformed_files_are_refused(tmp_path, data, message):
     file = write(tmp_path, data)
     with pytest.raises(InputError) as caught:
         MbmFile.load(file)
@@ -104,7 +100,7 @@ def test_malformed_files_are_refused(tmp_path: Path, data: Any, message: str) ->
     assert message in str(caught.value)
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"cannot be read.*such files come from"):
         MbmFile.load(tmp_path / "no.json")
 
@@ -125,7 +121,7 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
         ({"octree": [{"name": "a"}]}, "octree: obstacles of this kind are not read"),
     ],
 )
-def test_malformed_problems_name_file_and_key(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+def test_malformed_problems_name_file_and_key(tmp_path, change, message):
     data = document()
     data["problems"]["easy"][1].update(change)
     file = write(tmp_path, data)
@@ -136,7 +132,7 @@ def test_malformed_problems_name_file_and_key(tmp_path: Path, change: dict[str, 
 
 
 @pytest.mark.skipif("SAFE_OMPL_MBM" not in os.environ, reason="SAFE_OMPL_MBM names no MotionBenchMaker file")
-def test_a_whole_data_set() -> None:
+def test_a_whole_data_set():
     file = MbmFile.load(os.environ["SAFE_OMPL_MBM"])
     problems = list(file)
     assert len(problems) == sum(file.families.values()) > 0

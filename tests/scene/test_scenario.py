@@ -1,7 +1,5 @@
 """Scenarios: reading, checking against the robot, and the ones that ship with the package."""
 
-from __future__ import annotations
-
 import pickle
 import shutil
 from pathlib import Path
@@ -11,14 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario, find_scenario, list_scenarios
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, InputError, Robot, Scenario, Scene, UnknownNameError
+from safe_ompl.robot import RobotSpec
+from safe_ompl.scene import find_scenario, list_scenarios
+from safe_ompl.scene.scenario import Goal
 
 FOLDER = Path(__file__).resolve().parents[2] / "scenarios"
 SHIPPED = sorted(file.stem for file in FOLDER.glob("*.yaml"))
@@ -78,18 +72,18 @@ SCENARIOS = st.builds(
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     for file in (FOLDER / "robots").iterdir():
         shutil.copy(file, tmp_path)
     return tmp_path
 
 
 @pytest.fixture(scope="module")
-def arm() -> Robot:
+def arm():
     return Robot.from_urdf(FOLDER / "robots/planar3.urdf", FOLDER / "robots/planar3.srdf", tip="tip")
 
 
-def write(folder: Path, text: str) -> Path:
+def write(folder, text):
     file = folder / "case.yaml"
     file.write_text(text)
     return file
@@ -100,13 +94,13 @@ def write(folder: Path, text: str) -> Path:
 
 @settings(max_examples=80, deadline=None)
 @given(scenario=SCENARIOS)
-def test_a_file_gives_back_exactly_what_was_saved(scenario: Scenario, tmp_path_factory) -> None:
+def test_a_file_gives_back_exactly_what_was_saved(scenario, tmp_path_factory):
     file = tmp_path_factory.mktemp("scenario") / "case.yaml"
     scenario.save(file)
     assert Scenario.load(file) == scenario
 
 
-def test_defaults_and_pickling(folder: Path) -> None:
+def test_defaults_and_pickling(folder):
     scenario = Scenario.load(write(folder, MINIMAL))
     assert scenario.name == "case"
     assert scenario.time == 5.0
@@ -115,7 +109,7 @@ def test_defaults_and_pickling(folder: Path) -> None:
     assert scenario.build_robot().joint_names == ("joint1", "joint2", "joint3")
 
 
-def test_robot_files_are_relative_to_the_document(folder: Path) -> None:
+def test_robot_files_are_relative_to_the_document(folder):
     scenario = Scenario.load(write(folder, MINIMAL))
     (folder / "deeper").mkdir()
     scenario.save(folder / "deeper" / "case.yaml")
@@ -123,7 +117,7 @@ def test_robot_files_are_relative_to_the_document(folder: Path) -> None:
     assert Scenario.load(folder / "deeper" / "case.yaml") == scenario
 
 
-def test_goals_of_all_kinds() -> None:
+def test_goals_of_all_kinds():
     assert Goal.from_mapping({"configurations": [[0], [1]]}).configurations == ((0.0,), (1.0,))
     place = Goal.from_mapping({"position": [1, 2, 3], "tolerance": 0.02})
     assert (place.position, place.quaternion_xyzw, place.tolerance) == ((1.0, 2.0, 3.0), None, 0.02)
@@ -169,7 +163,7 @@ def test_goals_of_all_kinds() -> None:
         ),
     ],
 )
-def test_errors_name_file_key_and_value(folder: Path, change: tuple[str, str], message: str) -> None:
+def test_errors_name_file_key_and_value(folder, change, message):
     file = write(folder, MINIMAL.replace(*change))
     with pytest.raises(InputError) as caught:
         Scenario.load(file)
@@ -180,7 +174,7 @@ def test_errors_name_file_key_and_value(folder: Path, change: tuple[str, str], m
 # --------------------------------------------------------------------------------------- against the robot
 
 
-def test_configurations_by_order_or_by_name(folder: Path, arm: Robot) -> None:
+def test_configurations_by_order_or_by_name(folder, arm):
     text = MINIMAL.replace("[0, 0, 0]", "{joint3: 3e-1, joint1: 1, joint2: 2}")
     text = text.replace("{configuration: [1, 0, 0]}", "{configurations: [[1, 0, 0], [0, 1, 0]]}")
     scenario = Scenario.load(write(folder, text))
@@ -220,9 +214,7 @@ def test_configurations_by_order_or_by_name(folder: Path, arm: Robot) -> None:
         ),
     ],
 )
-def test_what_does_not_fit_the_robot_is_refused(
-    folder: Path, arm: Robot, change: tuple[str, str], kind: type, message: str
-) -> None:
+def test_what_does_not_fit_the_robot_is_refused(folder, arm, change, kind, message):
     file = write(folder, MINIMAL.replace(*change))
     scenario = Scenario.load(file)
     with pytest.raises(kind) as caught:
@@ -239,7 +231,7 @@ def test_what_does_not_fit_the_robot_is_refused(
         ("robot: {urdf: planar3.urdf, locked: {elbow: 0}}", "case.yaml: robot: "),
     ],
 )
-def test_a_robot_that_cannot_be_built_names_the_scenario(folder: Path, robot: str, message: str) -> None:
+def test_a_robot_that_cannot_be_built_names_the_scenario(folder, robot, message):
     scenario = Scenario.load(write(folder, MINIMAL.replace("robot: {urdf: planar3.urdf, tip: tip}", robot)))
     with pytest.raises(InputError) as caught:
         scenario.build_robot()
@@ -249,7 +241,7 @@ def test_a_robot_that_cannot_be_built_names_the_scenario(folder: Path, robot: st
 # --------------------------------------------------------------------------------------- those that ship
 
 
-def test_scenarios_are_found_by_name_and_by_path(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scenarios_are_found_by_name_and_by_path(folder, monkeypatch):
     file = write(folder, MINIMAL)
     assert find_scenario(file) == file
     assert set(HAZARD) <= set(list_scenarios())
@@ -264,7 +256,7 @@ def test_scenarios_are_found_by_name_and_by_path(folder: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_scenarios_are_sound_and_worth_planning(name: str) -> None:
+def test_shipped_scenarios_are_sound_and_worth_planning(name):
     """Start and goal are free and away from what is dangerous; the straight way between them runs into it."""
     scenario = Scenario.load(FOLDER / f"{name}.yaml")
     robot = scenario.build_robot()

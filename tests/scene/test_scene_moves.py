@@ -4,13 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.cloud import PointCloud
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import STANDING, Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, InputError, Obstacle, Person, PointCloud, Pose, Scene, UnknownNameError
+from safe_ompl.geometry import STANDING
 
 TURNED = Pose.from_rpy((1.0, -0.5, 0.2), (0.1, 0.2, 2.0))
 

@@ -2,10 +2,8 @@
 
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl import CertifiedMotion, CollisionChecker, RateLimits, Scenario
+from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture(scope="session")

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from safe_ompl.scene.people import People
+from safe_ompl import PathTimer, People, RateLimits
+from safe_ompl.trajectories import duration_of
 from safe_ompl.trajectories.estimate import DurationEstimate
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.local_changes import duration_of
-from safe_ompl.trajectories.timing import PathTimer
 
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 

@@ -5,9 +5,8 @@ from itertools import count, pairwise
 import numpy as np
 import pytest
 
-from safe_ompl.scene.people import People
-from safe_ompl.trajectories.local_changes import duration_of, faster
-from safe_ompl.trajectories.timing import PathTimer
+from safe_ompl import PathTimer, People
+from safe_ompl.trajectories import duration_of, faster
 
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 

@@ -8,14 +8,10 @@ import pytest
 from test_people_caps import Limbs, adversary
 from test_timing import POSTURE, Nothing
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.scene.constraints import MotionLimits
-from safe_ompl.scene.people import People
-from safe_ompl.trajectories.curve import BlendedCurve, Piece, blended
-from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl import DangerField, InputError, PathTimer, People, RateLimits, UnknownNameError, time_path
+from safe_ompl.scene import MotionLimits
+from safe_ompl.trajectories import BlendedCurve, Piece, blended
 from safe_ompl.trajectories.time_law import SmoothLaw, SmoothLimits, velocity_cap
-from safe_ompl.trajectories.timing import PathTimer, time_path
 
 KEPT = 1 + 1e-9
 FRANKA = ([2.175] * 4 + [2.61] * 3, np.array([15, 7.5, 10, 12.5, 15, 20, 20]))

@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.trajectories.caps import StandstillError
+from safe_ompl import DangerField, InputError, RateLimits, StandstillError, time_path
 from safe_ompl.trajectories.danger import MovingDanger, Spans
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import time_path
 
 POINTS = [[0.6, 0.4, 0.5], [-0.5, 0.3, 0.2], [0.1, -0.7, 0.9], [0.7, 0.0, 0.3]]
 ROBOTS = ("panda", "twin_arm", "slider", "kinova")
@@ -25,7 +21,7 @@ class _Free:
     def __init__(self, motion):
         pass
 
-    def holds(self, arc):
+    def holds(self, blend):
         return True
 
 

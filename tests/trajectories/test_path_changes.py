@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from safe_ompl import PathTimer
 from safe_ompl.trajectories.estimate import DurationEstimate
 from safe_ompl.trajectories.local_changes import PathChanges
-from safe_ompl.trajectories.timing import PathTimer
 
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from test_people_caps import Limbs, adversary
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.scene.people import People
-from safe_ompl.scene.scene import Scene
-from safe_ompl.trajectories.caps import StandstillError
-from safe_ompl.trajectories.timing import PathTimer, time_path
+from safe_ompl import InputError, PathTimer, People, Pose, Scene, StandstillError, time_path
 
 PEOPLE = People(speed=1.0)
 

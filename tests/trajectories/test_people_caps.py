@@ -6,16 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.broad_phase import fresh_data
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.scene.people import CONTACT_TABLE, BodyRegion, People
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.trajectories.body_speeds import BodySpeeds
-from safe_ompl.trajectories.caps import StandstillError, contact_speed, robot_mass
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import time_path
+from safe_ompl import InputError, People, RateLimits, Scenario, StandstillError, UnknownNameError, time_path
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, fresh_data
+from safe_ompl.scene import BodyRegion, find_scenario
+from safe_ompl.scene.people import CONTACT_TABLE
+from safe_ompl.trajectories import BodySpeeds, contact_speed, robot_mass
 
 
 class Limbs:

@@ -5,12 +5,9 @@ import logging
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
+from safe_ompl import InputError, RateLimits, Robot, UnknownNameError
 from safe_ompl.io.robot_document import recipe
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.robot import RobotSpec, robot_hash
 
 
 def test_velocities_come_from_the_urdf_and_the_default_accelerations_are_said_aloud_once(panda, caplog):

@@ -63,8 +63,6 @@ class Benchmark:
     def __repr__(self) -> str:
         return f"Benchmark({self._given!r}, {len(self._entries)} planners)"
 
-    # ------------------------------------------------------------------------------------ what is compared
-
     def addPlanner(self, planner: Any) -> None:
         """Add a planner, or the name of one of `planner_names()`. By name it is made anew for every run."""
         if not isinstance(planner, str | ob.Planner):
@@ -74,9 +72,8 @@ class Benchmark:
     def addPlannerAllocator(self, allocator: Callable[[Any], Any]) -> None:
         """Add a planner by a function that makes it from a space information, anew for every run."""
         if not callable(allocator):
-            raise InputError(
-                f"planner allocator must be a function of a space information, got {allocator!r}"
-            )
+            right = "a function of a space information"
+            raise InputError(f"planner allocator must be {right}, got {allocator!r}")
         self._add(allocator)
 
     def _add(self, source: Any) -> None:
@@ -126,8 +123,6 @@ class Benchmark:
         """
         self._events.after = event
 
-    # ------------------------------------------------------------------------------------------- the runs
-
     def benchmark(
         self, request: Any = None, *, seed: int = 0, processes: int | None = None, client: Any = None
     ) -> None:
@@ -156,7 +151,8 @@ class Benchmark:
             raise InputError(f"runCount must be at least 1, got {request.runCount!r}")
         tasks = rounds([entry.name for entry in self._entries], request.runCount, seed)
         if processes is None:
-            processes = 1 if self._events else _processors()
+            machine = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+            processes = 1 if self._events else machine
         if client is not None:
             self._check_portable()
         limits = RunLimits(request.maxTime, request.maxMem, request.timeBetweenUpdates, request.simplify)
@@ -215,8 +211,6 @@ class Benchmark:
         space = self._setup.getStateSpace()  # printing a SimpleSetup would make thousands of queries
         return f"{space.getName()}, {space.getDimension()} dimensions"
 
-    # ----------------------------------------------------------------------------------------- the results
-
     def getStatus(self) -> SimpleNamespace:
         """Return the state of the benchmark: running, activePlanner, activeRun, progressPercentage."""
         return self._status
@@ -266,11 +260,6 @@ def _console_output(save: bool, name: str) -> Iterator[None]:
             ou.noOutputHandler()
         else:
             ou.useOutputHandler(handler)
-
-
-def _processors() -> int:
-    """Return how many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 def _file_name(name: str, ending: str) -> str:

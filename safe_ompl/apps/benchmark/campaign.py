@@ -28,36 +28,19 @@ class Campaign:
 
     The planners take turns, so that other work of the machine affects all of them alike.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        The problem, with the parameters of its planners.
-    planners : sequence of str
-        Names of `planner_names()`, all different.
-    runs : int
-        Runs of each planner.
-    time : float, optional
-        Time limit of a run [s]; the scenario's own by default.
-    seed : int
-        Seed of the first run; the next ones count up.
-    simplify : bool or float
-        Whether paths are simplified, and for how long [s]; see `SafeSetup.plan`.
-    done : collection of Run
-        Runs to leave out, as those that an interrupted campaign has done.
-
     Raises
     ------
     InputError
         No planner, one named twice, or a number of runs below 1.
     """
 
-    scenario: Scenario
-    planners: Sequence[str]
-    runs: int = 50
-    time: float | None = None
-    seed: int = 0
-    simplify: bool | float = False
-    done: Collection[Run] = frozenset()
+    scenario: Scenario  # The problem, with the parameters of its planners
+    planners: Sequence[str]  # Names of `planner_names()`, all different
+    runs: int = 50  # Runs of each planner
+    time: float | None = None  # Time limit of a run [s]; the scenario's own by default
+    seed: int = 0  # Seed of the first run; the next ones count up
+    simplify: bool | float = False  # Whether paths are simplified, and for how long [s]; see `SafeSetup.plan`
+    done: Collection[Run] = frozenset()  # Runs to leave out, as those that an interrupted campaign has done
 
     def __post_init__(self) -> None:
         self._todo()
@@ -76,12 +59,8 @@ class Campaign:
     def results(self, setup: SafeSetup | None = None, processes: int = 1) -> Iterator[PlanResult]:
         """Do the runs and yield their results as they come, round after round.
 
-        Parameters
-        ----------
-        setup : SafeSetup, optional
-            What to plan with, already holding the scenario's start and goal; built by default.
-        processes : int
-            How many runs go on at the same time; times are most accurate with one.
+        The setup already holds the scenario's start and goal; it is built by default. Times are most accurate with one
+        process.
 
         Raises
         ------
@@ -156,34 +135,19 @@ def failure(status: str, planner: str, seed: int, joint_names: tuple[str, ...]) 
     return PlanResult(status, None, None, planner, seed, joint_names, planning_time=0.0)
 
 
-# ------------------------------------------------------------------------------------------------ summaries
-
-
 @dataclass(frozen=True)
 class Summary:
-    """Statistics over the runs of one planner.
+    """Statistics over the runs of one planner, of which S are solved."""
 
-    Attributes
-    ----------
-    planner : str
-        Name of the planner.
-    runs, solved : int
-        Number of runs, and of those that found a path.
-    metrics : mapping of str to ndarray, shape (S,)
-        For each metric its values over the S solved runs: planning_time, simplification_time [s], length [rad],
-        danger_mean, danger_max, danger_avoidable, clearance_min [m], clearance_mean [m], length_below_50mm [rad],
-        queries (collision and margin), field_configurations.
-    profiles : ndarray, shape (S, 101)
-        Danger profiles of the solved runs.
-    typical : PlanResult or None
-        The solved run whose mean danger is the median (of an even number the lower one).
-    """
-
-    planner: str
-    runs: int
+    planner: str  # Name of the planner
+    runs: int  # Number of runs, and of those that found a path
     solved: int
+    # (S,), for each metric its values over the S solved runs: planning_time, simplification_time [s], length
+    # [rad], danger_mean, danger_max, danger_avoidable, clearance_min [m], clearance_mean [m], length_below_50mm
+    # [rad], queries (collision and margin), field_configurations
     metrics: Mapping[str, FloatArray]
-    profiles: FloatArray
+    profiles: FloatArray  # (S, 101), danger profiles of the solved runs
+    # The solved run whose mean danger is the median (of an even number the lower one)
     typical: PlanResult | None
 
     @classmethod

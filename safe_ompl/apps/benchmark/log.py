@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
@@ -42,78 +43,38 @@ _NAME = re.compile(r"[A-Za-z]\w*( \w+)*")
 
 @dataclass
 class PlannerRuns:
-    """All runs of one planner.
+    """All runs of one planner."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the planner, different from all others of the experiment.
-    settings : mapping of str to value
-        Its parameters.
-    runs : list of mapping of str to value
-        Measurements of each run; what a run has not is left empty. Names are words and blanks.
-    progress_names : tuple of str
-        What was recorded while planning, without "time".
-    progress : list of list of tuple
-        For each run the samples (time [s], values …); none by default.
-    """
-
-    name: str
-    settings: Mapping[str, Value] = field(default_factory=dict)
+    name: str  # Name of the planner, different from all others of the experiment
+    settings: Mapping[str, Value] = field(default_factory=dict)  # Its parameters
+    # Measurements of each run; what a run has not is left empty. Names are words and blanks
     runs: list[Mapping[str, Value]] = field(default_factory=list)
-    progress_names: tuple[str, ...] = ()
+    progress_names: tuple[str, ...] = ()  # What was recorded while planning, without "time"
+    # For each run the samples (time [s], values …); none by default
     progress: list[Sequence[tuple[float, ...]]] = field(default_factory=list)
 
 
 @dataclass
 class Experiment:
-    """The content of a benchmark log.
+    """The content of a benchmark log."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the experiment; blanks become underscores, since OMPL's reader stops at them.
-    planners : list of PlannerRuns
-        What was measured.
-    setup : str
-        What the problem is, in any number of lines.
-    time_limit, memory_limit : float
-        Of a run [s], [MB].
-    run_count : int
-        How many runs of each planner were asked for.
-    seed : int
-        Of the first run.
-    duration : float
-        Of the whole experiment [s].
-    begin : datetime
-        When it began.
-    parameters : mapping of str to value
-        Further properties of the experiment.
-    """
-
-    name: str
-    planners: list[PlannerRuns] = field(default_factory=list)
-    setup: str = ""
-    time_limit: float = 0.0
+    name: str  # Name of the experiment; blanks become underscores, since OMPL's reader stops at them
+    planners: list[PlannerRuns] = field(default_factory=list)  # What was measured
+    setup: str = ""  # What the problem is, in any number of lines
+    time_limit: float = 0.0  # Of a run [s], [MB]
     memory_limit: float = 0.0
-    run_count: int = 0
-    seed: int = 0
-    duration: float = 0.0
-    begin: datetime = field(default_factory=datetime.now)
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    run_count: int = 0  # How many runs of each planner were asked for
+    seed: int = 0  # Of the first run
+    duration: float = 0.0  # Of the whole experiment [s]
+    begin: datetime = field(default_factory=datetime.now)  # When it began
+    parameters: Mapping[str, Value] = field(default_factory=dict)  # Further properties of the experiment
 
     def save(self, file: str | PathLike[str]) -> None:
         """Write the log to a file."""
         Path(file).write_text(self.text(), encoding="utf-8")
 
     def text(self) -> str:
-        """Return the log.
-
-        Raises
-        ------
-        InputError
-            If a property has a name that cannot be a column of the database.
-        """
+        """Return the log, or raise InputError if a property has a name that cannot be a column of the database."""
         stream = io.StringIO()
         self._write_header(stream)
         for planner in self.planners:
@@ -121,9 +82,7 @@ class Experiment:
         return stream.getvalue()
 
     def _write_header(self, stream: TextIO) -> None:
-        def line(text: str) -> None:
-            print(text, file=stream)
-
+        line = partial(print, file=stream)
         line(f"OMPL version {version('ompl')}")
         line(f"Experiment {'_'.join(self.name.split()) or 'NO_NAME'}")
         line(f"{len(self.parameters)} experiment properties")
@@ -147,47 +106,33 @@ def write_log(
     results: Iterable[PlanResult],
     file: str | PathLike[str],
     *,
-    name: str = "safe_ompl",
-    setup: str = "",
-    time_limit: float = 0.0,
     settings: Mapping[str, Mapping[str, Value]] | None = None,
-    parameters: Mapping[str, Value] | None = None,
+    **about: Any,
 ) -> None:
-    """Write the results of any number of runs as a benchmark log.
+    """Write the results of runs of any planners, in any order, as a benchmark log.
 
     Parameters
     ----------
-    results : iterable of PlanResult
-        Runs of any planners, in any order; every planner's runs keep theirs.
-    file : path
-        Where to write.
-    name, setup : str
-        Name and description of the experiment.
-    time_limit : float
-        Of a run [s].
     settings : mapping of str to mapping, optional
         Parameters of the planners, by the planner's name.
-    parameters : mapping, optional
-        Further properties of the experiment.
+    **about
+        Attributes of the `Experiment`, such as its name and `time_limit` [s].
     """
     by_planner: dict[str, PlannerRuns] = {}
     seeds = []
     for result in results:
-        planner = by_planner.setdefault(
-            result.planner, PlannerRuns(result.planner, (settings or {}).get(result.planner, {}))
-        )
+        own = (settings or {}).get(result.planner, {})
+        planner = by_planner.setdefault(result.planner, PlannerRuns(result.planner, own))
         planner.runs.append(run_measures(result))
         seeds.append(result.seed)
     planners = list(by_planner.values())
     Experiment(
-        name,
+        about.pop("name", "safe_ompl"),
         planners,
-        setup,
-        time_limit,
         run_count=max((len(planner.runs) for planner in planners), default=0),
         seed=min(seeds, default=0),
         duration=sum(float(run["time"] or 0) for planner in planners for run in planner.runs),
-        parameters=parameters or {},
+        **about,
     ).save(file)
 
 

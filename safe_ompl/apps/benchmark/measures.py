@@ -100,27 +100,14 @@ def summarised_measures(result: PlanResult) -> dict[str, float]:
     }
 
 
-# ---------------------------------------------------------------------------------------- measured runs
-
-
 @dataclass
 class RunLimits:
-    """Limits of a run in time and memory, and whether its path is simplified; as in `ot.Request`.
+    """Limits of a run in time and memory, and whether its path is simplified; as in `ot.Request`."""
 
-    Attributes
-    ----------
-    time, memory : float
-        [s], [MB]
-    interval : float
-        Between two samples of the progress [s].
-    simplify : bool
-        Whether paths are simplified.
-    """
-
-    time: float
+    time: float  # [s], [MB]
     memory: float
-    interval: float
-    simplify: bool
+    interval: float  # Between two samples of the progress [s]
+    simplify: bool  # Whether paths are simplified
 
 
 @dataclass
@@ -136,24 +123,12 @@ class Events:
 
 @dataclass
 class Measured:
-    """The measurements of one run.
+    """The measurements of one run."""
 
-    Attributes
-    ----------
-    properties : dict of str to value
-        As in `PlannerRuns`.
-    settings : mapping of str to value
-        Parameters of the planner.
-    progress_names : tuple of str
-        What was recorded while planning.
-    progress : list of tuple
-        Samples (time [s], values …).
-    """
-
-    properties: dict[str, Value]
-    settings: Mapping[str, Value] = field(default_factory=dict)
-    progress_names: tuple[str, ...] = ()
-    progress: Sequence[tuple[float, ...]] = ()
+    properties: dict[str, Value]  # As in `PlannerRuns`
+    settings: Mapping[str, Value] = field(default_factory=dict)  # Parameters of the planner
+    progress_names: tuple[str, ...] = ()  # What was recorded while planning
+    progress: Sequence[tuple[float, ...]] = ()  # Samples (time [s], values …)
 
 
 @dataclass
@@ -175,24 +150,12 @@ class Entry:
 
 @dataclass
 class MeasuredRuns:
-    """The job of a benchmark: its runs, each with what was measured of it.
+    """The job of a benchmark: its runs, each with what was measured of it."""
 
-    Attributes
-    ----------
-    setup : og.SimpleSetup or callable
-        The problem; a function that builds it where the problem itself cannot be pickled.
-    entries : mapping of str to Entry
-        The planners by their names.
-    limits : RunLimits
-        Of each run.
-    events : Events
-        What is called before and after each run.
-    """
-
-    setup: Any
-    entries: Mapping[str, Entry]
-    limits: RunLimits
-    events: Events
+    setup: Any  # The problem; a function that builds it where the problem itself cannot be pickled
+    entries: Mapping[str, Entry]  # The planners by their names
+    limits: RunLimits  # Of each run
+    events: Events  # What is called before and after each run
 
     @cached_property
     def problem(self) -> Any:

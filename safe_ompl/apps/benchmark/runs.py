@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 from ompl import util as ou
 
-from safe_ompl.common import InputError, pass_on
+from safe_ompl.common import InputError, pass_on, whole_number
 
 ATTEMPTS = 2  # of a task whose process does not survive it
 
@@ -34,18 +34,7 @@ class Run(NamedTuple):
 def rounds(
     planners: Sequence[str], number: int, seed: int = 0, done: Collection[Run] = frozenset()
 ) -> list[Run]:
-    """Return the runs of a comparison in their order: the planners take turns, once with each seed.
-
-    Parameters
-    ----------
-    planners : sequence of str
-        Names of the planners, all different.
-    number : int
-        Runs of each planner.
-    seed : int
-        The first seed; the next ones count up.
-    done : collection of Run
-        Runs to leave out.
+    """Return the runs of a comparison but those `done`, in their order: the planners take turns, once with each seed.
 
     Raises
     ------
@@ -57,8 +46,7 @@ def rounds(
     for name in planners:
         if list(planners).count(name) > 1:
             raise InputError(f"planner {name!r} is named twice")
-    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
-        raise InputError(f"runs must be a whole number of at least 1, got {number!r}")
+    number = whole_number("runs", number, at_least=1)
     runs = (Run(planner, seed + k) for k in range(number) for planner in planners)
     return [run for run in runs if run not in done]
 
@@ -78,24 +66,15 @@ def do_tasks(
 ) -> Iterator[tuple[TaskT, Outcome]]:
     """Do tasks, and yield each with its outcome as they come.
 
-    Parameters
-    ----------
-    job : Job
-        What to do. A cluster gets a pickled copy for each of its workers.
-    tasks : sequence
-        What to do it with.
-    processes : int
-        How many tasks go on at the same time: one in this process, more in forked ones.
-    client : distributed.Client or str, optional
-        The cluster that does the tasks instead, or the address of its scheduler.
+    One process is this one, more are forked; or a `client`, a cluster of dask.distributed or the address of its
+    scheduler, does the tasks, with a pickled copy of the job for each worker.
 
     Raises
     ------
     InputError
         A number of processes below 1.
     """
-    if isinstance(processes, bool) or not isinstance(processes, int) or processes < 1:
-        raise InputError(f"processes must be a whole number of at least 1, got {processes!r}")
+    processes = whole_number("processes", processes, at_least=1)
     if client is not None:
         return _on_cluster(job, tasks, client)
     if processes == 1:

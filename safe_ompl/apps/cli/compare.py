@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from safe_ompl.apps.cli.options import (
     names,
 )
 from safe_ompl.apps.cli.output import (
+    comparison_table,
+    durations_table,
     error_console,
     make_folder,
     missing_extra,
@@ -28,7 +31,6 @@ from safe_ompl.apps.cli.output import (
     write_json,
 )
 from safe_ompl.apps.cli.plan import record
-from safe_ompl.apps.cli.tables import comparison_table, durations_table
 from safe_ompl.planning import PlanResult, SafeSetup, setup_scenario
 from safe_ompl.trajectories import CELLS, duration_of
 from safe_ompl.view import drawn_path, plots, render_comparison
@@ -36,7 +38,7 @@ from safe_ompl.view import drawn_path, plots, render_comparison
 _RUNS = 10
 
 
-def add_command(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add `compare` to the commands."""
     parser = add_parser(
         commands,
@@ -93,94 +95,55 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         setup.timer  # noqa: B018  # raises now if limits are missing
     folder = options.out or Path(f"compare-{scenario.name}")
     make_folder(folder, "--out")
-    return Compare(campaign, setup, options.processes, folder, options.timed)
+    return partial(_compare, campaign, setup, options.processes, folder, options.timed)
 
 
-@dataclass(frozen=True)
-class Compare:
-    """The job of `safe-ompl compare`."""
+def _compare(campaign: Campaign, setup: SafeSetup, processes: int, folder: Path, timed: bool) -> int:
+    """Run the campaign, show the table, write the report, draw the pictures."""
+    name, robot = campaign.scenario.name, setup.robot
+    with progress_bar(error_console()) as progress:
+        runs = campaign.results(setup, processes)
+        results = list(progress.track(runs, total=len(campaign), description=f"planning {name}"))
+    summaries, planned = summarize(results), _as_planned(results, setup)
+    report: dict[str, Any] = {
+        "scenario": name,
+        "robot": robot.name,
+        "seed": campaign.seed,
+        "summary": [summary.as_dict() for summary in summaries],
+        "summary_as_planned": [summary.as_dict() for summary in planned],
+        "runs": [record(name, robot, result) for result in results],
+    }
+    # +inf where nothing allows motion, None where there is no path
+    durations = [
+        None if result.path is None else duration_of(setup.timer, result.path, CELLS)
+        for result in (results if timed else ())
+    ]
+    for run, duration in zip(report["runs"], durations, strict=False):
+        run["duration"] = duration if duration is not None and math.isfinite(duration) else None
+    write_json(str(folder / "report.json"), report)
+    output_console().print(comparison_table(campaign, robot.name, summaries, planned))
+    if timed:
+        output_console().print(durations_table([result.planner for result in results], durations))
+    console, advice = error_console(), missing_extra("plots")
+    if advice:
+        console.print(f"safe-ompl: no pictures: {advice}")
+    else:
+        with console.status("drawing"):
+            draw_comparison(setup, summaries, folder)
+    console.print(f"report{'' if advice else ' and pictures'} in {folder}")
+    console.print(f"see them move: safe-ompl view {campaign.scenario.file or name}")
+    return 0 if all(summary.solved for summary in summaries) else 1
 
-    campaign: Campaign
-    setup: SafeSetup
-    processes: int
-    folder: Path
-    timed: bool = False
 
-    def __call__(self) -> int:
-        """Run the campaign, show the table, write the report, draw the pictures."""
-        results = self._results()
-        summaries = summarize(results)
-        planned = self._planned(results)
-        durations = None
-        if self.timed:
-            durations = [self._duration(result) for result in results]
-        self._write_report(results, summaries, planned, durations)
-        output_console().print(comparison_table(self.campaign, self.setup.robot.name, summaries, planned))
-        if durations is not None:
-            output_console().print(durations_table([result.planner for result in results], durations))
-        self._draw(summaries)
-        return 0 if all(summary.solved for summary in summaries) else 1
-
-    def _planned(self, results: Sequence[PlanResult]) -> list[Summary]:
-        """Return the summaries of the paths before they were simplified; none if no path was."""
-        found = [
-            result
-            if result.planned_path is None
-            else replace(
-                result,
-                path=result.planned_path,
-                report=self.setup.report(result.planned_path),
-                simplification_time=0.0,
-            )
-            for result in results
-        ]
-        return summarize(found) if any(result.planned_path is not None for result in results) else []
-
-    def _duration(self, result: PlanResult) -> float | None:
-        """Return how long a path takes [s], +inf where nothing allows motion; None where there is none."""
-        return None if result.path is None else duration_of(self.setup.timer, result.path, CELLS)
-
-    def _results(self) -> list[PlanResult]:
-        found = []
-        with progress_bar(error_console()) as progress:
-            task = progress.add_task(f"planning {self.campaign.scenario.name}", total=len(self.campaign))
-            for result in self.campaign.results(self.setup, self.processes):
-                found.append(result)
-                progress.advance(task)
-        return found
-
-    def _write_report(
-        self,
-        results: Sequence[PlanResult],
-        summaries: Sequence[Summary],
-        planned: Sequence[Summary],
-        durations: Sequence[float | None] | None,
-    ) -> None:
-        name = self.campaign.scenario.name
-        report: dict[str, Any] = {
-            "scenario": name,
-            "robot": self.setup.robot.name,
-            "seed": self.campaign.seed,
-            "summary": [summary.as_dict() for summary in summaries],
-            "summary_as_planned": [summary.as_dict() for summary in planned],
-            "runs": [record(name, self.setup.robot, result) for result in results],
-        }
-        for run, duration in zip(report["runs"], durations or (), strict=False):
-            run["duration"] = duration if duration is not None and math.isfinite(duration) else None
-        write_json(str(self.folder / "report.json"), report)
-
-    def _draw(self, summaries: Sequence[Summary]) -> None:
-        console = error_console()
-        advice = missing_extra("plots")
-        if advice:
-            console.print(f"safe-ompl: no pictures: {advice}")
-        else:
-            with console.status("drawing"):
-                draw_comparison(self.setup, summaries, self.folder)
-        console.print(f"report{'' if advice else ' and pictures'} in {self.folder}")
-        console.print(
-            f"see them move: safe-ompl view {self.campaign.scenario.file or self.campaign.scenario.name}"
-        )
+def _as_planned(results: Sequence[PlanResult], setup: SafeSetup) -> list[Summary]:
+    """Return the summaries of the paths before they were simplified; none if no path was."""
+    found = []
+    for result in results:
+        path = result.planned_path
+        if path is not None:
+            result = replace(result, path=path, report=setup.report(path), simplification_time=0.0)
+        found.append(result)
+    return summarize(found) if any(result.planned_path is not None for result in results) else []
 
 
 def draw_comparison(setup: SafeSetup, summaries: Sequence[Summary], folder: Path) -> None:

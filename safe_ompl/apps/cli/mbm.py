@@ -18,9 +18,15 @@ from safe_ompl.apps.cli.options import (
     names,
     positions,
 )
-from safe_ompl.apps.cli.output import STANDARD_OUTPUT, check_writable, error_console, opened, progress_bar
+from safe_ompl.apps.cli.output import (
+    STANDARD_OUTPUT,
+    check_writable,
+    error_console,
+    families_table,
+    opened,
+    progress_bar,
+)
 from safe_ompl.apps.cli.plan import record
-from safe_ompl.apps.cli.tables import families_table
 from safe_ompl.common import InputError, SafeOmplError, UnknownNameError
 from safe_ompl.io import strict_json as json_line
 from safe_ompl.planning import PlanResult, SafeSetup, setup_problem
@@ -32,7 +38,7 @@ from safe_ompl.scene import WHERE_FROM, MbmFile, Scene
 USUAL_TIME = 5.0  # [s]
 
 
-def add_command(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add `mbm` to the commands."""
     parser = add_parser(
         commands,
@@ -82,10 +88,7 @@ class Mbm:
         to_terminal = self.options.json == STANDARD_OUTPUT and sys.stdout.isatty()
         console = error_console()
         results: dict[str, list[PlanResult]] = {}
-        with (
-            opened(self.options.json) as stream,
-            progress_bar(console, hidden=to_terminal) as progress,
-        ):
+        with opened(self.options.json) as stream, progress_bar(console, hidden=to_terminal) as progress:
             for family, k in progress.track(self.chosen, description=self.file.path.name):
                 line, result = self._solve(family, k)
                 print(json_line(line), file=stream, flush=True)
@@ -99,33 +102,33 @@ class Mbm:
         try:
             problem = self.file.problem(family, k)
             index, widened = problem.index, problem.widened_limits(self.robot)
-            result = self._plan(setup_problem(problem, self.robot))
+            result = setup_problem(problem, self.robot).plan(
+                self.options.planner,
+                time=self.options.time or USUAL_TIME,
+                seed=self.options.seed,
+                parameters=self.parameters,
+                simplify=self.options.simplify,
+            )
         except SafeOmplError as error:
             kind = "Invalid input" if isinstance(error, InputError) else "Error"
-            result = failure(
-                f"{kind}: {error}", self.options.planner, self.options.seed, self.robot.joint_names
-            )
-        place = {"family": family, "index": index}
-        told = record(f"{family}/{index}", self.robot, result)
-        return {**place, **told, "widened_limits": widened}, result
-
-    def _plan(self, setup: SafeSetup) -> PlanResult:
-        options = self.options
-        result = setup.plan(
-            options.planner,
-            time=options.time or USUAL_TIME,
-            seed=options.seed,
-            parameters=self.parameters,
-            simplify=options.simplify,
-        )
+            who = self.options.planner, self.options.seed, self.robot.joint_names
+            result = failure(f"{kind}: {error}", *who)
         if result.interrupted:  # Ctrl-C is for all the problems
             raise KeyboardInterrupt
-        return result
+        told = record(f"{family}/{index}", self.robot, result)
+        return {"family": family, "index": index, **told, "widened_limits": widened}, result
 
 
 def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:
     """Return the robot of the options or of the file; its joints must be those of the file."""
-    robot = given_robot(options, lambda: _named_robot(file)).build()
+
+    def named() -> RobotSpec:
+        if file.robot not in EXAMPLES:
+            words = f"{file.robot!r} is not an example robot: give --urdf or --robot"
+            raise InputError(words, f"{file.path}: robot")
+        return RobotSpec(file.robot)
+
+    robot = given_robot(options, named).build()
     if file.joint_names and set(file.joint_names) != set(robot.joint_names):
         raise InputError(
             f"the problems are for the joints {', '.join(file.joint_names)}, "
@@ -133,14 +136,6 @@ def _robot(file: MbmFile, options: argparse.Namespace) -> Robot:
             f"{file.path}: joints",
         )
     return robot
-
-
-def _named_robot(file: MbmFile) -> RobotSpec:
-    if file.robot not in EXAMPLES:
-        raise InputError(
-            f"{file.robot!r} is not an example robot: give --urdf or --robot", f"{file.path}: robot"
-        )
-    return RobotSpec(file.robot)
 
 
 def _chosen(file: MbmFile, options: argparse.Namespace) -> list[tuple[str, int]]:

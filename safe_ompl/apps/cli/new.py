@@ -7,6 +7,7 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -89,7 +90,7 @@ def _prepare_srdf(options: argparse.Namespace) -> Callable[[], int]:
     """Read the URDF, and return the job."""
     urdf = UrdfFile(options.urdf, options.package_dir)
     check_writable(options.output, "--output")
-    return WriteSrdf(urdf, options.output, options.samples, options.collision or "required")
+    return partial(_write_srdf, urdf, options.output, options.samples, options.collision or "required")
 
 
 def _prepare_new(options: argparse.Namespace) -> Callable[[], int]:
@@ -108,11 +109,6 @@ def with_arm(given: RobotSpec) -> tuple[RobotSpec, Robot]:
     """Return the robot with the joints of one arm free and all others locked, and what that says of it.
 
     What the spec leaves open is chosen: group and tip as the SRDF has them, or else the arm that the joints tell.
-
-    Raises
-    ------
-    InputError
-        If the robot cannot be built, or no joint of it can be planned for.
     """
     assert given.urdf is not None
     urdf = UrdfFile(given.urdf, given.package_dirs)
@@ -184,19 +180,12 @@ class New:
                 "pairs: choose them by the sliders of `safe-ompl view`"
             )
         _say("look at it, plan, check the proof, and look at the path:")
-        for command in self._next():
-            _say(f"    {command}")
-        return 0
-
-    def _next(self) -> list[str]:
-        """Return the commands that come next, as they are typed."""
         file, stem = (shlex.quote(str(name)) for name in (self.file, self.file.with_suffix("")))
-        return [
-            f"safe-ompl view {file}",
-            f"safe-ompl plan {file} --json {stem}.json --certificate {stem}.certificate.json",
-            f"safe-ompl verify {stem}.certificate.json {file}",
-            f"safe-ompl view {stem}.json --html {stem}.html",
-        ]
+        _say(f"    safe-ompl view {file}")
+        _say(f"    safe-ompl plan {file} --json {stem}.json --certificate {stem}.certificate.json")
+        _say(f"    safe-ompl verify {stem}.certificate.json {file}")
+        _say(f"    safe-ompl view {stem}.json --html {stem}.html")
+        return 0
 
     def _person(self, samples: FloatArray) -> tuple[Obstacle, float]:
         """Return a person who stands just beyond the reach of the arm, and how far it reaches [m]."""
@@ -216,14 +205,12 @@ class New:
     def _shoulder(self) -> FloatArray:
         """The first key point of the arm [m]."""
         points = self.robot.keypoints(np.clip(np.zeros(self.robot.n), self.robot.lower, self.robot.upper))
-        shoulder: FloatArray = points[self.robot.segments[:, 0].min(initial=len(points) - 1)]
-        return shoulder
+        return np.asarray(points[self.robot.segments[:, 0].min(initial=len(points) - 1)])
 
     def _azimuths(self, samples: FloatArray, way: float = 0.0) -> FloatArray:
         """Return for configurations (B, n) how far left of a direction the tip is, from the shoulder [rad]."""
         x, y = (self.robot.keypoints_batch(samples)[:, -1] - self._shoulder)[:, :2].T
-        azimuths: FloatArray = (np.arctan2(y, x) - way + np.pi) % (2 * np.pi) - np.pi
-        return azimuths
+        return np.asarray((np.arctan2(y, x) - way + np.pi) % (2 * np.pi) - np.pi)
 
     def _ends(
         self, checker: CollisionChecker, samples: FloatArray, person: Obstacle
@@ -248,12 +235,10 @@ class New:
             left, right = free(1.0, room), free(-1.0, room)
             if len(left) and len(right):
                 return left, right
-        pairs = _touching(checker, samples)
         why = "the tip does not move from one side to the other"
-        if pairs:
-            why = (
-                f"what touches most often: {', '.join(pairs)}. Do links touch that may? see `safe-ompl srdf`"
-            )
+        if pairs := _touching(checker, samples):
+            often = f"what touches most often: {', '.join(pairs)}"
+            why = f"{often}. Do links touch that may? see `safe-ompl srdf`"
         raise SafeOmplError(
             f"{self.spec.urdf}: no start and goal on either side of a person, of {_SAMPLES} configurations; {why}"
         )
@@ -302,7 +287,7 @@ time: 10.0
 
 
 def _say(line: str) -> None:
-    error_console().print(line, markup=False, soft_wrap=True, highlight=False)
+    error_console().print(line)
 
 
 def _touching(checker: CollisionChecker, samples: FloatArray) -> list[str]:
@@ -317,25 +302,13 @@ def _by_joint(robot: Robot, q: FloatArray) -> str:
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=True, width=np.inf).strip()
 
 
-@dataclass(frozen=True)
-class WriteSrdf:
-    """The job of `safe-ompl srdf`."""
-
-    urdf: UrdfFile
-    output: str
-    samples: int
-    collision: str
-
-    def __call__(self) -> int:
-        """Sample, write, and say what was found."""
-        pairs = disabled_links(self.urdf, self.samples, self.collision)
-        text = srdf_text(self.urdf.build_model().name, pairs, self.samples)
-        with opened(self.output) as stream:
-            stream.write(text)
-        reasons = [pair.reason for pair in pairs]
-        error_console().print(
-            f"safe-ompl: {self.samples} samples: {reasons.count('Always')} pairs of links always touch, "
-            f"{reasons.count('Adjacent')} are adjacent",
-            markup=False,
-        )
-        return 0
+def _write_srdf(urdf: UrdfFile, output: str, samples: int, collision: str) -> int:
+    pairs = disabled_links(urdf, samples, collision)
+    with opened(output) as stream:
+        stream.write(srdf_text(urdf.build_model().name, pairs, samples))
+    reasons = [pair.reason for pair in pairs]
+    _say(
+        f"safe-ompl: {samples} samples: {reasons.count('Always')} pairs of links always touch, "
+        f"{reasons.count('Adjacent')} are adjacent"
+    )
+    return 0

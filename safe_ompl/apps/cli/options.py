@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -28,19 +29,11 @@ def add_parser(
     summary: str,
     description: str | None = None,
 ) -> argparse.ArgumentParser:
-    """Add a command, and return its parser.
+    """Add a command to what `add_subparsers` returned, and return its parser.
 
-    Parameters
-    ----------
-    commands : object
-        What `argparse.ArgumentParser.add_subparsers` returns.
-    name : str
-        Name of the command.
-    prepare : callable
-        Reads and checks what the options name, raises all errors of input, and returns the job: a function without
-        arguments that does the work and returns the exit status.
-    summary, description : str
-        What the command does: in the list of commands, and in its own help; by default the same.
+    `prepare` checks what the options name, raises all errors of input, and returns the job: a function without
+    arguments that does the work and returns the exit status. The summary is for the list of commands; the help of its
+    own is by default the same.
     """
     parser: argparse.ArgumentParser = commands.add_parser(
         name, help=summary, description=description or f"{summary[0].upper()}{summary[1:]}."
@@ -161,13 +154,7 @@ def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> RobotSpec:
-    """Return the robot that the options ask for: another one, or the usual one with another tip or other locks.
-
-    Raises
-    ------
-    InputError
-        If SRDF or package folders come without a URDF, or a file does not exist.
-    """
+    """Return the robot that the options ask for: another one, or the usual one with another tip or other locks."""
     if options.urdf is None and options.srdf:
         raise InputError("needs --urdf", "--srdf")
     locked = _once("--lock", options.lock)
@@ -182,7 +169,10 @@ def given_robot(options: argparse.Namespace, usual: Callable[[], RobotSpec]) -> 
         if folders:
             spec = spec.with_package_dirs(folders)
     if locked:
-        spec = dataclasses.replace(spec, locked={**_usually_locked(spec), **locked})
+        usually = spec.locked or {}
+        if spec.locked is None and spec.example is not None:
+            usually = find_example(spec.example).locked
+        spec = dataclasses.replace(spec, locked={**usually, **locked})
     return dataclasses.replace(spec, **chosen) if chosen else spec
 
 
@@ -190,12 +180,6 @@ def scenario_robot(options: argparse.Namespace, scenario: Scenario) -> tuple[Rob
     """Return the robot that the options ask for instead of the scenario's, or else the scenario's."""
     spec = given_robot(options, lambda: scenario.robot)
     return spec, scenario.build_robot() if spec is scenario.robot else spec.build()
-
-
-def _usually_locked(spec: RobotSpec) -> Mapping[str, float]:
-    if spec.locked is None and spec.example is not None:
-        return find_example(spec.example).locked
-    return spec.locked or {}
 
 
 def _once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
@@ -267,15 +251,7 @@ def _moving(scenario: Scenario, options: argparse.Namespace) -> MovingObstacles:
 
 
 def load_scenario(name_or_file: str, package_dirs: Sequence[Path] = ()) -> Scenario:
-    """Load a scenario; the planners that it gives parameters to must exist, too.
-
-    Parameters
-    ----------
-    name_or_file : str
-        The scenario.
-    package_dirs : sequence of Path
-        Folders of packages, as `add_package_dirs` gives them, for its robot.
-    """
+    """Load a scenario; the planners that it gives parameters to must exist, too."""
     scenario = Scenario.load(find_scenario(name_or_file))
     for planner in scenario.planners:
         if planner not in planner_names():
@@ -295,12 +271,10 @@ def _reader(
     """Return a function that reads a number from text; `what` says in errors which numbers fit."""
 
     def read(text: str) -> _Number:
-        try:
+        with suppress(ValueError):
             value = kind(text)
             if fits(value):
                 return value
-        except ValueError:
-            pass
         raise argparse.ArgumentTypeError(f"must be {what}, not {text!r}")
 
     return read
@@ -347,10 +321,8 @@ def parameter(text: str) -> tuple[str, Any]:
     """Read ``name=value`` with a number, true, yes, on, false, no, off, or else text."""
     name, value = _assignment(text, "name=value")
     for kind in (int, float):
-        try:
+        with suppress(ValueError):
             return name, kind(value)
-        except ValueError:
-            pass
     return name, _BOOLEANS.get(value.lower(), value)
 
 

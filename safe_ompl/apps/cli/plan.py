@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -29,9 +30,9 @@ from safe_ompl.apps.cli.output import (
     check_writable,
     error_console,
     output_console,
+    plan_table,
     write_json,
 )
-from safe_ompl.apps.cli.tables import plan_table
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.common import InputError
 from safe_ompl.io import TimedMotion, marked, result_to_mapping
@@ -39,11 +40,11 @@ from safe_ompl.planning import COSTS, PlanResult, SafeSetup, setup_scenario
 from safe_ompl.planning.planners import make_planner
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
-from safe_ompl.trajectories import RATE, MotionDanger, RateLimits, Trajectory
+from safe_ompl.trajectories import RATE, RateLimits, Trajectory
 from safe_ompl.view import draw_plan, plots
 
 
-def add_command(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add `plan` to the commands."""
     parser = add_parser(commands, "plan", prepare, "plan one path and report on it")
     add_scenario(parser)
@@ -88,7 +89,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     parameters = run_options(options, scenario, options.planner)["parameters"]
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
     limits = rate_limits(scenario, robot, options)
-    return Plan(scenario, setup, options, perf_counter() - begin, limits)
+    return partial(_plan, scenario, setup, options, perf_counter() - begin, limits)
 
 
 def _check_distinct(options: argparse.Namespace) -> None:
@@ -104,58 +105,42 @@ def _check_distinct(options: argparse.Namespace) -> None:
         written[place] = option
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The job of `safe-ompl plan`."""
-
-    scenario: Scenario
-    setup: SafeSetup
-    options: argparse.Namespace
-    setup_time: float = 0.0
-    rate_limits: RateLimits | None = None
-
-    def __call__(self) -> int:
-        """Plan, and show and write the result as the options say."""
-        options = self.options
-        result = self.setup.plan(
-            options.planner,
-            **run_options(options, self.scenario, options.planner),
-            optimise=options.optimise,
-            cost=options.cost,
-        )
-        result = replace(result, setup_time=self.setup_time + result.setup_time)
-        if result.interrupted:
-            error_console().print("safe-ompl: interrupted: this is the best path so far")
-        if options.json:
-            write_json(options.json, self._saved(result))
-        if options.json != STANDARD_OUTPUT:
-            output_console().print(plan_table(self.scenario.name, self.setup.robot.name, result))
-        trajectory = None
-        if self.rate_limits is not None and result.path is not None:
-            trajectory = timed(result, self.scenario, self.rate_limits)
-        if options.certificate and result.path is None:
-            error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
-        elif options.certificate:
-            proof = certificate_of(result, self.setup, self.scenario, options.certificate, trajectory)
-            write_json(options.certificate, proof)
-        if options.plot and result.path is not None:
-            draw_plan(self.setup, result, options.plot)
-        if trajectory is not None:
-            show_timed(trajectory, result, self.scenario, options)
-        return 0 if result else 1
-
-    def _saved(self, result: PlanResult) -> dict[str, Any]:
-        """Return the result in the form of `safe_ompl.save`, with the name of the scenario."""
-        names = {"scenario": self.scenario.name, "robot": self.setup.robot.name}
-        return {**marked("result", names), **result_to_mapping(result)}
+def _plan(
+    scenario: Scenario,
+    setup: SafeSetup,
+    options: argparse.Namespace,
+    setup_time: float,
+    limits: RateLimits | None,
+) -> int:
+    """Plan, and show and write the result as the options say; the time [s] is what it took to get ready."""
+    chosen = run_options(options, scenario, options.planner)
+    result = setup.plan(options.planner, **chosen, optimise=options.optimise, cost=options.cost)
+    result = replace(result, setup_time=setup_time + result.setup_time)
+    if result.interrupted:
+        error_console().print("safe-ompl: interrupted: this is the best path so far")
+    if options.json:  # in the form of `safe_ompl.save`, with the name of the scenario
+        names = {"scenario": scenario.name, "robot": setup.robot.name}
+        write_json(options.json, {**marked("result", names), **result_to_mapping(result)})
+    if options.json != STANDARD_OUTPUT:
+        output_console().print(plan_table(scenario.name, setup.robot.name, result))
+    trajectory = None
+    if limits is not None and result.path is not None:
+        trajectory = timed(result, scenario, limits)
+    if options.certificate and result.path is None:
+        error_console().print(f"safe-ompl: there is no path: nothing is written to {options.certificate}")
+    elif options.certificate:
+        proof = certificate_of(result, setup, scenario, options.certificate, trajectory)
+        write_json(options.certificate, proof)
+    if options.plot and result.path is not None:
+        draw_plan(setup, result, options.plot)
+    if trajectory is not None:
+        show_timed(trajectory, result, scenario, options)
+    return 0 if result else 1
 
 
 def record(scenario: str, robot: Robot, result: PlanResult) -> dict[str, Any]:
     """Return a result in the form of the command line's JSON."""
     return {"scenario": scenario, "robot": robot.name, **result.as_dict()}
-
-
-# ------------------------------------------------------------------------------------------ time
 
 
 def add_timed_options(parser: Any) -> None:
@@ -211,21 +196,20 @@ def show_timed(
     if options.json != STANDARD_OUTPUT and options.trajectory != STANDARD_OUTPUT:
         output_console().print(describe_timing(trajectory))
         if danger is not None:
-            output_console().print(describe_danger(danger))
+            output_console().print(
+                f"danger in motion: mean {danger.mean:.3f}, peak {danger.peak:.3f}, proven to stay below "
+                f"{danger.proven_peak:.3f}"
+            )
     if options.timed_plot:
         plots.plot_motion(trajectory, options.timed_plot, danger=danger, title=f"{trajectory.duration:.2f} s")
     if options.trajectory:
-        write_json(options.trajectory, _saved(trajectory, result, options.rate or RATE))
-
-
-def _saved(trajectory: Trajectory, result: PlanResult, rate: float) -> dict[str, Any]:
-    """Return the trajectory in the form of a JointTrajectory, and what `safe-ompl view` needs."""
-    assert result.robot is not None
-    assert result.scene is not None
-    motion = TimedMotion.of(
-        trajectory, result.robot, result.scene, rate=rate, danger=result.danger, name=result.planner
-    )
-    return marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
+        assert result.robot is not None
+        assert result.scene is not None
+        rate, about = options.rate or RATE, (result.robot, result.scene)
+        motion = TimedMotion.of(trajectory, *about, rate=rate, danger=result.danger, name=result.planner)
+        # The form of a JointTrajectory, and what `safe-ompl view` needs.
+        content = marked("trajectory", {**trajectory.as_dict(rate), **motion.to_mapping()})
+        write_json(options.trajectory, content)
 
 
 def describe_timing(trajectory: Trajectory) -> str:
@@ -237,11 +221,3 @@ def describe_timing(trajectory: Trajectory) -> str:
     shown = sorted(shares.items(), key=lambda item: -item[1])
     bounds = ", ".join(f"{name} {100 * span / trajectory.duration:.0f} %" for name, span in shown)
     return f"timed: {trajectory.duration:.3f} s, bounded by {bounds}"
-
-
-def describe_danger(danger: MotionDanger) -> str:
-    """Return one line: the danger of the robot in motion."""
-    return (
-        f"danger in motion: mean {danger.mean:.3f}, peak {danger.peak:.3f}, proven to stay below "
-        f"{danger.proven_peak:.3f}"
-    )

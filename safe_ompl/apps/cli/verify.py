@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,8 @@ from safe_ompl.apps.cli.output import error_console, output_console
 from safe_ompl.certificates import Verified, certificate, terms_of, verify
 from safe_ompl.common import CertificateError, InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io import check_form, parse
+from safe_ompl.io import schema
 from safe_ompl.planning import PlanResult, SafeSetup
-from safe_ompl.robot import Robot
 from safe_ompl.scene import Scenario
 from safe_ompl.trajectories import Trajectory
 
@@ -24,7 +23,7 @@ _MOST_BYTES = 1_000_000_000  # of a certificate
 _OF_SCENARIOS = ("robot", "srdf", "tip", "lock", "group", "locked_state", "collision")
 
 
-def add_command(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add `verify` to the commands."""
     parser = add_parser(
         commands,
@@ -59,79 +58,42 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
                     f"--{name.replace('_', '-')}",
                 )
         urdf = None if options.urdf is None else Path(options.urdf)
-        return Verify(options.file, content, urdf=urdf, package_dirs=tuple(map(Path, options.package_dir)))
+        carried = partial(verify, content, urdf=urdf, package_dirs=tuple(map(Path, options.package_dir)))
+        built = "" if urdf is None else f" (with the URDF {urdf})"
+        own = f"{built} and scene are the file's own, compared with no scenario"
+        return partial(_verify, options.file, carried, own)
     scenario = load_scenario(options.scenario)
     spec, robot = scenario_robot(options, scenario)
-    other = None if spec is scenario.robot else options.urdf or options.robot or "the options"
-    return Verify(options.file, content, robot, scenario, other)
+
+    def against_scenario() -> Verified:
+        terms = terms_of(scenario, robot, timed=content.get("trajectory") is not None)
+        return verify(content, robot, scenario.scene, terms=terms)
+
+    other = "" if spec is scenario.robot else f" of {options.urdf or options.robot or 'the options'}"
+    return partial(_verify, options.file, against_scenario, f"{other} and scene of {scenario.file}")
 
 
-@dataclass(frozen=True)
-class Verify:
-    """The job of `safe-ompl verify`.
-
-    Attributes
-    ----------
-    file : str
-        Name of the certificate.
-    content : mapping
-        What it holds.
-    robot : Robot, optional
-        The robot that it must be about; without one it is built from what the certificate carries.
-    scenario : Scenario, optional
-        The scenario that all else comes from.
-    other : str, optional
-        Where the robot comes from, if not from the scenario.
-    urdf, package_dirs
-        Files of a robot that is carried.
-    """
-
-    file: str
-    content: Mapping[str, Any]
-    robot: Robot | None = None
-    scenario: Scenario | None = None
-    other: str | None = None
-    urdf: Path | None = None
-    package_dirs: tuple[Path, ...] = ()
-
-    def __call__(self) -> int:
-        """Check the certificate, and print what holds and what is not claimed, or what fails."""
-        try:
-            with document.within(self.file, ": "):
-                found = self._verified()
-        except CertificateError as error:
-            error_console().print(f"safe-ompl: {self.file}: {error}", markup=False, soft_wrap=True)
-            return REFUSED
-        for line in self._lines(found):
-            output_console().print(f"{self.file}: {line}", markup=False, soft_wrap=True)
-        return 0
-
-    def _verified(self) -> Verified:
-        if self.scenario is None or self.robot is None:
-            return verify(self.content, urdf=self.urdf, package_dirs=self.package_dirs)
-        terms = terms_of(self.scenario, self.robot, timed=self.content.get("trajectory") is not None)
-        return verify(self.content, self.robot, self.scenario.scene, terms=terms)
-
-    def _lines(self, found: Verified) -> list[str]:
-        free, *others = found.claims
-        work = f"{found.edges} edges, {found.intervals} intervals, {found.distances} distances"
-        lines = [
-            "; ".join([f"{free}: {work}", *others]),
-            f"{self._source(found.robot)}: {', '.join(found.obstacles) or 'no obstacle'}",
-        ]
-        if found.not_claimed:
-            lines.append(f"not claimed: {', '.join(found.not_claimed)}")
-        if found.not_covered:
-            lines.append(f"not covered: {'; '.join(found.not_covered)}")
-        return lines
-
-    def _source(self, robot: str) -> str:
-        """Say where robot and scene came from."""
-        if self.scenario is None:
-            built = "" if self.urdf is None else f" (with the URDF {self.urdf})"
-            return f"robot {robot}{built} and scene are the file's own, compared with no scenario"
-        other = "" if self.other is None else f" of {self.other}"
-        return f"robot {robot}{other} and scene of {self.scenario.file}"
+def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
+    """Check a certificate, and print what holds and what is not claimed, or what fails."""
+    try:
+        with document.within(file, ": "):
+            found = check()
+    except CertificateError as error:
+        error_console().print(f"safe-ompl: {file}: {error}")
+        return REFUSED
+    free, *others = found.claims
+    work = f"{found.edges} edges, {found.intervals} intervals, {found.distances} distances"
+    lines = [
+        "; ".join([f"{free}: {work}", *others]),
+        f"robot {found.robot}{source}: {', '.join(found.obstacles) or 'no obstacle'}",
+    ]
+    if found.not_claimed:
+        lines.append(f"not claimed: {', '.join(found.not_claimed)}")
+    if found.not_covered:
+        lines.append(f"not covered: {'; '.join(found.not_covered)}")
+    for line in lines:
+        output_console().print(f"{file}: {line}", markup=False, soft_wrap=True)
+    return 0
 
 
 def _read_certificate(file: str) -> Mapping[str, Any]:
@@ -142,8 +104,8 @@ def _read_certificate(file: str) -> Mapping[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read as a certificate: {error}", file) from None
     with document.within(file, ": "):
-        content = parse(written)
-        check_form(content)
+        content = schema.parse(written)
+        schema.check_form(content)
     checked: Mapping[str, Any] = content
     return checked
 

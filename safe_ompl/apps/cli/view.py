@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,7 @@ from safe_ompl.apps.cli.options import (
 from safe_ompl.apps.cli.output import check_drawable, check_writable, error_console, missing_extra
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io import FORMAT as CERTIFICATE
-from safe_ompl.io import TimedMotion, check_form, load, read_json, unpacked_robot
+from safe_ompl.io import TimedMotion, load, read_json, schema, unpacked_robot
 from safe_ompl.planning import PlanResult, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.view import (
@@ -40,7 +38,7 @@ _PLANNERS = ("SafeRRTConnect", "ClassicRRTConnect")
 _NONE = ("none",)
 
 
-def add_command(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add `view` to the commands."""
     parser = add_parser(
         commands,
@@ -101,17 +99,17 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         if len(options.what) > 1:
             raise InputError(f"one recording at a time, not {', '.join(options.what)}")
         recorded = read_recording(recordings[0], package_dirs=options.package_dir)
-        return Show(lambda: recorded, options)
+        return lambda: _show(recorded, options)
     files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
     if not files:
         if len(options.what) > 1:
             raise InputError(f"one scenario at a time, not {', '.join(options.what)}")
         scenario = load_scenario(options.what[0], options.package_dir)
-        return Show(lambda: _planned(scenario, options), options)
+        return lambda: _show(_planned(scenario, options), options)
     if len(files) < len(options.what):
         raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
     content = _loaded(files, options.package_dir)
-    return Show(lambda: content, options)
+    return lambda: _show(content, options)
 
 
 def check_page(file: str | None) -> None:
@@ -130,32 +128,24 @@ def _check_viewer() -> None:
         raise InputError(advice)
 
 
-@dataclass(frozen=True)
-class Show:
-    """The job of `safe-ompl view`."""
-
-    content: Callable[[], ViewerContent]
-    options: argparse.Namespace
-
-    def __call__(self) -> int:
-        """Write the files that the options name, or else serve the view until Ctrl-C."""
-        content, options = self.content(), self.options
-        if options.animation is not None:
-            with error_console().status("drawing"):
-                save_animation(content, options.animation)
-            error_console().print(f"moving picture in {options.animation}")
-        if options.html is not None:
-            save_page(content, options.html, slice_at=options.slice)
-            error_console().print(f"view in {options.html}")
-        if options.html is not None or options.animation is not None:
-            return 0
-        view = BrowserView(content, port=options.port)
-        error_console().print(f"view at {view.url}; Ctrl-C ends it")
-        try:
-            view.run(browser=not options.no_browser)
-        except KeyboardInterrupt:
-            view.stop()
+def _show(content: ViewerContent, options: argparse.Namespace) -> int:
+    """Write the files that the options name, or else serve the view until Ctrl-C."""
+    if options.animation is not None:
+        with error_console().status("drawing"):
+            save_animation(content, options.animation)
+        error_console().print(f"moving picture in {options.animation}")
+    if options.html is not None:
+        save_page(content, options.html, slice_at=options.slice)
+        error_console().print(f"view in {options.html}")
+    if options.html is not None or options.animation is not None:
         return 0
+    view = BrowserView(content, port=options.port)
+    error_console().print(f"view at {view.url}; Ctrl-C ends it")
+    try:
+        view.run(browser=not options.no_browser)
+    except KeyboardInterrupt:
+        view.stop()
+    return 0
 
 
 def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
@@ -178,11 +168,11 @@ def _planned(scenario: Scenario, options: argparse.Namespace) -> ViewerContent:
 
 def _loaded(files: Sequence[str], package_dirs: Sequence[Path]) -> ViewerContent:
     content = read_json(files[0])
-    if isinstance(content, dict) and content.get("format") == CERTIFICATE:
+    if isinstance(content, dict) and content.get("format") == schema.FORMAT:
         if len(files) > 1:
             raise InputError(f"one certificate at a time, not {', '.join(files)}")
         with document.within(files[0], ": "):
-            check_form(content)
+            schema.check_form(content)
             return ViewerContent.of_certificate(content, unpacked_robot(content["robot"], package_dirs))
     loaded = [load(file, package_dirs=package_dirs) for file in files]
     title = Path(files[0]).stem

@@ -20,9 +20,8 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.certificates.claims import Danger, MovingDanger
-from safe_ompl.certificates.verifier.distances import joints_below
+from safe_ompl.certificates.verifier.bodies import bend_bound, joints_below
 from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
-from safe_ompl.certificates.verifier.speeds import bend_bound
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -39,21 +38,7 @@ class PlainDanger:
     """The danger of a robot in a scene, link by link: eq. (4) in the form 2/ℓ·atanh(ℓ/S), and how far it can grow.
 
     Where no end of a link moves more than δ, less than its distance D from a danger point, its field there grows to
-    D/(D − δ) times what it was, at most.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        Has the danger points.
-    claim : Danger
-        Of which kind it is.
-
-    Attributes
-    ----------
-    points, weights : ndarray, shape (M, 3) and (M,)
-        The danger points, one at least.
+    D/(D − δ) times what it was, at most. The danger points, (M, 3), are one at least.
     """
 
     def __init__(self, robot: Robot, scene: Scene, claim: Danger) -> None:
@@ -115,8 +100,7 @@ class PlainDanger:
         arms = keypoints[:, None] - np.array([joint.translation for joint in joints])  # (K, n, 3)
         across = arms - (arms * axes).sum(axis=2)[..., None] * axes
         radii = np.where(robot.joint_prismatic, 1.0, _norm(across)) * robot.joint_keypoint_support
-        moved: FloatArray = radii @ robot.coupling.reach(steps)
-        return moved
+        return np.asarray(radii @ robot.coupling.reach(steps))
 
     def aggregated(self, fields: FloatArray) -> float:
         """Return the danger where the robot's field at all danger points is `fields: (M,)`, without k₁ and weights."""
@@ -143,17 +127,7 @@ class _Interval(NamedTuple):
 
 
 class PlainMovingDanger:
-    """The danger of a robot that moves in a scene.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    scene : Scene
-        Has the danger points.
-    claim : MovingDanger
-        Of which kind it is, and its bound.
-    """
+    """The danger of a robot that moves in a scene, of the kind that is claimed."""
 
     def __init__(self, robot: Robot, scene: Scene, claim: MovingDanger) -> None:
         self._robot, self._claim = robot, claim
@@ -303,5 +277,4 @@ def _static(
 
 
 def _norm(vectors: FloatArray) -> FloatArray:
-    norm: FloatArray = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
-    return norm
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))

@@ -87,22 +87,12 @@ class PlainPiece:
 
 
 class PlainMotion:
-    """A curve and where on it the robot is when, as claimed; checked for being one motion.
-
-    Parameters
-    ----------
-    claim : TimedMotion
-        The claim.
-    robot : Robot
-        The robot.
-    path : ndarray, shape (N, n)
-        Where it leads: from the first way point to the last one.
+    """A curve and where on it the robot is when, as claimed; checked for being one motion along a path (N, n).
 
     Attributes
     ----------
-    pieces : list of PlainPiece
     starts : list of float
-        Arc lengths where they begin.
+        Arc lengths where the pieces begin.
     edges, squares : ndarray, shape (C + 1,)
         Grid points, and ṡ² there; of the plan, if there is a window.
     window : float
@@ -138,9 +128,8 @@ class PlainMotion:
         stops = {0, len(self.edges) - 1, *self._corners}
         for j in sorted(stops):
             if self.squares[j] != 0:
-                raise CertificateError(
-                    f"trajectory: it does not stand at {self.edges[j]:.6f} rad, where it must"
-                )
+                where = f"{self.edges[j]:.6f} rad"
+                raise CertificateError(f"trajectory: it does not stand at {where}, where it must")
         self.ends = np.array([min(j for j in stops if j > cell) for cell in range(len(self.of))])
         self._begins = np.array([max(j for j in stops if j <= cell) for cell in range(len(self.of))])
         self._check_smooth(corners)
@@ -189,10 +178,8 @@ class PlainMotion:
 
     def _check_joined(self, robot: Robot, path: FloatArray) -> None:
         first, last = self.pieces[0], self.pieces[-1]
-        for name, q, wanted in (
-            ("begin", first.start, path[0]),
-            ("end", last.at(last.length), path[-1]),
-        ):
+        ends = ("begin", first.start, path[0]), ("end", last.at(last.length), path[-1])
+        for name, q, wanted in ends:
             if np.abs(robot.difference(q, wanted)).max() > _SAME:
                 raise CertificateError(f"trajectory: the curve does not {name} where the path does")
         for k in range(1, len(self.pieces)):
@@ -236,8 +223,6 @@ class PlainMotion:
             if self.window and np.abs(before.bend(before.length) - after.second).max() * most > _SMOOTH:
                 raise CertificateError(f"trajectory: the acceleration jumps where piece {k} begins")
 
-    # -------------------------------------------------------------------------------------------------- limits
-
     def exceeded(
         self,
         squares: FloatArray,
@@ -246,14 +231,9 @@ class PlainMotion:
         acceleration: FloatArray,
         jerk: FloatArray | None,
     ) -> str | None:
-        """Return which joint exceeds its limits where, if any does.
+        """Return which joint exceeds its limits (n,) where, if any does.
 
-        Parameters
-        ----------
-        squares, pushes : ndarray, shape (C, K)
-            Pairs of ṡ² and s̈: in each cell the law, or its plan, is in their convex hull.
-        velocity, acceleration, jerk : ndarray, shape (n,)
-            Limits of the joints.
+        In each cell the law, or its plan, is in the convex hull of pairs of ṡ² and s̈, `squares, pushes: (C, K)`.
         """
         if jerk is not None and not self.window:
             return "the jerk is not limited"
@@ -292,16 +272,9 @@ def _piece(k: int, piece: Piece) -> PlainPiece:
 
 
 class PlainAverage:
-    """When the robot is where, if it is at the average of a plan over a window.
+    """When the robot is where, if it is at the average of a plan (C + 1,) over a window [s].
 
-    Parameters
-    ----------
-    edges, squares : ndarray, shape (C + 1,)
-        Of the plan.
-    corners : list of int
-        Grid points in which it waits.
-    window : float
-        For how long, and over what time it is averaged [s].
+    In the grid points `corners` the plan waits for as long.
     """
 
     def __init__(self, edges: FloatArray, squares: FloatArray, corners: list[int], window: float) -> None:

@@ -14,18 +14,16 @@ what they must keep, holds; pairs that are not are looked at again in both halve
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Stops, TimedMotion
+from safe_ompl.certificates.verifier.bodies import PlainSpeeds, PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import PlainDanger, PlainMovingDanger
-from safe_ompl.certificates.verifier.distances import Separations, plain_name
-from safe_ompl.certificates.verifier.motion import PlainMotion
-from safe_ompl.certificates.verifier.speeds import PlainSpeeds
-from safe_ompl.certificates.verifier.tool import PlainTool
+from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
 from safe_ompl.common import CertificateError, FloatArray, IntArray
-from safe_ompl.io import OBSTACLE
+from safe_ompl.io import schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
@@ -41,10 +39,9 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
     if claim is None:
         return
     motion = PlainMotion(claim, robot, claims.path)
-    if abs(motion.duration - claim.duration) > _ROUNDING * motion.duration:
-        raise CertificateError(
-            f"trajectory: it takes {motion.duration:.6f} s, {claim.duration} s are claimed"
-        )
+    takes = motion.duration
+    if abs(takes - claim.duration) > _ROUNDING * takes:
+        raise CertificateError(f"trajectory: it takes {takes:.6f} s, {claim.duration} s are claimed")
     sizes, squares = np.diff(motion.edges), np.column_stack([motion.squares[:-1], motion.squares[1:]])
     limits, pushes = (claim.velocity, claim.acceleration, claim.jerk), np.column_stack([motion.pushes] * 2)
     failure = motion.exceeded(squares, pushes, *limits)
@@ -84,22 +81,12 @@ def _check_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot) -> None
 
 
 class Visits(NamedTuple):
-    """Which cells the stops that begin in one of the C cells get into.
+    """Which cells the stops that begin in one of the C cells get into."""
 
-    Attributes
-    ----------
-    number : int
-        C.
-    cells : ndarray of int, shape (V,)
-        Where they get.
-    squares, times : ndarray, shape (V,)
-        The largest ṡ² with which they enter, and the latest instant at which they still move there [s].
-    """
-
-    number: int
-    cells: IntArray
-    squares: FloatArray
-    times: FloatArray
+    number: int  # C
+    cells: IntArray  # (V,) where they get
+    squares: FloatArray  # (V,) the largest ṡ² with which they enter
+    times: FloatArray  # (V,) the latest instant at which they still move there [s]
 
     def fastest(self) -> FloatArray:
         """Return the largest ṡ² in each cell (C,)."""
@@ -124,13 +111,7 @@ class Visits(NamedTuple):
 
 
 def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> Visits:
-    """Return where stops get, when, and how fast.
-
-    Raises
-    ------
-    CertificateError
-        If a deceleration is not positive, or a stop would go beyond where the robot must stand.
-    """
+    """Return where stops get, when, and how fast; raise CertificateError if one is no stop or goes too far."""
     if not (brakes > 0).all():
         raise CertificateError("trajectory: a stop does not decelerate")
     sizes, squares = np.diff(motion.edges), motion.squares
@@ -138,19 +119,15 @@ def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> Visits:
     for j in range(len(sizes)):
         end = int(motion.ends[j])
         weakest = np.minimum.accumulate(brakes[j:end])
-        taken = np.concatenate(
-            [[0.0], np.cumsum(2 * weakest * sizes[j:end])]
-        )  # of ṡ², from the start of j on
+        taken = np.append(0.0, np.cumsum(2 * weakest * sizes[j:end]))  # of ṡ², from the start of j on
         top = max(squares[j], squares[j + 1])
         spare = _ROUNDING * max(top, 1e-6)
         if squares[j] > taken[-1] + spare or squares[j + 1] > taken[-1] - taken[1] + spare:
             raise CertificateError(
                 f"trajectory: a stop from {motion.edges[j]:.6f} rad goes beyond where the robot must stand"
             )
-        last = int(
-            np.searchsorted(taken[1:] - taken[1], top, side="left")
-        )  # cells that are reached: j … j + last
-        last = min(max(last, 1), end - j)
+        reached = int(np.searchsorted(taken[1:] - taken[1], top, side="left"))
+        last = min(max(reached, 1), end - j)  # cells that are reached: j … j + last
         whole = _stop_duration(top, weakest[1:], sizes[j + 1 : end], brakes[j])
         ending = _durations(taken[: last + 1], sizes[j : j + last])
         after = max(squares[j] - taken[1], squares[j + 1])  # ṡ² at the end of j, wherever the stop begins
@@ -178,25 +155,13 @@ def _durations(taken: FloatArray, sizes: FloatArray) -> FloatArray:
     speeds = np.sqrt(left)
     both = speeds[:, :-1] + speeds[:, 1:]
     spans = np.where(both > 0, 2 * sizes / np.where(both > 0, both, 1.0), 0.0)
-    found: FloatArray = np.tril(spans).sum(axis=1)
-    return found
+    return np.asarray(np.tril(spans).sum(axis=1))
 
 
 class Required:
     """What bodies must keep from limbs of people in the cells of a motion [m].
 
-    Parameters
-    ----------
-    scene : Scene
-        Where people are.
-    stops : Stops, optional
-        What is claimed of stops.
-    visits : Visits, optional
-        Of the stops.
-    swiftness : ndarray, shape (C,), optional
-        The largest speed of any point of the robot in each cell by arc length [m/rad].
-    motion : PlainMotion, optional
-        Whose cells they are.
+    `swiftness: (C,)` is the largest speed of any point of the robot in each cell by arc length [m/rad].
     """
 
     def __init__(
@@ -218,7 +183,7 @@ class Required:
                 if part in contact:
                     slow = contact[part] / np.maximum(swiftness, _TINY)
                     latest = visits.latest_above(slow, motion) + motion.window
-                self._limbs[OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :]), latest
+                self._limbs[schema.OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :]), latest
 
     def of(self, part: str, first: int, last: int) -> float:
         """Return what must be kept from a body in the cells from the first to the last."""
@@ -264,13 +229,11 @@ def _check_danger_and_tool(claims: Certificate, motion: PlainMotion, robot: Robo
     danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger)
     tool = None if claims.tool is None else PlainTool(robot, claims.tool)
     for k, piece in enumerate(motion.pieces):
-        half = piece.length / 2
 
-        def place(t: float, piece: Any = piece) -> FloatArray:
-            q: FloatArray = piece.at(t * piece.length)
-            return q
+        def place(t: float, piece: PlainPiece = piece) -> FloatArray:
+            return piece.at(t * piece.length)
 
-        steps = piece.steps(2 * half)
+        steps = piece.steps(piece.length)
         if danger is not None and claims.danger is not None:
             bound = claims.danger.bound
             failed = danger.exceeded_along(place, steps, bound)
@@ -278,7 +241,6 @@ def _check_danger_and_tool(claims: Certificate, motion: PlainMotion, robot: Robo
                 raise CertificateError(
                     f"trajectory: piece {k}: danger {failed[1]:.4f}, {bound:.4f} is claimed of the path"
                 )
-        if tool is not None:
-            lost = tool.exceeded_along(place, steps)
-            if lost is not None:
-                raise CertificateError(f"trajectory: piece {k}: the {lost[1]} of the tool is not as claimed")
+        lost = None if tool is None else tool.exceeded_along(place, steps)
+        if lost is not None:
+            raise CertificateError(f"trajectory: piece {k}: the {lost[1]} of the tool is not as claimed")

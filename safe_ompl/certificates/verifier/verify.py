@@ -8,20 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isclose
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from safe_ompl.certificates.claims import Certificate, Interval
-from safe_ompl.certificates.terms import Terms
+from safe_ompl.certificates.verifier.bodies import PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import PlainDanger
-from safe_ompl.certificates.verifier.distances import Separations, plain_name
-from safe_ompl.certificates.verifier.tool import PlainTool
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
 from safe_ompl.common import CertificateError, FloatArray, InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io import built_robot, built_scene, digest, links_without_collision
+from safe_ompl.io import built_robot, built_scene, links_without_collision, schema
 from safe_ompl.robot import Robot, robot_hash
 from safe_ompl.scene import Scene
 
@@ -32,36 +31,21 @@ _GAP = 1e-9  # of an edge: intervals that are nearer to each other leave nothing
 
 @dataclass(frozen=True)
 class Verified:
-    """What was checked of a certificate that holds.
+    """What was checked of a certificate that holds."""
 
-    Attributes
-    ----------
-    edges, intervals, distances : int
-        How many of each.
-    claims : tuple of str
-        What holds, in words; the first sentence says so if robot or scene are the file's own.
-    not_claimed : tuple of str
-        What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles", "tool"
-        and, where it claims a trajectory, its "stops", "jerk", "tool speed", "link speed" and "danger in motion".
-    not_covered : tuple of str
-        Of what nothing is proven: links without collision geometry, checks that were only sampled.
-    robot : str
-        Name of the robot.
-    obstacles : tuple of str
-        Names of the obstacles.
-    own : tuple of str
-        Which of "robot" and "scene" were taken from the file, and compared with nothing.
-    """
-
-    edges: int
+    edges: int  # How many of each
     intervals: int
     distances: int
+    # What holds, in words; the first sentence says so if robot or scene are the file's own
     claims: tuple[str, ...]
+    # What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles", "tool"
+    # and, where it claims a trajectory, its "stops", "jerk", "tool speed", "link speed" and "danger in motion"
     not_claimed: tuple[str, ...]
+    # Of what nothing is proven: links without collision geometry, checks that were only sampled
     not_covered: tuple[str, ...]
-    robot: str
-    obstacles: tuple[str, ...]
-    own: tuple[str, ...]
+    robot: str  # Name of the robot
+    obstacles: tuple[str, ...]  # Names of the obstacles
+    own: tuple[str, ...]  # Which of "robot" and "scene" were taken from the file, and compared with nothing
 
 
 def verify(
@@ -106,29 +90,20 @@ def verify(
             with document.within("robot"):
                 robot = built_robot(claims.robot, urdf=urdf, package_dirs=package_dirs)
                 if robot.name != claims.robot.name:
-                    raise InputError(
-                        f"is {claims.robot.name!r}, but what it carries is {robot.name!r}", "name"
-                    )
+                    words = f"is {claims.robot.name!r}, but what it carries is {robot.name!r}"
+                    raise InputError(words, "name")
         scene = carried if scene is None else scene
         _check_origin(claims, robot, scene)
         if terms is not None:
             terms.check(claims)
         with np.errstate(over="raise"):  # what is too large to be compared holds nowhere
             found = _verified(claims, robot, scene, own)
-        if claims.digest != digest(content):
+        if claims.digest != schema.digest(content):
             raise CertificateError(
                 "every interval holds, but the file is not as it was written: its digest differs"
             )
         return found
-    except (
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        MemoryError,
-        RecursionError,
-        TypeError,
-        ValueError,
-    ) as error:
+    except schema.MALFORMED as error:
         if isinstance(error, InputError):
             raise
         raise CertificateError(f"it is malformed: {type(error).__name__}: {error}") from None
@@ -155,23 +130,19 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
     check_trajectory(claims, robot, scene, separations)
     lacking = links_without_collision(robot)
     about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
+    not_covered = [f"links without collision geometry: {', '.join(lacking)}"] if lacking else []
+    not_covered += [] if claims.also_sampled is None else [claims.also_sampled]
     return Verified(
         edges=len(ends),
         intervals=intervals,
         distances=intervals * len(separations.names),
         claims=claims.sentences(about),
         not_claimed=claims.not_claimed,
-        not_covered=(
-            *([f"links without collision geometry: {', '.join(lacking)}"] if lacking else []),
-            *([] if claims.also_sampled is None else [claims.also_sampled]),
-        ),
+        not_covered=tuple(not_covered),
         robot=robot.name,
         obstacles=scene.names,
         own=own,
     )
-
-
-# ------------------------------------------------------------------------------------------- what is it about
 
 
 def _check_origin(claims: Certificate, robot: Robot, scene: Scene) -> None:
@@ -200,14 +171,11 @@ def _check_limits(robot: Robot, path: FloatArray) -> None:
         raise CertificateError(f"the path has {path.shape[1]} joints, the robot {robot.n}")
     for k, q in enumerate(path):
         for i in range(robot.n):
+            place = f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g}"
             if robot.continuous[i] and abs(q[i]) > _FARTHEST:
-                raise CertificateError(
-                    f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g} is more than {_FARTHEST:g} rad"
-                )
+                raise CertificateError(f"{place} is more than {_FARTHEST:g} rad")
             if not robot.continuous[i] and not robot.lower[i] - 1e-9 <= q[i] <= robot.upper[i] + 1e-9:
-                raise CertificateError(
-                    f"way point {k}: joint {robot.joint_names[i]!r} = {q[i]:g} is outside its limits"
-                )
+                raise CertificateError(f"{place} is outside its limits")
 
 
 def _check_cover(edge: int, intervals: tuple[Interval, ...]) -> None:
@@ -263,11 +231,76 @@ def _check_danger_and_tool(claims: Certificate, robot: Robot, scene: Scene, ends
             bound = claims.danger.bound
             high = danger.exceeded(start, delta, bound)
             if high is not None:
-                raise CertificateError(
-                    f"edge {k}: danger {high[1]:.4f} near {high[0]:.6f} of it, {bound:.4f} is claimed"
-                )
+                words = f"danger {high[1]:.4f} near {high[0]:.6f} of it, {bound:.4f} is claimed"
+                raise CertificateError(f"edge {k}: {words}")
         lost = None if tool is None else tool.exceeded(start, delta)
         if lost is not None:
             raise CertificateError(
                 f"edge {k}: the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of it"
             )
+
+
+_SAME = 1e-9  # relative: numbers that are computed from a robot, and differ by less, agree
+_COMPUTED = ("velocity", "acceleration", "jerk", "contact")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terms:
+    """What claims are asked to be about, such as the options of a scenario; None where nothing is asked for."""
+
+    # Options of the field and the spacing of the danger points [m]; empty where nothing in the scene is dangerous
+    danger: Mapping[str, Any] | None = None
+    # `velocity`, `acceleration` and `jerk` (n,), `tool_speed` and `link_speed`; None where there is no limit
+    motion: Mapping[str, Any] | None = None
+    max_danger: float | None = None  # The limit of the danger in motion
+    # `who`, `speed`, `speeds`, `reaction_time`, `clearance`, `contact`, as in `Stops`; empty where there are no people
+    stops: Mapping[str, Any] | None = None
+
+    def check(self, claims: Certificate) -> None:
+        """Raise CertificateError, naming what differs, unless everything that is claimed agrees."""
+        timed = claims.trajectory
+        self._compare("danger", claims.danger, self.danger)
+        if timed is None:
+            return
+        self._compare("danger in motion", timed.danger, self.danger)
+        if self.max_danger is not None:
+            self._compare("danger in motion", timed.danger, {"bound": self.max_danger})
+        if self.motion is not None:
+            said = {name: limit for name, limit in self.motion.items() if getattr(timed, name) is not None}
+            self._compare("motion in time", timed, said)
+        self._compare("stops", timed.stops, self.stops)
+
+    @staticmethod
+    def _compare(what: str, claim: Any, asked: Mapping[str, Any] | None) -> None:
+        if claim is None or asked is None:
+            return
+        if not asked:
+            raise CertificateError(
+                f"{what}: it is claimed, but there is nothing in the scenario that it is about"
+            )
+        for name, value in asked.items():
+            if hasattr(claim, name) and not _agree(
+                getattr(claim, name), value, _SAME if name in _COMPUTED else 0.0
+            ):
+                mine, asked_for = (_shown(item) for item in (getattr(claim, name), value))
+                raise CertificateError(f"{what}: {name} is {mine} in its claim, {asked_for} is asked for")
+
+
+def _agree(mine: Any, asked: Any, apart: float) -> bool:
+    """Return whether two values are the same, numbers but for a relative difference."""
+    mine, asked = _listed(mine), _listed(asked)
+    if isinstance(mine, Mapping) and isinstance(asked, Mapping):
+        return mine.keys() == asked.keys() and all(_agree(mine[part], asked[part], apart) for part in mine)
+    if isinstance(mine, list) and isinstance(asked, list):
+        return len(mine) == len(asked) and all(_agree(x, y, apart) for x, y in zip(mine, asked, strict=True))
+    if isinstance(mine, float) and isinstance(asked, (int, float)):
+        return isclose(mine, asked, rel_tol=apart)
+    return bool(mine == asked)
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, (tuple, np.ndarray)) else value
+
+
+def _shown(value: Any) -> str:
+    return repr([float(x) for x in value] if isinstance(value, np.ndarray) else value)

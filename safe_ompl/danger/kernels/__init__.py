@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.danger.kernels.kinetostatic_cells import cell_bounds
+    from safe_ompl.danger.kernels.kinetostatic import CellMotions, cell_bounds
 
-__all__ = [
-    "cell_bounds",
-]
+__all__ = ["CellMotions", "cell_bounds"]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

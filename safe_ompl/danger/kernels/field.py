@@ -1,12 +1,13 @@
 """The static danger field of one link and of a skeleton at points, and its gradients.
 
-A skeleton has the places (K, 3) of its key points and links (L, 2) between pairs of them; points are columns (3, M), so
-that runs of a coordinate lie side by side. With `by_length` a link weighs in proportion to its length ℓ.
+Points are columns (3, M), so that runs of a coordinate lie side by side. With `by_length` a link weighs in proportion
+to its length ℓ.
 """
 
 from __future__ import annotations
 
 from math import inf, nan, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,14 @@ ZERO = 1e-30  # [m] stands for a length of zero
 _ROUNDING = 8 * float(np.finfo(np.float64).eps)  # relative size of what is as good as zero
 _SERIES = 0.01  # (ℓ/S)² below which κ is summed as a series
 _LN2 = 0.6931471805599453
+
+
+class Skeleton(NamedTuple):
+    """A skeleton at one configuration: places (K, 3) of key points, links (L, 2) between them, and their weighting."""
+
+    places: FloatArray
+    links: IntArray
+    by_length: bool
 
 
 @part
@@ -54,13 +63,121 @@ def half_gap(u: FloatArray, v: FloatArray, d1: float, d2: float) -> float:
 
 
 @part
-def log1p_each(x: FloatArray, mantissa: FloatArray, bits: IntArray, power: FloatArray, number: int) -> None:
+def slopes(length: float, S: float, half: float) -> tuple[float, float, float]:
+    """Return φ = θ/ℓ, c = 2/(S² − ℓ²) and κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)²."""
+    if half <= 0.0:
+        return inf, inf, inf
+    c = 1.0 / half
+    phi = np.log1p(length * (S + length) * c) / length
+    y = (length / S) ** 2
+    if y > _SERIES:
+        return phi, c, (c * S - phi) / (length * length)
+    total, power = 0.0, 1.0
+    for k in range(1, 10):
+        total += 2.0 * k / (2 * k + 1) * power
+        power *= y
+    return phi, c, 2.0 * total / (S * S * S)
+
+
+@part
+def ray(skeleton: Skeleton, points: FloatArray, m: int, key: int, out: FloatArray) -> float:
+    """Write the ray (3,) from a key point to p_m, and return its length."""
+    for x in range(3):
+        out[x] = points[x, m] - skeleton.places[key, x]
+    return norm(out)
+
+
+_LANES = 16  # numbers that a processor works on at once, times what the compiler unrolls
+_BLOCK = 128  # points at once: what is known of them stays in the nearest cache
+_NEAR = 1e3  # 2ℓ/(S − ℓ) above which the difference has lost too many digits
+
+
+class _Block(NamedTuple):
+    """A block of points: points (3, N), distances (K, N), θ (N,) of a link, and room for its logarithm.
+
+    `bits` is the same memory as `mantissa`.
+    """
+
+    points: FloatArray
+    distances: FloatArray
+    theta: FloatArray
+    mantissa: FloatArray
+    bits: IntArray
+    power: FloatArray
+
+
+@part
+def potentials(skeleton: Skeleton, points: FloatArray, begin: int, end: int, levels: FloatArray) -> None:
+    """Write the field at points[:, begin:end]: of each link into `levels: (L, ·)`, eq. (7), or their sum, eq. (5).
+
+    The sum is written where there is room for one row only. There may be room for more points than there are.
+    """
+    places, links = skeleton.places, skeleton.links
+    mantissa = np.empty(_BLOCK)
+    block = _Block(
+        np.empty((3, _BLOCK)), np.empty((len(places), _BLOCK)), np.empty(_BLOCK), mantissa,
+        mantissa.view(np.int64), np.empty(_BLOCK),
+    )  # fmt: skip
+    for row in range(len(levels)):
+        for j in range(end - begin):
+            levels[row, j] = 0.0
+    for first in range(begin, end, _BLOCK):
+        number = min(_BLOCK, end - first)
+        lanes = _rays(places, points, first, number, block)
+        for link in range(len(links)):
+            a, b = links[link, 0], links[link, 1]
+            length = link_length(places, a, b)
+            _angles(places, a, b, length, block, lanes)
+            scale = 1.0 if skeleton.by_length else 1.0 / length
+            row = link if len(levels) > 1 else 0
+            for j in range(number):
+                levels[row, first - begin + j] += scale * block.theta[j]
+
+
+@part
+def _rays(places: FloatArray, points: FloatArray, begin: int, number: int, block: _Block) -> int:
+    """Copy a block of points, and write their distances (K, ·) from all key points.
+
+    The last point is repeated up to a whole number of lanes, which is returned: loops over what is left after these
+    would take as long as many lanes together.
+    """
+    lanes = min(_BLOCK, (number + _LANES - 1) // _LANES * _LANES)
+    copies, distances = block.points, block.distances
+    for x in range(3):
+        for j in range(number):
+            copies[x, j] = points[x, begin + j]
+        for j in range(number, lanes):
+            copies[x, j] = copies[x, number - 1]
+    for k in range(len(places)):
+        x0, y0, z0 = places[k, 0], places[k, 1], places[k, 2]
+        for j in range(lanes):
+            dx, dy, dz = copies[0, j] - x0, copies[1, j] - y0, copies[2, j] - z0
+            distances[k, j] = sqrt(dx * dx + dy * dy + dz * dz)
+    return lanes
+
+
+@part
+def _angles(places: FloatArray, start: int, end: int, length: float, block: _Block, number: int) -> None:
+    """Write θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points."""
+    theta, distances = block.theta, block.distances
+    near = 0
+    for j in range(number):
+        ratio = 2.0 * length / (distances[start, j] + distances[end, j] - length)
+        theta[j] = ratio
+        near += 0 if 0.0 <= ratio <= _NEAR else 1
+    if near:
+        _restore_digits(places, start, end, length, block, number)
+    _log1p_each(theta, block.mantissa, block.bits, block.power, number)
+    if near:
+        _mark_contacts(start, end, block, number)
+
+
+@part
+def _log1p_each(x: FloatArray, mantissa: FloatArray, bits: IntArray, power: FloatArray, number: int) -> None:
     """Replace so many of `x: (N,)`, 0 ≤ x < ∞, by log(1 + x), in loops that processors run by lanes.
 
     With 1 + x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, and s = f/(2 + f) it is k log 2 + 2 atanh s, for which a polynomial in s²
     is good to the last digits (fdlibm's `e_log.c`). f is x itself where k = 0: small x lose nothing.
-
-    The rest is room (N,) for 1 + f and k; `bits` is the same memory as `mantissa`.
     """
     for j in range(number):
         mantissa[j] = 1.0 + x[j]
@@ -80,126 +197,15 @@ def log1p_each(x: FloatArray, mantissa: FloatArray, bits: IntArray, power: Float
 
 
 @part
-def slopes(length: float, S: float, half: float) -> tuple[float, float, float]:
-    """Return φ = θ/ℓ, c = 2/(S² − ℓ²) and κ = (cS − φ)/ℓ² = (2/S³) Σ_k 2k/(2k+1) y^(k−1), y = (ℓ/S)²."""
-    if half <= 0.0:
-        return inf, inf, inf
-    c = 1.0 / half
-    phi = np.log1p(length * (S + length) * c) / length
-    y = (length / S) ** 2
-    if y > _SERIES:
-        return phi, c, (c * S - phi) / (length * length)
-    total, power = 0.0, 1.0
-    for k in range(1, 10):
-        total += 2.0 * k / (2 * k + 1) * power
-        power *= y
-    return phi, c, 2.0 * total / (S * S * S)
-
-
-_LANES = 16  # numbers that a processor works on at once, times what the compiler unrolls
-_BLOCK = 128  # points at once: what is known of them stays in the nearest cache
-_NEAR = 1e3  # 2ℓ/(S − ℓ) above which the difference has lost too many digits
-
-
-@part
-def potentials(
-    places: FloatArray,
-    links: IntArray,
-    points: FloatArray,
-    begin: int,
-    end: int,
-    by_length: bool,
-    levels: FloatArray,
-) -> None:
-    """Write the field at points[:, begin:end]: of each link into `levels: (L, ·)`, eq. (7), or their sum, eq. (5).
-
-    The sum is written where there is room for one row only. There may be room for more points than there are.
-    """
-    block, distances = np.empty((3, _BLOCK)), np.empty((len(places), _BLOCK))
-    theta, mantissa, power = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
-    bits = mantissa.view(np.int64)
-    for row in range(len(levels)):
-        for j in range(end - begin):
-            levels[row, j] = 0.0
-    for first in range(begin, end, _BLOCK):
-        number = min(_BLOCK, end - first)
-        lanes = _rays(places, points, first, number, block, distances)
-        for link in range(len(links)):
-            a, b = links[link, 0], links[link, 1]
-            length = _link_length(places, a, b)
-            _angles(places, a, b, length, block, distances, lanes, theta, mantissa, bits, power)
-            scale = 1.0 if by_length else 1.0 / length
-            row = link if len(levels) > 1 else 0
-            for j in range(number):
-                levels[row, first - begin + j] += scale * theta[j]
-
-
-@part
-def _rays(
-    places: FloatArray, points: FloatArray, begin: int, number: int, block: FloatArray, distances: FloatArray
-) -> int:
-    """Copy a block of points, and write their distances (K, ·) from all key points.
-
-    The last point is repeated up to a whole number of lanes, which is returned: loops over what is left after these
-    would take as long as many lanes together.
-    """
-    lanes = min(_BLOCK, (number + _LANES - 1) // _LANES * _LANES)
-    for x in range(3):
-        for j in range(number):
-            block[x, j] = points[x, begin + j]
-        for j in range(number, lanes):
-            block[x, j] = block[x, number - 1]
-    for k in range(len(places)):
-        x0, y0, z0 = places[k, 0], places[k, 1], places[k, 2]
-        for j in range(lanes):
-            dx, dy, dz = block[0, j] - x0, block[1, j] - y0, block[2, j] - z0
-            distances[k, j] = sqrt(dx * dx + dy * dy + dz * dz)
-    return lanes
-
-
-@part
-def _angles(
-    places: FloatArray,
-    start: int,
-    end: int,
-    length: float,
-    points: FloatArray,
-    distances: FloatArray,
-    number: int,
-    theta: FloatArray,
-    mantissa: FloatArray,
-    bits: IntArray,
-    power: FloatArray,
-) -> None:
-    """Write θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points; the last three are room for the logarithm."""
-    near = 0
-    for j in range(number):
-        ratio = 2.0 * length / (distances[start, j] + distances[end, j] - length)
-        theta[j] = ratio
-        near += 0 if 0.0 <= ratio <= _NEAR else 1
-    if near:
-        _restore_digits(places, start, end, length, points, distances, number, theta)
-    log1p_each(theta, mantissa, bits, power, number)
-    if near:
-        _mark_contacts(start, end, distances, number, theta)
-
-
-@part
 def _restore_digits(
-    places: FloatArray,
-    start: int,
-    end: int,
-    length: float,
-    points: FloatArray,
-    distances: FloatArray,
-    number: int,
-    ratios: FloatArray,
+    places: FloatArray, start: int, end: int, length: float, block: _Block, number: int
 ) -> None:
     """Replace what cancels in 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
+    ratios, points = block.theta, block.points
     u, v = np.empty(3), np.empty(3)
     for j in range(number):
         if not 0.0 <= ratios[j] <= _NEAR:
-            d1, d2 = distances[start, j], distances[end, j]
+            d1, d2 = block.distances[start, j], block.distances[end, j]
             for x in range(3):
                 u[x], v[x] = points[x, j] - places[start, x], points[x, j] - places[end, x]
             half = half_gap(u, v, d1, d2)
@@ -207,24 +213,22 @@ def _restore_digits(
 
 
 @part
-def _mark_contacts(start: int, end: int, distances: FloatArray, number: int, theta: FloatArray) -> None:
+def _mark_contacts(start: int, end: int, block: _Block, number: int) -> None:
     """Let θ be infinite on the segment, and what is not a number stay none."""
     for j in range(number):
-        S = distances[start, j] + distances[end, j]
+        S = block.distances[start, j] + block.distances[end, j]
         if not S >= 0.0:
-            theta[j] = nan
-        elif theta[j] == 0.0 and inf > S:
-            theta[j] = inf
+            block.theta[j] = nan
+        elif block.theta[j] == 0.0 and inf > S:
+            block.theta[j] = inf
 
 
 @part
-def _link_length(places: FloatArray, start: int, end: int) -> float:
+def link_length(places: FloatArray, start: int, end: int) -> float:
     """Return ℓ > 0."""
-    x, y, z = (
-        places[end, 0] - places[start, 0],
-        places[end, 1] - places[start, 1],
-        places[end, 2] - places[start, 2],
-    )
+    x = places[end, 0] - places[start, 0]
+    y = places[end, 1] - places[start, 1]
+    z = places[end, 2] - places[start, 2]
     return max(sqrt(x * x + y * y + z * z), ZERO)
 
 
@@ -232,33 +236,24 @@ def _link_length(places: FloatArray, start: int, end: int) -> float:
 
 
 @part
-def add_pull(
-    places: FloatArray,
-    links: IntArray,
-    points: FloatArray,
-    m: int,
-    weight: float,
-    by_length: bool,
-    forces: FloatArray,
-) -> None:
+def add_pull(skeleton: Skeleton, points: FloatArray, m: int, weight: float, forces: FloatArray) -> None:
     """Add the gradient of weight·CDF(p_m) by the key points to `forces: (K, 3)`; nothing where p_m is on a segment.
 
     ∂φ/∂a = c e₁ − κ (b − a),  ∂φ/∂b = c e₂ + κ (b − a); by arc length ℓ times that, and ∓φ (b − a)/ℓ.
     """
+    places, links = skeleton.places, skeleton.links
     L = len(links)
     room = np.empty((L + 1, 2, 3))
     pulls, u, v = room[:L], room[L, 0], room[L, 1]
     for k in range(L):
         start, end = links[k, 0], links[k, 1]
-        for x in range(3):
-            u[x], v[x] = points[x, m] - places[start, x], points[x, m] - places[end, x]
-        d1, d2, length = norm(u), norm(v), _link_length(places, start, end)
-        half = half_gap(u, v, d1, d2)
+        d1, d2 = ray(skeleton, points, m, start, u), ray(skeleton, points, m, end, v)
+        length, half = link_length(places, start, end), half_gap(u, v, d1, d2)
         if half <= 0.0:
             return
         phi, c, kappa = slopes(length, d1 + d2, half)
         scale = weight
-        if by_length:
+        if skeleton.by_length:
             scale *= length
             kappa += phi / (length * length)
         for x in range(3):
@@ -272,52 +267,48 @@ def add_pull(
 
 
 @part
-def _space_slope(
-    places: FloatArray, links: IntArray, points: FloatArray, m: int, by_length: bool, out: FloatArray
-) -> None:
+def _space_slope(skeleton: Skeleton, points: FloatArray, m: int, out: FloatArray) -> None:
     """Write ∂CDF/∂p = −Σ_l c_l (e₁ + e₂) at p_m (3,); zero on a segment."""
-    u, v = np.empty(3), np.empty(3)
+    links, u, v = skeleton.links, np.empty(3), np.empty(3)
     out[:] = 0.0
     for k in range(len(links)):
         start, end = links[k, 0], links[k, 1]
-        for x in range(3):
-            u[x], v[x] = points[x, m] - places[start, x], points[x, m] - places[end, x]
-        d1, d2 = norm(u), norm(v)
+        d1, d2 = ray(skeleton, points, m, start, u), ray(skeleton, points, m, end, v)
         half = half_gap(u, v, d1, d2)
         if half <= 0.0:
             out[:] = 0.0
             return
-        scale = _link_length(places, start, end) / half if by_length else 1.0 / half
+        scale = link_length(skeleton.places, start, end) / half if skeleton.by_length else 1.0 / half
         for x in range(3):
             out[x] -= scale * (u[x] / d1 + v[x] / d2)
 
 
-# -------------------------------------------------------------------------------------------------- batches
+# ---------------------------------------- batches: of skeletons (B, K, 3) and points (1 or B, 3, M), for Python
 
 
 @compiled
 def fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
-    """Return CDF(p) (B, M) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
+    """Return CDF(p) (B, M)."""
     out = np.empty((len(places), points.shape[2]))
     for b in range(len(places)):
-        potentials(
-            places[b], links, points[b if len(points) > 1 else 0], 0, out.shape[1], by_length, out[b : b + 1]
-        )
+        skeleton, at = Skeleton(places[b], links, by_length), points[b if len(points) > 1 else 0]
+        potentials(skeleton, at, 0, out.shape[1], out[b : b + 1])
     return out
 
 
 @compiled
 def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
-    """Return the field of each link (B, L, M) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
+    """Return the field of each link (B, L, M)."""
     out = np.empty((len(places), len(links), points.shape[2]))
     for b in range(len(places)):
-        potentials(places[b], links, points[b if len(points) > 1 else 0], 0, out.shape[2], by_length, out[b])
+        skeleton, at = Skeleton(places[b], links, by_length), points[b if len(points) > 1 else 0]
+        potentials(skeleton, at, 0, out.shape[2], out[b])
     return out
 
 
 @compiled
 def link_distances(places: FloatArray, links: IntArray, points: FloatArray) -> FloatArray:
-    """Return the distance of each point from each link (B, L, M) of skeletons (B, K, 3), points (1 or B, 3, M)."""
+    """Return the distance of each point from each link (B, L, M)."""
     B, L, M = len(places), len(links), points.shape[2]
     out, w = np.empty((B, L, M)), np.empty(3)
     for b in range(B):
@@ -337,12 +328,12 @@ def link_distances(places: FloatArray, links: IntArray, points: FloatArray) -> F
 
 @compiled
 def space_gradients(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
-    """Return ∂CDF/∂p (B, M, 3) of skeletons (B, K, 3) at points (1 or B, 3, M)."""
+    """Return ∂CDF/∂p (B, M, 3)."""
     out = np.empty((len(places), points.shape[2], 3))
     for b in range(len(places)):
+        skeleton, at = Skeleton(places[b], links, by_length), points[b if len(points) > 1 else 0]
         for m in range(points.shape[2]):
-            at = points[b if len(points) > 1 else 0]
-            _space_slope(places[b], links, at, m, by_length, out[b, m])
+            _space_slope(skeleton, at, m, out[b, m])
     return out
 
 
@@ -350,11 +341,11 @@ def space_gradients(places: FloatArray, links: IntArray, points: FloatArray, by_
 def pulls(
     places: FloatArray, links: IntArray, points: FloatArray, weights: FloatArray, by_length: bool
 ) -> FloatArray:
-    """Return the gradients (B, K, 3) of Σ_m w_m CDF(p_m) by the key points; points (1 or B, 3, M), weights (B, M)."""
+    """Return the gradients (B, K, 3) of Σ_m w_m CDF(p_m) by the key points; weights (B, M)."""
     out = np.zeros(places.shape)
     for b in range(len(places)):
+        skeleton, at = Skeleton(places[b], links, by_length), points[b if len(points) > 1 else 0]
         for m in range(points.shape[2]):
             if weights[b, m] != 0.0:
-                at = points[b if len(points) > 1 else 0]
-                add_pull(places[b], links, at, m, weights[b, m], by_length, out[b])
+                add_pull(skeleton, at, m, weights[b, m], out[b])
     return out

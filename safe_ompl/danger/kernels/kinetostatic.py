@@ -19,13 +19,13 @@ the ends of a link's line, for a link that turns about a point of its own line, 
 from __future__ import annotations
 
 from math import atan2, hypot, inf, log, log1p, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, part
-from safe_ompl.danger.kernels.field import cross_norm, dot, half_gap
+from safe_ompl.danger.kernels.field import ZERO, cross_norm, dot, half_gap
 
-_ZERO = 1e-30  # [m] stands for a length of zero
 _BESIDE = 3e-5  # floor of h, in distances from the segment
 _TURNING = 1e-10  # floor of c₂, in squared speeds
 _SHARP = 1e-9  # floor of g
@@ -59,11 +59,11 @@ def _isotropic(
     u: FloatArray, w: FloatArray, va: FloatArray, D: FloatArray
 ) -> tuple[float, float, float, float, float, float, float, float, float, float, float]:
     """I, the moments M_k = ∫ t^k/(X·((t−s)²+h²)) dt for k = 0, 1, 2, and s, h, c₀, c₁, c₂, X(0), X(1)."""
-    squared = max(dot(w, w), _ZERO)
+    squared = max(dot(w, w), ZERO)
     s = dot(u, w) / squared
     h = cross_norm(u, w) / squared
     beyond = max(-s, s - 1.0, 0.0)
-    h = max(h, _BESIDE * hypot(beyond, h), _ZERO)
+    h = max(h, _BESIDE * hypot(beyond, h), ZERO)
     c0, c1 = dot(va, va), dot(va, D)
     turning = dot(D, D)
     c2 = max(turning, _TURNING * c0)
@@ -97,6 +97,13 @@ def _isotropic(
 
 
 @part
+def difference(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """Write a − b (3,)."""
+    for x in range(3):
+        out[x] = a[x] - b[x]
+
+
+@part
 def _square(z: complex) -> float:
     return z.real * z.real + z.imag * z.imag
 
@@ -122,7 +129,7 @@ def link_parts(
     half = half_gap(u, v, d1, d2)
     if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
         return inf, inf, inf
-    length = max(sqrt(dot(w, w)), _ZERO)
+    length = max(sqrt(dot(w, w)), ZERO)
     S, c = d1 + d2, 1 / half
     phi = log1p(length * (S + length) * c) / length
     kappa = _stretch(S, length, c, phi)[0]
@@ -134,29 +141,26 @@ def link_parts(
 def link_terms(
     keypoints: FloatArray,
     velocities: FloatArray,
-    start: IntArray,
-    end: IntArray,
+    links: IntArray,
     points: FloatArray,
     by_length: bool,
     isotropic: bool,
 ) -> FloatArray:
-    """Return φ, φ̇ and I summed over the links, (3, B, M); points (1 or B, M, 3)."""
+    """Return φ, φ̇ and I summed over the links (L, 2), (3, B, M); points (1 or B, M, 3)."""
     B, M = len(keypoints), points.shape[1]
     out = np.zeros((3, B, M))
     w, D, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for b in range(B):
         fields = points[b if len(points) > 1 else 0]
-        for k in range(len(start)):
-            i, j = start[k], end[k]
-            va, vb = velocities[b, i], velocities[b, j]
-            for x in range(3):
-                w[x] = keypoints[b, j, x] - keypoints[b, i, x]
-                D[x] = vb[x] - va[x]
-            scale = max(sqrt(dot(w, w)), _ZERO) if by_length else 1.0
+        for k in range(len(links)):
+            i, j = links[k, 0], links[k, 1]
+            start, end, va, vb = keypoints[b, i], keypoints[b, j], velocities[b, i], velocities[b, j]
+            difference(end, start, w)
+            difference(vb, va, D)
+            scale = max(sqrt(dot(w, w)), ZERO) if by_length else 1.0
             for p in range(M):
-                for x in range(3):
-                    u[x] = fields[p, x] - keypoints[b, i, x]
-                    v[x] = fields[p, x] - keypoints[b, j, x]
+                difference(fields[p], start, u)
+                difference(fields[p], end, v)
                 phi, rate, iso = link_parts(u, v, w, va, vb, D, isotropic)
                 out[0, b, p] += scale * phi
                 out[1, b, p] += scale * rate
@@ -169,8 +173,7 @@ def link_terms(
 def pulls(
     keypoints: FloatArray,
     velocities: FloatArray,
-    start: IntArray,
-    end: IntArray,
+    links: IntArray,
     points: FloatArray,
     weights: FloatArray,
     ahead: float,
@@ -183,18 +186,16 @@ def pulls(
     w, D, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for b in range(B):
         fields = points[b if len(points) > 1 else 0]
-        for k in range(len(start)):
-            i, j = start[k], end[k]
-            va, vb = velocities[b, i], velocities[b, j]
-            for x in range(3):
-                w[x] = keypoints[b, j, x] - keypoints[b, i, x]
-                D[x] = vb[x] - va[x]
-            length = max(sqrt(dot(w, w)), _ZERO)
+        for k in range(len(links)):
+            i, j = links[k, 0], links[k, 1]
+            start, end, va, vb = keypoints[b, i], keypoints[b, j], velocities[b, i], velocities[b, j]
+            difference(end, start, w)
+            difference(vb, va, D)
+            length = max(sqrt(dot(w, w)), ZERO)
             scale = length if by_length else 1.0
             for p in range(M):
-                for x in range(3):
-                    u[x] = fields[p, x] - keypoints[b, i, x]
-                    v[x] = fields[p, x] - keypoints[b, j, x]
+                difference(fields[p], start, u)
+                difference(fields[p], end, v)
                 d1, d2 = sqrt(dot(u, u)), sqrt(dot(v, v))
                 half = half_gap(u, v, d1, d2)
                 if half <= 0.0 or d1 == 0.0 or d2 == 0.0:
@@ -250,4 +251,103 @@ def pulls(
                         grown = weights[b, p] * whole * w[x] / length
                         out[0, b, i, x] -= grown
                         out[0, b, j, x] += grown
+    return out
+
+
+# ------------------------------------------------------------------------------------------- cells of a motion
+
+
+_ROUNDING = 1e-7  # relative, of closed forms
+
+
+class CellMotions(NamedTuple):
+    """N cells of a motion by s: key points and velocities (N, K, 3) at the centres, bounds V and A (N, K) in the cells.
+
+    Also half their lengths h (N,), and how fast links may become longer with s, `strokes: (N,)`.
+    """
+
+    keypoints: FloatArray
+    velocities: FloatArray
+    speeds: FloatArray
+    accelerations: FloatArray
+    halves: FloatArray
+    strokes: FloatArray
+
+
+@compiled
+def cell_bounds(
+    cells: CellMotions,
+    links: IntArray,
+    points: FloatArray,
+    gamma: float,
+    by_length: bool,
+    rates: FloatArray,
+    enough: FloatArray,
+) -> FloatArray:
+    """Return upper bounds of φ and of φ′ + γI over cells, (2, N, M), summed over links; +inf where p may be reached.
+
+    See `docs/mathematics.md` §9. A cell is a piece of a curve q(s), half of it h long on either side of its centre.
+    There no point of a link moves by more than V with s, nor with more than A along s (‖x′‖ ≤ V, ‖x″‖ ≤ A). With D the
+    distance of p from the link at the centre no point of the link is nearer to p than R = D − Vh in the cell, so that
+    its field is below U = φD/R. As 1/ρ² and 1/ρ³ are below 1/Rρ and 1/R²ρ there, and as ∇²(1/ρ) has the eigenvalues
+    2/ρ³ and −1/ρ³,
+
+        |φ″| ≤ B,    |I′| ≤ B,    B = U (2V²/R² + A/R),    for φ′ = ∫ρ·x′/ρ³ and I = ∫‖x′‖/ρ² by s,
+
+        φ ≤ min(U, φ + h|φ′| + h²B/2),    φ′ + γI ≤ φ′ + γI + (1 + γ) h B,    both sides' right at the centre,
+
+    and whatever the motion, φ′ + γI ≤ (1 + γ) U V/R. Most danger points of a scene are so far away that the last bound
+    is enough, or even φ ≤ U ≤ 1/R: they take no closed forms.
+
+    Links are (L, 2), points (M, 3), rates ṡ (N,). Where φ + ṡ(φ′ + γI) is no larger than `enough: (M,)` by a cheaper
+    bound, this bound stands.
+    """
+    keypoints, velocities = cells.keypoints, cells.velocities
+    speeds, accelerations, strokes = cells.speeds, cells.accelerations, cells.strokes
+    N, M = len(keypoints), len(points)
+    out = np.zeros((2, N, M))
+    w, D, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for b in range(N):
+        h = cells.halves[b]
+        for p in range(M):
+            for detail in range(3):
+                level, push = 0.0, 0.0
+                for k in range(len(links)):
+                    i, j = links[k, 0], links[k, 1]
+                    difference(keypoints[b, j], keypoints[b, i], w)
+                    difference(points[p], keypoints[b, i], u)
+                    squared = dot(w, w)
+                    t = dot(u, w) / max(squared, ZERO)
+                    t = min(1.0, max(0.0, t))
+                    away = sqrt((u[0] - t * w[0]) ** 2 + (u[1] - t * w[1]) ** 2 + (u[2] - t * w[2]) ** 2)
+                    V, A = max(speeds[b, i], speeds[b, j]), max(accelerations[b, i], accelerations[b, j])
+                    near = away - V * h
+                    if near <= 0.0:
+                        level, push = inf, inf
+                        break
+                    field, most = 1 / near, 1 / near
+                    swift = (1 + gamma) * most * V / near
+                    if detail > 0:
+                        va, vb = velocities[b, i], velocities[b, j]
+                        difference(vb, va, D)
+                        difference(points[p], keypoints[b, j], v)
+                        phi, rate, iso = link_parts(u, v, w, va, vb, D, detail == 2 and gamma > 0)
+                        most = min(most, phi * away / near)
+                        bend = most * (2 * V * V / (near * near) + A / near)
+                        field = min(most, phi + h * abs(rate) + h * h * bend / 2)
+                        swift = (1 + gamma) * most * V / near
+                        if detail == 2 or gamma == 0:
+                            size = abs(rate) + gamma * iso
+                            swift = min(swift, rate + gamma * iso + (1 + gamma) * h * bend + _ROUNDING * size)
+                    low = high = 1.0
+                    if by_length:
+                        low, high = max(0.0, sqrt(squared) - strokes[b] * h), sqrt(squared) + strokes[b] * h
+                    level += high * field
+                    push += swift * (high if swift > 0 else low)
+                out[0, b, p] = level * (1 + _ROUNDING)
+                out[1, b, p] = push
+                if level == inf or (detail == 1 and gamma == 0):
+                    break
+                if out[0, b, p] + rates[b] * push <= enough[p]:
+                    break
     return out

@@ -15,13 +15,15 @@ d_a and d_b the distances from the link's ends. A point is a ball of radius 0: w
 from __future__ import annotations
 
 from math import inf, sqrt
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, part
-from safe_ompl.danger.kernels.field import ZERO, potentials
-from safe_ompl.danger.kernels.kinetostatic import link_parts
+from safe_ompl.danger.kernels.danger import Tables
+from safe_ompl.danger.kernels.field import ZERO, Skeleton, dot, potentials, ray
+from safe_ompl.danger.kernels.groups import Points
+from safe_ompl.danger.kernels.kinetostatic import difference, link_parts
 from safe_ompl.robot.kernels import move_joints, move_keypoints, place_joints, place_keypoints
 
 _SLACK = 1 + 1e-7  # of rounding in the bounds
@@ -30,32 +32,41 @@ _SHORT = 1e-6  # [m] links that are as good as a point
 _RIGID = 1e-9  # relative: links that become no longer than this do not
 
 
-@part
-def _bound(
-    places: FloatArray,
-    velocities: FloatArray,
-    links: IntArray,
-    points: FloatArray,
-    offset: int,
-    radii: FloatArray,
-    tops: FloatArray,
-    begin: int,
-    end: int,
-    ahead: float,
-    spread: float,
-    by_length: bool,
-    room: FloatArray,
-    bounds: FloatArray,
-) -> None:
-    """Write for each of a run of balls, or of points where `radii` is empty, a level that it does not exceed.
+class Motion(NamedTuple):
+    """A skeleton whose key points have velocities (K, 3), and the factors of φ̇ and of I [s]."""
 
-    Their centres are columns of `points: (3, ·)`, that of ball 0 the one at `offset`. `room: (L + 2K, ·)` is for the
-    work: fields of the links; distances of the key points, and ρ·v/‖ρ‖ there.
+    skeleton: Skeleton
+    velocities: FloatArray
+    ahead: float
+    spread: float
+
+
+class _Balls(NamedTuple):
+    """Balls whose centres are columns (3, ·), that of ball 0 the one at `offset`; none of `radii`: points.
+
+    `tops` is the largest charge of each, and `bounds` takes levels that they do not exceed.
     """
+
+    columns: FloatArray
+    offset: int
+    radii: FloatArray
+    tops: FloatArray
+    bounds: FloatArray
+
+
+@part
+def _bound(motion: Motion, balls: _Balls, begin: int, end: int, room: FloatArray) -> None:
+    """Write for each of a run of balls, or of points, a level that it does not exceed.
+
+    `room: (L + 2K, ·)` is for the work: fields of the links; distances of the key points, and ρ·v/‖ρ‖ there.
+    """
+    skeleton, velocities, ahead, spread = motion.skeleton, motion.velocities, motion.ahead, motion.spread
+    places, links, by_length = skeleton.places, skeleton.links, skeleton.by_length
+    points, radii, tops, bounds = balls.columns, balls.radii, balls.tops, balls.bounds
     fields, K = room[: len(links)], len(places)
     distances, heading = room[len(links) : len(links) + K], room[len(links) + K :]
-    first_column = offset + begin
-    potentials(places, links, points, first_column, offset + end, by_length, fields)
+    first_column = balls.offset + begin
+    potentials(skeleton, points, first_column, balls.offset + end, fields)
     for k in range(K):
         x, y, z = places[k, 0], places[k, 1], places[k, 2]
         vx, vy, vz = velocities[k, 0], velocities[k, 1], velocities[k, 2]
@@ -111,29 +122,20 @@ def _bound(
 
 
 @part
-def _level(
-    places: FloatArray,
-    velocities: FloatArray,
-    links: IntArray,
-    points: FloatArray,
-    m: int,
-    ahead: float,
-    spread: float,
-    by_length: bool,
-) -> float:
+def _level(motion: Motion, points: FloatArray, m: int) -> float:
     """Return Σ φ + ahead·φ̇ + spread·I over the links at p_m."""
+    skeleton, velocities, spread = motion.skeleton, motion.velocities, motion.spread
     w, D, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     total = 0.0
-    for k in range(len(links)):
-        i, j = links[k, 0], links[k, 1]
-        for x in range(3):
-            w[x] = places[j, x] - places[i, x]
-            D[x] = velocities[j, x] - velocities[i, x]
-            u[x] = points[x, m] - places[i, x]
-            v[x] = points[x, m] - places[j, x]
+    for k in range(len(skeleton.links)):
+        i, j = skeleton.links[k, 0], skeleton.links[k, 1]
+        difference(skeleton.places[j], skeleton.places[i], w)
+        difference(velocities[j], velocities[i], D)
+        ray(skeleton, points, m, i, u)
+        ray(skeleton, points, m, j, v)
         phi, rate, iso = link_parts(u, v, w, velocities[i], velocities[j], D, spread > 0)
-        scale = sqrt(max(w[0] * w[0] + w[1] * w[1] + w[2] * w[2], ZERO)) if by_length else 1.0
-        total += inf if phi == inf else scale * (phi + ahead * rate + spread * iso)
+        scale = sqrt(max(dot(w, w), ZERO)) if skeleton.by_length else 1.0
+        total += inf if phi == inf else scale * (phi + motion.ahead * rate + spread * iso)
     return total
 
 
@@ -148,39 +150,23 @@ def _highest(bounds: FloatArray, begin: int, end: int) -> int:
 
 @compiled
 def highest(
-    joints: Any,
-    keys: Any,
-    links: IntArray,
-    values: FloatArray,
-    rates: FloatArray,
-    points: FloatArray,
-    charges: FloatArray,
-    balls: Any,
-    by_length: bool,
-    ahead: float,
-    spread: float,
+    tables: Tables, values: FloatArray, rates: FloatArray, points: Points, ahead: float, spread: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return the largest level charge·Σ(φ + ahead·φ̇ + spread·I) (B,), of which point, and key points (2, B, K, 3).
 
-    Parameters
-    ----------
-    joints, keys, links
-        The skeleton, as for `safe_ompl.danger.kernels.danger.dangers`.
-    values, rates : ndarray, shape (B, m)
-        Values of the joints and their rates; the key points have places and velocities.
-    points, charges, balls
-        Of `PointGroups`: columns (1, 3, ·), (1, M), and the balls that hold the points.
-    by_length, ahead, spread
-        Weighting of the links, and factors [s].
+    Joints have `values` and `rates` (B, m), the key points places and velocities. Points have columns (1, 3, ·) and
+    charges (1, M), and the balls that hold the points; `ahead` and `spread` are in seconds.
     """
     B, m = values.shape
+    joints, keys, links, balls = tables.joints, tables.keys, tables.links, points.balls
     out, chosen, motions = np.empty(B), np.empty(B, dtype=np.int64), np.empty((2, B, len(keys), 3))
-    own, charge, blocks = points[0], charges[0], balls[0].begin
+    own, charge, blocks = points.columns[0], points.charges[0], balls[0].begin
     M, N = len(charge), len(balls)
-    radii, tops, bounds = np.empty(N), np.empty(N), np.empty(N)
-    levels, alone, most = np.empty(M), np.empty(0), max(blocks, N - blocks)
+    groups = _Balls(own, M, np.empty(N), np.empty(N), np.empty(N))
+    alone = _Balls(own, 0, np.empty(0), charge, np.empty(M))
+    bounds, levels, most = groups.bounds, alone.bounds, max(blocks, N - blocks)
     for g in range(N):
-        radii[g], tops[g] = balls[g].radius, balls[g].heaviest
+        groups.radii[g], groups.tops[g] = balls[g].radius, balls[g].heaviest
         most = max(most, balls[g].end - balls[g].begin)
     room = np.empty((len(links) + 2 * len(keys), most))
     rotation, origin, axis, twists = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6))
@@ -190,47 +176,18 @@ def highest(
         place_keypoints(keys, rotation, origin, places)
         move_joints(joints, rates[b], origin, axis, twists)
         move_keypoints(keys, twists, places, velocities)
+        motion = Motion(Skeleton(places, links, tables.by_length), velocities, ahead, spread)
         best, peak = 0, -inf
         if blocks == 1:
             bounds[0] = inf
         else:
-            _bound(
-                places,
-                velocities,
-                links,
-                own,
-                M,
-                radii,
-                tops,
-                0,
-                blocks,
-                ahead,
-                spread,
-                by_length,
-                room,
-                bounds,
-            )
+            _bound(motion, groups, 0, blocks, room)
         while True:
             block = _highest(bounds, 0, blocks)
             if bounds[block] <= peak:
                 break
             begin, end = balls[block].begin, balls[block].end
-            _bound(
-                places,
-                velocities,
-                links,
-                own,
-                M,
-                radii,
-                tops,
-                begin,
-                end,
-                ahead,
-                spread,
-                by_length,
-                room,
-                bounds,
-            )
+            _bound(motion, groups, begin, end, room)
             bounds[block] = -inf
             while True:
                 group = _highest(bounds, begin, end)
@@ -238,30 +195,13 @@ def highest(
                     break
                 bounds[group] = -inf
                 first, last = balls[group].begin, balls[group].end
-                _bound(
-                    places,
-                    velocities,
-                    links,
-                    own,
-                    0,
-                    alone,
-                    charge,
-                    first,
-                    last,
-                    ahead,
-                    spread,
-                    by_length,
-                    room,
-                    levels,
-                )
+                _bound(motion, alone, first, last, room)
                 while True:
                     point = _highest(levels, first, last)
                     if levels[point] <= peak:
                         break
                     levels[point] = -inf
-                    level = charge[point] * _level(
-                        places, velocities, links, own, point, ahead, spread, by_length
-                    )
+                    level = charge[point] * _level(motion, own, point)
                     if level > peak:
                         best, peak = point, level
         out[b], chosen[b] = peak, best

@@ -7,30 +7,33 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.geometry.kernels.boxes_and_capsules import near_boxes
     from safe_ompl.geometry.kernels.convex import (
         BODY,
         POSE,
         Records,
+        Shapes,
         begin_axis,
         distance_bounds,
+        extreme_vertices,
         from_box,
         place_bodies,
     )
-    from safe_ompl.geometry.kernels.hull_gaps import cell_gaps, gaps
-    from safe_ompl.geometry.kernels.vertex_grids import extreme_vertices
+    from safe_ompl.geometry.kernels.hull_gaps import CellFrames, Hulls, Sets, cell_gaps, gaps
 
 __all__ = [
     "BODY",
     "POSE",
+    "CellFrames",
+    "Hulls",
     "Records",
+    "Sets",
+    "Shapes",
     "begin_axis",
     "cell_gaps",
     "distance_bounds",
     "extreme_vertices",
     "from_box",
     "gaps",
-    "near_boxes",
     "place_bodies",
 ]
 

@@ -9,6 +9,7 @@ z·w/‖z‖ from below, so that most questions whether a distance is larger tha
 from __future__ import annotations
 
 from math import inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,18 +25,9 @@ def hull_gap(
 ) -> float:
     """Return a lower bound of the distance between the hulls of two sets of points, at least 0.
 
-    Parameters
-    ----------
-    first, second : (A, 3), (B, 3)
-        The points [m].
-    start : (3,)
-        A point of first − second to begin from.
-    wanted : float
-        Enough is known once the distance is proven to be as large as this [m].
-    close : float
-        How near the bounds must come otherwise [m].
-    decide : bool
-        Whether enough is known, too, once the distance is found to be less than `wanted`.
+    `first: (A, 3)` and `second: (B, 3)` are the points [m], `start: (3,)` one of first − second to begin from. It is
+    enough to prove that the distance is as large as `wanted` [m] or, to `decide`, to find that it is less; otherwise
+    the bounds must come within `close` [m].
     """
     z0, z1, z2 = start[0], start[1], start[2]
     best = 0.0
@@ -82,26 +74,53 @@ def _ball(points: FloatArray) -> tuple[float, float, float, float]:
     return m0, m1, m2, sqrt(far)
 
 
+class CellFrames(NamedTuple):
+    """N cells of a path: frames of the m joints at their centres, (N, m, 3, 3) and (N, m, 3), and travel (N, G) [m].
+
+    The travel is how far the bodies get away from where they are at the centre of a cell.
+    """
+
+    rotations: FloatArray
+    origins: FloatArray
+    travel: FloatArray
+
+
+class Hulls(NamedTuple):
+    """G bodies: their joints (G,); hulls in the frames of these, vertices (V, 3), first ones (G + 1,), pads (G,).
+
+    Also balls about the means of their vertices: middles (G, 3) and extents (G,).
+    """
+
+    carriers: IntArray
+    vertices: FloatArray
+    first_vertex: IntArray
+    pads: FloatArray
+    middles: FloatArray
+    extents: FloatArray
+
+
+class Sets(NamedTuple):
+    """S sets in which what moves may be: owners (S,), points and velocities (P, 3), first ones (S + 1,), radii (S,).
+
+    Also growth (S, 3); see `people.reach.ReachSets`. Sets of the same owner come one after the other: the owner is in
+    all of them.
+    """
+
+    owners: IntArray
+    points: FloatArray
+    velocities: FloatArray
+    first_point: IntArray
+    radii: FloatArray
+    growth: FloatArray
+
+
 @compiled
 def gaps(
     at: IntArray,
-    begin: FloatArray,
-    end: FloatArray,
-    rotations: FloatArray,
-    origins: FloatArray,
-    travel: FloatArray,
-    carriers: IntArray,
-    vertices: FloatArray,
-    first_vertex: IntArray,
-    pads: FloatArray,
-    middles: FloatArray,
-    extents: FloatArray,
-    owners: IntArray,
-    points: FloatArray,
-    velocities: FloatArray,
-    first_point: IntArray,
-    radii: FloatArray,
-    growth: FloatArray,
+    times: FloatArray,
+    cells: CellFrames,
+    hulls: Hulls,
+    sets: Sets,
     left: float,
     enough: float,
     close: float,
@@ -109,36 +128,16 @@ def gaps(
 ) -> tuple[float, int, int, int]:
     """Return the least that is left between a robot and what moves, over the windows of a motion, and where that is.
 
-    Parameters
-    ----------
-    at, begin, end : (W,)
-        Cells of a path, and the first and the last instant [s] in which the robot is in each.
-    rotations, origins : (N, m, 3, 3), (N, m, 3)
-        Frames of the joints at the centres of the N cells.
-    travel : (N, G)
-        How far the bodies get away from where they are at the centre of a cell [m].
-    carriers, vertices, first_vertex, pads, middles, extents : (G,), (V, 3), (G + 1,), (G,), (G, 3), (G,)
-        The bodies: their joints; their hulls in the frames of these, grown by pads; balls about the means of their
-        vertices.
-    owners, points, velocities, first_point, radii, growth : (S,), (P, 3), (P, 3), (S + 1,), (S,), (S, 3)
-        The sets in which what moves may be; see `people.reach.ReachSets`. Sets of the same owner come one after the
-        other: the owner is in all of them.
-    left : float
-        Distance that must be left [m].
-    enough : float
-        Margins above this need not be known [m].
-    close : float
-        How near to it the least margin is found [m]; 0: only whether it is negative.
-    stop_at_first : bool
-        Whether to return the first negative one.
-
-    Returns
-    -------
-    margin : float
-        min (distance − growth − travel − left) [m]: a lower bound; negative where nothing is proven.
-    window, body, owner : int
-        Where; −1 if there is nothing.
+    The margin min (distance − growth − travel − left) [m] is a lower bound, negative where nothing is proven; then come
+    the window, the body and the owner, −1 if there is nothing. The robot is in the cells `at: (W,)` of a path from the
+    first to the last of `times: (2, W)` [s]. The distance `left` must be left [m], margins above `enough` [m] need not
+    be known. The least is found within `close` [m]; 0: only whether it is negative, and then perhaps to `stop_at_first`
+    such one.
     """
+    rotations, origins, travel = cells
+    carriers, vertices, first_vertex, pads, middles, extents = hulls
+    owners, points, velocities, first_point, radii, growth = sets
+    begin, end = times[0], times[1]
     worst, window, body, who = inf, -1, -1, -1
     G, S = len(carriers), len(owners)
     local = np.empty((len(points), 3))
@@ -209,36 +208,15 @@ def gaps(
 
 @compiled
 def cell_gaps(
-    at: IntArray,
-    rotations: FloatArray,
-    origins: FloatArray,
-    travel: FloatArray,
-    carriers: IntArray,
-    vertices: FloatArray,
-    first_vertex: IntArray,
-    pads: FloatArray,
-    middles: FloatArray,
-    extents: FloatArray,
-    owners: IntArray,
-    points: FloatArray,
-    velocities: FloatArray,
-    first_point: IntArray,
-    radii: FloatArray,
-    growth: FloatArray,
-    left: float,
-    far: float,
-    close: float,
+    at: IntArray, cells: CellFrames, hulls: Hulls, sets: Sets, left: float, far: float, close: float
 ) -> FloatArray:
     """Return for each of the cells (W,) the least that is left at the instant of the measurement [m]; as `gaps`.
 
     More than `far` need not be known, and what is less but within `close` [m].
     """
     found = np.empty(len(at))
-    now = np.zeros(1)
+    now = np.zeros((2, 1))
     for w in range(len(at)):
-        margin = gaps(
-            at[w : w + 1], now, now, rotations, origins, travel, carriers, vertices, first_vertex, pads, middles,
-            extents, owners, points, velocities, first_point, radii, growth, left + far, 0.0, close, False,
-        )[0]  # fmt: skip
+        margin = gaps(at[w : w + 1], now, cells, hulls, sets, left + far, 0.0, close, False)[0]
         found[w] = min(margin, 0.0) + far
     return found

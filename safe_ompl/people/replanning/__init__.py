@@ -7,11 +7,17 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.replanning.command import Command, Doing, Margin, StopMotion
-    from safe_ompl.people.replanning.detours import Detours
-    from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies
+    from safe_ompl.people.replanning.detours import Detours, PeopleNow, Roadmap
+    from safe_ompl.people.replanning.guarded_path import (
+        Command,
+        Doing,
+        GuardedPath,
+        Margin,
+        PathLimits,
+        RobotBodies,
+        StopMotion,
+    )
     from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
-    from safe_ompl.people.replanning.roadmap import PeopleNow, Roadmap
 
 __all__ = [
     "Command",

@@ -1,18 +1,18 @@
-"""A path as the replanner follows it: cells with bounds of speed and braking, and the robot's bodies in each cell."""
+"""A path as the replanner follows it: cells with bounds of speed and braking; and commands that drive along it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import JointMotions
-from safe_ompl.geometry.kernels import cell_gaps, gaps
+from safe_ompl.geometry.kernels import CellFrames, Hulls, cell_gaps, gaps
 from safe_ompl.people import ReachSets
-from safe_ompl.people.replanning.command import Margin, StopMotion
 from safe_ompl.robot import Robot, bounding_hull
 from safe_ompl.trajectories import (
     LINK_SPEED,
@@ -22,6 +22,7 @@ from safe_ompl.trajectories import (
     Cells,
     RateLimits,
     SpeedCap,
+    State,
     Trajectory,
     arc_cap,
     braking,
@@ -30,6 +31,109 @@ from safe_ompl.trajectories import (
     speed_caps,
     velocity_cap,
 )
+
+
+class Doing(str, Enum):
+    """What the robot does, in one word."""
+
+    MOVING = "moving"
+    SLOWED = "slowed"
+    BRAKING = "braking"
+    STANDING = "standing"
+    DONE = "done"
+
+
+class Margin(NamedTuple):
+    """The smallest margin between a motion of the robot and what moves around it."""
+
+    margin: float  # Lower bound of distance − growth − required clearance [m]; +inf if nobody is there
+    link: str | None = None  # The link of the robot that is nearest
+    who: tuple[str, str] | None = None  # The person or object that is nearest, and its limb
+
+    @property
+    def description(self) -> str:
+        """Who may come to which link, and how much is missing."""
+        if self.link is None or self.who is None:
+            return "not everybody was seen yet"
+        who, limb = self.who
+        named = f"{limb} of {who!r}" if limb else repr(who)
+        return f"{named} may come to {self.link} before it stands ({1e3 * self.margin:.0f} mm)"
+
+
+class StopMotion(NamedTuple):
+    """A motion of one tick along a path, and the stop after it: W pieces of constant acceleration."""
+
+    cells: IntArray  # (W,), the cell of the path in which each piece lies
+    places: FloatArray  # (W + 1,), s, ṡ², and the time since the motion began [s], where pieces meet
+    squares: FloatArray
+    times: FloatArray
+
+    @property
+    def duration(self) -> float:
+        """How long it takes until the robot stands [s]."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Return s, ṡ and s̈ at a time since it began [s]; at rest after its end."""
+        if time >= self.duration:
+            return float(self.places[-1]), 0.0, 0.0
+        k = max(int(np.searchsorted(self.times, time, side="right")) - 1, 0)
+        span, since = self.times[k + 1] - self.times[k], max(time, 0.0) - self.times[k]
+        speed, after = np.sqrt(self.squares[k]), np.sqrt(self.squares[k + 1])
+        push = (after - speed) / span if span > 0 else 0.0
+        place = self.places[k] + since * (speed + 0.5 * since * push)
+        return float(min(place, self.places[k + 1])), float(max(speed + since * push, 0.0)), float(push)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A motion of one tick and the stop after it, both proven against what was measured.
+
+    A controller follows `at`. If no other command comes, it follows this one to its end, and stands.
+
+    Attributes
+    ----------
+    time : float
+        From when on it holds [s].
+    measured : float
+        When that was measured against which it is proven [s].
+    path : GuardedPath
+        The path that it follows.
+    motion : StopMotion
+        The motion and the stop.
+    doing : Doing
+        What the robot does.
+    left : Margin
+        The smallest margin along the motion. Where that is the rest of an earlier stop, or the robot stands: the margin
+        of the motion that could not be proven.
+    reason : str
+        Why the robot is not as fast as it could be; empty if it is.
+    """
+
+    time: float
+    measured: float
+    path: GuardedPath
+    motion: StopMotion
+    doing: Doing
+    left: Margin
+    reason: str = ""
+
+    @property
+    def standstill(self) -> float:
+        """When the robot stands at the latest [s]."""
+        return self.time + self.motion.duration
+
+    def at(self, time: float) -> State:
+        """Return joint values, velocities and accelerations (n,) at a time [s] from `time` on."""
+        s, speed, push = self.motion.at(time - self.time)
+        place = self.path.curve.at(np.array([s]))
+        slope, bend = place.slope[0], place.bend[0]
+        return State(place.q[0], slope * speed, slope * push + bend * speed * speed)
+
+    def moves(self, time: float) -> bool:
+        """Return whether the robot moves at a time [s]."""
+        return self.motion.at(time - self.time)[1] > 0
+
 
 STEP = 0.02  # [rad] largest cell
 _SLOWEST = 0.01  # [m/s] of people, in estimates
@@ -45,18 +149,7 @@ _DERIVED = ("joint velocity", "separation", "separation or contact", "bends besi
 
 
 class RobotBodies:
-    """The moving bodies of a robot as hulls in the frames of their joints, with balls about them.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-
-    Attributes
-    ----------
-    links : tuple of str
-        The link of each of the G moving bodies.
-    """
+    """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -68,7 +161,7 @@ class RobotBodies:
         first: IntArray = np.cumsum([0] + [len(hull.points) for hull in hulls]).astype(np.intp)
         middles = np.array([hull.points.mean(axis=0) for hull in hulls]).reshape(-1, 3)
         extents = [np.linalg.norm(h.points - c, axis=1).max() for h, c in zip(hulls, middles, strict=True)]
-        self.arrays = (
+        self.arrays = Hulls(
             carriers,
             np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *(hull.points for hull in hulls)])),
             first,
@@ -81,8 +174,7 @@ class RobotBodies:
 
     def frames(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rotations (B, m, 3, 3) and origins (B, m, 3) of the joints at `Q: (B, n)`."""
-        rotations, origins, _ = self._joints.frames(Q)
-        return rotations, origins
+        return self._joints.frames(Q)[:2]
 
     def speeds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
         """Return the bounds of `BodySpeeds` (N, all bodies and the tip) [m/rad]."""
@@ -90,24 +182,15 @@ class RobotBodies:
 
     def travel(self, speeds: FloatArray, cells: Cells) -> FloatArray:
         """Return how far (N, G) the moving bodies get from where they are at the centres of cells, at most [m]."""
-        found: FloatArray = np.ascontiguousarray(speeds[:, self._moving] * cells.sizes[:, None] / 2)
-        return found
+        return np.asarray(np.ascontiguousarray(speeds[:, self._moving] * cells.sizes[:, None] / 2))
 
 
 @dataclass(frozen=True)
 class PathLimits:
-    """Limits that every path of the replanner keeps, whatever its curve is.
+    """Limits that every path of the replanner keeps, whatever its curve is."""
 
-    Attributes
-    ----------
-    joints : RateLimits
-        Velocities and accelerations of the joints.
-    tool_speed, link_speed : float, optional
-        Of the tip, and of every point of every link [m/s].
-    """
-
-    joints: RateLimits
-    tool_speed: float | None = None
+    joints: RateLimits  # Velocities and accelerations of the joints
+    tool_speed: float | None = None  # Of the tip, and of every point of every link [m/s]
     link_speed: float | None = None
 
     @classmethod
@@ -132,37 +215,17 @@ def own_caps(trajectory: Trajectory) -> tuple[SpeedCap, ...]:
 
 @dataclass(frozen=True)
 class GuardedPath:
-    """A curve in cells, with the bounds that hold in each.
+    """A curve in cells, with the bounds that hold in each: |q′|b + |q″|X keeps to the accelerations."""
 
-    Attributes
-    ----------
-    bodies : RobotBodies
-        The robot's.
-    curve : BlendedCurve
-        The path, proven against all that stands still.
-    limits : PathLimits
-        The limits that it keeps.
-    edges : ndarray, shape (N + 1,)
-        Ends of the cells [rad].
-    squares, brakes : ndarray, shape (N,)
-        Bounds of ṡ² and |s̈|: |q′|b + |q″|X keeps to the accelerations.
-    stops : ndarray of int
-        Edges where the robot stops.
-    frames : (ndarray of shape (N, m, 3, 3), ndarray of shape (N, m, 3))
-        Of the joints at the centres of the cells.
-    travel : ndarray, shape (N, G)
-        How far the bodies get from there [m].
-    """
-
-    bodies: RobotBodies
-    curve: BlendedCurve
-    limits: PathLimits
-    edges: FloatArray
-    squares: FloatArray
+    bodies: RobotBodies  # The robot's
+    curve: BlendedCurve  # The path, proven against all that stands still
+    limits: PathLimits  # The limits that it keeps
+    edges: FloatArray  # (N + 1,), ends of the cells [rad]
+    squares: FloatArray  # (N,), bounds of ṡ² and |s̈|: |q′|b + |q″|X keeps to the accelerations
     brakes: FloatArray
-    stops: IntArray
-    frames: tuple[FloatArray, FloatArray]
-    travel: FloatArray
+    stops: IntArray  # Edges where the robot stops
+    frames: tuple[FloatArray, FloatArray]  # (N, m, 3, 3), of the joints at the centres of the cells
+    travel: FloatArray  # (N, G), how far the bodies get from there [m]
 
     @classmethod
     def of(cls, bodies: RobotBodies, trajectory: Trajectory) -> GuardedPath:
@@ -171,14 +234,9 @@ class GuardedPath:
         Its time law is not kept: the robot is as fast as limits, caps and people let it.
         """
         path = cls.along(bodies, trajectory.curve, PathLimits.of(trajectory))
-        squares = path.squares
-        middles = 0.5 * (trajectory.law.edges[1:] + trajectory.law.edges[:-1])
-        begin = np.clip(
-            np.searchsorted(trajectory.law.edges, path.edges[:-1], side="right") - 1, 0, len(middles) - 1
-        )
-        end = np.clip(
-            np.searchsorted(trajectory.law.edges, path.edges[1:], side="left"), begin + 1, len(middles)
-        )
+        squares, edges = path.squares, trajectory.law.edges
+        begin = np.clip(np.searchsorted(edges, path.edges[:-1], side="right") - 1, 0, len(edges) - 2)
+        end = np.clip(np.searchsorted(edges, path.edges[1:], side="left"), begin + 1, len(edges) - 1)
         for cap in own_caps(trajectory):
             least = [cap.speeds[a:b].min() for a, b in zip(begin, end, strict=True)]
             squares = np.minimum(squares, np.square(least))
@@ -218,8 +276,7 @@ class GuardedPath:
     @cached_property
     def ceiling(self) -> FloatArray:
         """The largest ṡ² (N + 1,) at the ends of the cells from which all stops are reached."""
-        found: FloatArray = ceilings(np.diff(self.edges), self.squares, self.brakes, self.stops)
-        return found
+        return np.asarray(ceilings(np.diff(self.edges), self.squares, self.brakes, self.stops))
 
     @cached_property
     def coarse(self) -> GuardedPath:
@@ -239,27 +296,15 @@ class GuardedPath:
     def margin(
         self, motion: StopMotion, sets: ReachSets, since: float, clearance: float, *, exact: bool = False
     ) -> Margin:
-        """Return the smallest margin along a motion; see `safe_ompl.geometry.kernels.gaps`.
+        """Return the smallest margin along a motion on this path; see `safe_ompl.geometry.kernels.gaps`.
 
-        Parameters
-        ----------
-        motion : StopMotion
-            A motion along this path.
-        sets : ReachSets
-            Where people and objects may be.
-        since : float
-            From the measurement of the sets to the beginning of the motion [s], ≥ 0.
-        clearance : float
-            Distance that must be left [m].
-        exact : bool
-            Whether to find the smallest margin, to 0.1 mm. If not, only its sign is right: a negative margin is the
-            first one that is found.
+        It begins `since` the measurement of the sets [s], ≥ 0, and must leave the clearance [m]. An exact margin is
+        right to 0.1 mm; else only its sign is, and a negative margin is the first one that is found.
         """
         times = since + motion.times
         enough, close = (np.inf, _CLOSE) if exact else (0.0, 0.0)
-        margin, _, body, who = gaps(
-            motion.cells, times[:-1], times[1:], *self._arrays(sets, clearance, enough, close, not exact)
-        )
+        around = self._arrays(sets, clearance, enough, close, not exact)
+        margin, _, body, who = gaps(motion.cells, np.stack([times[:-1], times[1:]]), *around)
         if body < 0:
             return Margin(np.inf)
         return Margin(float(margin), self.bodies.links[body], sets.names[who])
@@ -290,10 +335,8 @@ class GuardedPath:
         if len(sets):
             fastest = max(float(sets.growth[:, 1].max()), _SLOWEST)
             needed = reaction + full / self.brakes
-            margins = cell_gaps(
-                np.arange(len(self.brakes)),
-                *self._arrays(sets, clearance, fastest * (float(needed.max()) + _AHEAD), _ROUGH),
-            )
+            far = fastest * (float(needed.max()) + _AHEAD)
+            margins = cell_gaps(np.arange(len(self.brakes)), *self._arrays(sets, clearance, far, _ROUGH))
             left = max(0.0, float((margins / fastest - needed).min()))
             speeds = np.minimum(full, self.brakes * (margins / fastest - reaction))
         barred = speeds < _BARRED * full
@@ -325,6 +368,7 @@ class GuardedPath:
     def then(self, other: GuardedPath) -> GuardedPath:
         """Return this path and, after a stop at its end, another one that begins there."""
         count, pieces = len(self.brakes), len(self.curve.pieces)
+        rotations, origins = (np.concatenate(pair) for pair in zip(self.frames, other.frames, strict=True))
         stops = [*self.curve.stops, pieces, *(pieces + k for k in other.curve.stops)]
         return replace(
             self,
@@ -333,13 +377,10 @@ class GuardedPath:
             squares=np.concatenate([self.squares, other.squares]),
             brakes=np.concatenate([self.brakes, other.brakes]),
             stops=np.concatenate([self.stops, [count], count + other.stops]).astype(np.intp),
-            frames=(
-                np.concatenate([self.frames[0], other.frames[0]]),
-                np.concatenate([self.frames[1], other.frames[1]]),
-            ),
+            frames=(rotations, origins),
             travel=np.concatenate([self.travel, other.travel]),
         )
 
     def _arrays(self, sets: ReachSets, *rest: float) -> Any:
         """Return frames, travel and hulls of the cells, the sets, and the rest, in the order of `gaps`."""
-        return *self.frames, self.travel, *self.bodies.arrays, *sets.arrays, *rest
+        return CellFrames(*self.frames, self.travel), self.bodies.arrays, sets.arrays, *rest

@@ -14,10 +14,16 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision import CertifiedMotion, CollisionChecker
 from safe_ompl.common import InputError, number, positive, whole_number
 from safe_ompl.people import ReachModel, Surroundings, Tracker, Violation
-from safe_ompl.people.replanning.command import Command, Doing, Margin
-from safe_ompl.people.replanning.detours import Detours
-from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies, own_caps
-from safe_ompl.people.replanning.roadmap import PeopleNow
+from safe_ompl.people.replanning.detours import Detours, PeopleNow
+from safe_ompl.people.replanning.guarded_path import (
+    Command,
+    Doing,
+    GuardedPath,
+    Margin,
+    PathLimits,
+    RobotBodies,
+    own_caps,
+)
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories import BlendedCurve, BlendProof, Trajectory

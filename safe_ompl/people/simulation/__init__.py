@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.people.simulation.contact_monitor import Contact, ContactMonitor, Solid, limb_solids
     from safe_ompl.people.simulation.movers import (
         ALL_KEYPOINTS,
         Drifting,
@@ -15,10 +14,12 @@ if TYPE_CHECKING:
         PersonMover,
         Playback,
         Resting,
+        Solid,
         Walker,
         World,
+        limb_solids,
     )
-    from safe_ompl.people.simulation.simulation import Faults, Simulation, Summary
+    from safe_ompl.people.simulation.simulation import Contact, ContactMonitor, Faults, Simulation, Summary
 
 __all__ = [
     "ALL_KEYPOINTS",

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, whole_number
-from safe_ompl.geometry import STANDING, Pose, placed
+from safe_ompl.geometry import STANDING, Limb, Pose, placed
 from safe_ompl.people import KEYPOINTS, Recording, Skeleton, Surroundings, TrackedBody, Tracker
-from safe_ompl.people.simulation.contact_monitor import Solid, limb_solids
 from safe_ompl.scene import People
 
 _FORGOTTEN = 1000  # steps after which those of more than a second ago are forgotten
 
+# Of a sensor that sees all key points of the body.
 ALL_KEYPOINTS = Skeleton("standing", tuple(STANDING), {name: (name,) for name in STANDING})
 STEP = 0.02  # [s] between two places
 _NEAR, _FAR = 0.55, 1.6  # [m] from the centre
@@ -47,17 +48,7 @@ class ObjectMover(Protocol):
 
 
 class Playback:
-    """A recorded person, played back and forth.
-
-    Parameters
-    ----------
-    recording : Recording
-        A clip.
-    tracker : Tracker
-        How the person is tracked: size, and place in the world.
-    speed : float
-        How many times as fast as recorded.
-    """
+    """A recorded person, played back and forth, `speed` times as fast as recorded."""
 
     def __init__(self, recording: Recording, tracker: Tracker, speed: float = 1.0) -> None:
         self.recording, self.tracker, self.speed = recording, tracker, speed
@@ -68,18 +59,9 @@ class Playback:
 
 
 class Drifting:
-    """An object that moves straight on, and is reflected at the surface of a ball and at a ball inside.
+    """An object that moves straight on, and is reflected at the surface of a ball around it and of one inside.
 
-    Parameters
-    ----------
-    start, velocity : ndarray, shape (3,)
-        Where it is at first [m], and its velocity [m/s].
-    centre, radius : ndarray, float
-        The ball that it does not leave [m].
-    inner : (ndarray, float), optional
-        A ball that it does not enter.
-    step : float
-        Time between two reflections at least [s].
+    Places are (3,) [m], the velocity (3,) [m/s]; between two reflections is a step [s] at least.
     """
 
     def __init__(
@@ -100,27 +82,18 @@ class Drifting:
         return pin.SE3(np.eye(3), self._places.at(time))
 
     def _after(self, place: FloatArray) -> FloatArray:
-        for centre, radius, outwards in ((self._centre, self._radius, 1.0), *self._walls()):
+        walls = [] if self._inner is None else [(*self._inner, -1.0)]
+        for centre, radius, outwards in ((self._centre, self._radius, 1.0), *walls):
             away = place + self._step * self._velocity - centre
             length = float(np.linalg.norm(away))
             normal = outwards * away / max(length, 1e-12)
             if outwards * (length - radius) > 0 and self._velocity @ normal > 0:
                 self._velocity = self._velocity - 2 * (self._velocity @ normal) * normal
-        after: FloatArray = place + self._step * self._velocity
-        return after
-
-    def _walls(self) -> list[tuple[FloatArray, float, float]]:
-        return [] if self._inner is None else [(*self._inner, -1.0)]
+        return np.asarray(place + self._step * self._velocity)
 
 
 class Resting:
-    """An object that may move, but does not.
-
-    Parameters
-    ----------
-    place : pin.SE3
-        Where it stays.
-    """
+    """An object that may move, but stays where it is."""
 
     def __init__(self, place: pin.SE3) -> None:
         self._place = place
@@ -131,17 +104,7 @@ class Resting:
 
 
 class Stepwise:
-    """A sequence of arrays at equal time steps, each made from the one before; linear in between.
-
-    Parameters
-    ----------
-    first : ndarray
-        At time 0.
-    after : callable
-        Makes the next one from the last one.
-    step : float
-        Time between two [s].
-    """
+    """Arrays at equal time steps [s], each made from the one before by `after`; linear in between."""
 
     def __init__(self, first: FloatArray, after: Callable[[FloatArray], FloatArray], step: float) -> None:
         self._known, self._after, self._step = [first], after, step
@@ -158,21 +121,33 @@ class Stepwise:
         if kept > _FORGOTTEN:
             del self._known[:kept]
             self._first, k = self._first + kept, k - kept
-        found: FloatArray = (1 - share) * self._known[k] + share * self._known[k + 1]
-        return found
+        return np.asarray((1 - share) * self._known[k] + share * self._known[k + 1])
+
+
+class Solid(NamedTuple):
+    """A limb of a person, or a part of an object, at its place."""
+
+    who: str
+    limb: str
+    geometry: coal.CollisionGeometry
+    placement: pin.SE3
+
+
+def limb_solids(who: str, limbs: tuple[str, ...], ends: FloatArray, radii: FloatArray) -> list[Solid]:
+    """Return the limbs of a person as capsules, ends (M, 2, 3) and radii (M,) [m]."""
+    found = []
+    for name, (start, end), radius in zip(limbs, ends, radii.tolist(), strict=True):
+        limb = Limb(name, start, end, radius)
+        length = limb.length
+        geometry = coal.Capsule(radius, length) if length > 0 else coal.Sphere(radius)
+        found.append(Solid(who, name, geometry, limb.placement))
+    return found
 
 
 class World:
     """The people and objects of a simulation, and where they truly are at any time.
 
-    Parameters
-    ----------
-    people : mapping of str to PersonMover
-        By name.
-    objects : mapping of str to ObjectMover
-        By obstacle.
-    surroundings : Surroundings
-        The replanner's: shapes, points and speeds of the objects.
+    Shapes, points and speeds of the objects are those of the replanner's surroundings.
     """
 
     def __init__(
@@ -229,10 +204,8 @@ class World:
             name: dict(zip(KEYPOINTS, points.tolist(), strict=True))
             for name, points in self.keypoints(time).items()
         }
-        return {
-            "people": people,
-            "objects": {name: _pose(mover.at(time)) for name, mover in self.objects.items()},
-        }
+        objects = {name: _pose(mover.at(time)) for name, mover in self.objects.items()}
+        return {"people": people, "objects": objects}
 
     def _body(self, name: str) -> TrackedBody:
         return self.people[name].tracker.body
@@ -243,9 +216,6 @@ def _pose(place: pin.SE3) -> dict[str, list[float]]:
         "position": place.translation.tolist(),
         "quaternion_xyzw": pin.Quaternion(place.rotation).coeffs().tolist(),
     }
-
-
-# A sensor that sees all key points of the body.
 
 
 # -------------------------------------------------------------------------------------------------------- walkers
@@ -271,23 +241,17 @@ class _Stance:
 class Walker:
     """A person who walks about at random, turns, and reaches out with both arms.
 
-    No end of a limb is ever faster than `People.speed_of` it, so that `SpeedReach` holds. The person stays in a sector
-    of a ring about a centre, and walks through obstacles and the robot.
+    No end of a limb is ever faster than `People.speed_of` it times `speed`, so that `SpeedReach` holds at 1. The person
+    stays in a sector of a ring about a centre, and walks through obstacles and the robot.
 
     Parameters
     ----------
-    people : People
-        How fast limbs may move.
     centre : ndarray, shape (3,)
         Centre of the ring, at the height of the floor [m].
     start : ndarray, shape (2,)
         Where the person stands at first [m]; the nearest place in the ring is taken.
     tracker : Tracker, optional
-        How the person is tracked: size, limbs and errors; the skeleton must be `ALL_KEYPOINTS`, in the world's frame.
-    speed : float
-        How many times as fast as promised the person moves.
-    seed : int
-        Seed of the generator that draws where the person goes.
+        Size, limbs and errors; its skeleton must be `ALL_KEYPOINTS`, in the world's frame.
 
     Raises
     ------
@@ -328,8 +292,7 @@ class Walker:
         c, s = np.cos(stance.yaw), np.sin(stance.yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         at = self._centre + np.array([far * np.cos(angle), far * np.sin(angle), 0.0])
-        points: FloatArray = self.tracker.body.height * _posture(stance.arms) @ turn.T + at
-        return points
+        return np.asarray(self.tracker.body.height * _posture(stance.arms) @ turn.T + at)
 
     def _after(self, before: FloatArray) -> FloatArray:
         """Go a step on, the longest one in which no key point is too fast, and return the key points there."""
@@ -358,8 +321,7 @@ class Walker:
 
     def _way(self) -> FloatArray:
         """Return the rest of the way (2,), outwards and about the centre [m]."""
-        way: FloatArray = (self._goal.place - self._stance.place) * [1.0, self._stance.place[0]]
-        return way
+        return np.asarray((self._goal.place - self._stance.place) * [1.0, self._stance.place[0]])
 
     def _wanted(self) -> _Stance:
         """Return the stance a step later if no limb had a bound of its speed."""
@@ -378,8 +340,7 @@ def _keypoint_speeds(body: TrackedBody, people: People) -> FloatArray:
     """Return how fast each key point (17,) may be: as the slowest of the limbs whose ends depend on it [m/s]."""
     used = (body.weights > 0).any(axis=1)  # (M, 17)
     speeds = np.array([people.speed_of(limb) for limb in body.limbs])
-    found: FloatArray = np.where(used, speeds[:, None], np.inf).min(axis=0)
-    return found
+    return np.asarray(np.where(used, speeds[:, None], np.inf).min(axis=0))
 
 
 def _posture(arms: FloatArray) -> FloatArray:

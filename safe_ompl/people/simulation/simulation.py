@@ -1,20 +1,101 @@
-"""A robot, its replanner and people in simulated time, with a contact monitor."""
+"""A robot, its replanner and people in simulated time, with a monitor that looks for contacts."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
+import coal
 import numpy as np
+import pinocchio as pin
 
+from safe_ompl.collision import fresh_data
 from safe_ompl.common import FloatArray, fraction, number
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import Command, Doing, Replanner
-from safe_ompl.people.simulation.contact_monitor import ContactMonitor, Nearest
-from safe_ompl.people.simulation.movers import ObjectMover, PersonMover, World
+from safe_ompl.people.simulation.movers import ObjectMover, PersonMover, Solid, World
+from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Trajectory
+
+
+class Nearest(NamedTuple):
+    """The smallest distance at one instant [m], the link of the robot, and the limb of a person or object."""
+
+    distance: float
+    link: str | None = None
+    who: str | None = None
+    limb: str | None = None
+
+
+@dataclass
+class Contact:
+    """A contact between the robot and a person or object."""
+
+    time: float  # When it began [s]
+    link: str  # The link of the robot, and the limb of the person or object
+    who: str
+    limb: str
+    moving: bool  # Whether the robot moved then, or later while it lasted
+    # Whether everybody had kept to the reach model since the measurement that the motion was proven against
+    obeyed: bool
+
+
+class ContactMonitor:
+    """Measures distances between a robot and everything that moves, and notes contacts in order."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._model = robot.shared.model
+        self._bodies = robot.shared.collision_model
+        self._kinematics = self._model.createData()
+        self._data = fresh_data(self._bodies)
+        self._moving = [k for k, part in enumerate(self._bodies.geometryObjects) if part.parentJoint != 0]
+        self._links = [part.name.rsplit("_", 1)[0] for part in self._bodies.geometryObjects]
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._touching: dict[tuple[str, str], Contact] = {}
+        self.contacts: list[Contact] = []
+
+    def nearest(self, q: FloatArray, solids: list[Solid]) -> Nearest:
+        """Return the smallest distance between the robot at `q: (n,)` and any of the solids."""
+        full = self._robot.pinocchio_configuration(q)
+        pin.updateGeometryPlacements(self._model, self._kinematics, self._bodies, self._data, full)
+        found = Nearest(np.inf)
+        for k in self._moving:
+            part, place = self._bodies.geometryObjects[k], self._data.oMg[k]
+            where = coal.Transform3s(place.rotation, place.translation)
+            for solid in solids:
+                there = coal.Transform3s(solid.placement.rotation, solid.placement.translation)
+                self._result.clear()  # or it keeps the smallest of all that it ever saw
+                distance = coal.distance(
+                    part.geometry, where, solid.geometry, there, self._request, self._result
+                )
+                if distance < found.distance:
+                    found = Nearest(float(distance), self._links[k], solid.who, solid.limb)
+        return found
+
+    def observe(
+        self, time: float, q: FloatArray, solids: list[Solid], *, moving: bool, obeyed: bool
+    ) -> Nearest:
+        """Note a contact at one instant if there is one, and return the smallest distance."""
+        nearest = self.nearest(q, solids)
+        if nearest.distance > 0:
+            self.clear()
+            return nearest
+        key = str(nearest.who), str(nearest.limb)
+        if key not in self._touching:
+            self._touching = {key: Contact(time, str(nearest.link), *key, moving, obeyed)}
+            self.contacts.append(self._touching[key])
+        contact = self._touching[key]
+        if moving and not contact.moving:
+            contact.moving, contact.obeyed = True, obeyed
+        return nearest
+
+    def clear(self) -> None:
+        """Note that nobody touches the robot now."""
+        self._touching.clear()
+
 
 _FINE = 0.005  # [s] between two observations of the contact monitor
 _STILL = 1e-9  # [rad/s] slower than this is at rest
@@ -23,31 +104,16 @@ _ROUNDING = 1e-6  # [m]
 
 @dataclass(frozen=True)
 class Faults:
-    """Delay and faults between the world and the replanner.
+    """Delay and faults between the world and the replanner; raises InputError if a value is out of its range."""
 
-    Parameters
-    ----------
-    noise : float
-        Errors of measured key points and places of objects: uniform in a ball of this radius [m].
-    drops : float
-        Share of the measurements in which nobody is seen.
-    late : float
-        Share of the ticks in which the replanner answers too late: the robot follows its last command to its stop.
-    seed : int
-        Seed of the generator that draws them.
-    latency : float
-        From a measurement until the command that answers it holds [s], at most a tick: the time that the replanner has.
-
-    Raises
-    ------
-    InputError
-        If a value is out of its range.
-    """
-
-    noise: float = 0.0
-    drops: float = 0.0
+    noise: float = (
+        0.0  # Errors of measured key points and places of objects: uniform in a ball of this radius [m]
+    )
+    drops: float = 0.0  # Share of the measurements in which nobody is seen
+    # Share of the ticks in which the replanner answers too late: the robot follows its last command to its stop
     late: float = 0.0
-    seed: int = 0
+    seed: int = 0  # Seed of the generator that draws them
+    # From a measurement until the command that answers it holds [s], at most a tick: the time that the replanner has
     latency: float = 0.02
 
     def __post_init__(self) -> None:
@@ -59,47 +125,26 @@ class Faults:
 
 @dataclass
 class Summary:
-    """The result of a simulation.
-
-    Attributes
-    ----------
-    seconds : float
-        Simulated time [s].
-    contacts_while_moving : int
-        Contacts while the robot moved and everybody kept to the reach model: 0 if the proofs hold.
-    contacts_after_violations : int
-        Contacts while the robot moved, after somebody had not kept to the model.
-    contacts_at_rest : int
-        Contacts with the robot while it stood.
-    model_obeyed : float
-        Share of the time in which everybody had kept to the model since the measurement that the motion was proven
-        against.
-    tasks, stops, detours : int
-        How often the goal was reached, the robot stopped on its way, and a detour was taken.
-    moving : float
-        Share of the time in which it moved.
-    reaction : tuple of float
-        From a measurement to a proven command on the clock of this machine: median and 99 % [s].
-    deadlines_missed : int
-        Ticks without a new command: the robot followed its last one to the stop.
-    violations : int
-        Measurements that showed somebody farther away than promised.
-    least_distance : float
-        Smallest distance while the robot moved and everybody kept to the model [m].
-    """
+    """The result of a simulation."""
 
     seconds: float = 0.0
+    # Contacts while the robot moved and everybody kept to the reach model: 0 if the proofs hold
     contacts_while_moving: int = 0
+    # Contacts while it moved, after somebody had not kept to the model; and while it stood
     contacts_after_violations: int = 0
     contacts_at_rest: int = 0
+    # Share of the time in which everybody had kept to the model since the measurement that the motion was
+    # proven against
     model_obeyed: float = 1.0
-    tasks: int = 0
+    tasks: int = 0  # How often the goal was reached, the robot stopped on its way, and a detour was taken
     stops: int = 0
     detours: int = 0
-    moving: float = 0.0
+    moving: float = 0.0  # Share of the time in which it moved
+    # From a measurement to a proven command on the clock of this machine: median and 99 %
     reaction: tuple[float, float] = (0.0, 0.0)
-    deadlines_missed: int = 0
-    violations: int = 0
+    deadlines_missed: int = 0  # Ticks without a new command: the robot followed its last one to the stop
+    violations: int = 0  # Measurements that showed somebody farther away than promised
+    # Smallest distance while the robot moved and everybody kept to the model [m]
     least_distance: float = np.inf
 
     def as_dict(self) -> dict[str, Any]:
@@ -118,12 +163,8 @@ class Simulation:
         Drives the robot; nothing was started yet.
     trajectories : sequence of Trajectory
         Followed one after the other, and again from the first: each begins where the one before ends.
-    people : mapping of str to PersonMover
-        The people that the replanner tracks.
-    objects : mapping of str to ObjectMover
-        The objects that it tracks.
-    faults : Faults, optional
-        Delay and faults.
+    people, objects : mapping of str to PersonMover, ObjectMover
+        The people and objects that the replanner tracks.
     monitored : bool
         Whether a contact monitor looks for contacts; this takes most of the time.
 
@@ -131,8 +172,6 @@ class Simulation:
     ----------
     summary : Summary
         The result, complete once the simulation has run to its end.
-    world : World
-        Where people and objects are.
     monitor : ContactMonitor or None
         Holds the contacts.
     reactions : list of float
@@ -158,11 +197,6 @@ class Simulation:
         self._rng = np.random.default_rng(self.faults.seed)
         self._promised: dict[float, ReachSets] = {}
         self.reactions: list[float] = []
-
-    def _obeyed(self, ends: list[FloatArray], time: float, measured: float) -> bool:
-        """Return whether everybody is where the reach model has them after a measurement."""
-        sets = self._promised.get(measured)
-        return sets is None or bool((sets.excess(ends, time - measured) <= _ROUNDING).all())
 
     def run(self, seconds: float) -> Summary:
         """Run for a time [s], and return the result."""
@@ -256,14 +290,10 @@ class Simulation:
         directions = self._rng.normal(size=shape)
         directions /= np.maximum(np.linalg.norm(directions, axis=-1, keepdims=True), 1e-12)
         radii = self.faults.noise * self._rng.random((*shape[:-1], 1)) ** (1 / 3)
-        found: FloatArray = directions * radii
-        return found
+        return np.asarray(directions * radii)
 
     def _observe(self, now: float, old: Command | None, new: Command) -> tuple[float, float, Nearest]:
-        """Observe the tick from `now` on.
-
-        Returns the shares of it in which everybody obeyed and the robot moved, and what was nearest at its beginning.
-        """
+        """Return the shares of a tick in which all obeyed and the robot moved, and what was nearest as it began."""
         robot = self.replanner.robot
         times = now + np.arange(0.0, self.replanner.tick - 1e-9, _FINE)
         obeyed = moves = 0
@@ -274,22 +304,21 @@ class Simulation:
             moving = bool(np.abs(state.qd).max() > _STILL)
             keypoints = self.world.keypoints(time)
             ends = self.world.ends(keypoints, time)
-            good = self._obeyed(ends, time, command.measured)
+            sets = self._promised.get(command.measured)
+            # Whether everybody is where the reach model has them after the measurement.
+            good = sets is None or bool((sets.excess(ends, time - command.measured) <= _ROUNDING).all())
             obeyed, moves = obeyed + good, moves + moving
             if self.monitor is None:
                 continue
             if i:
                 way = float(np.abs(state.q - first_q) @ robot.bounds.displacement_radii.max(axis=0))
-                way += max(
-                    (float(np.linalg.norm(a - b, axis=1).max()) for a, b in zip(ends, first, strict=True)),
-                    default=0.0,
-                )
+                moved = (np.linalg.norm(a - b, axis=1).max() for a, b in zip(ends, first, strict=True))
+                way += max(map(float, moved), default=0.0)
                 if way < here.distance:
                     self.monitor.clear()
                     continue
-            nearest = self.monitor.observe(
-                time, state.q, self.world.solids(keypoints, time), moving=moving, obeyed=good
-            )
+            solids = self.world.solids(keypoints, time)
+            nearest = self.monitor.observe(time, state.q, solids, moving=moving, obeyed=good)
             if not i:
                 here, first_q, first = nearest, state.q, ends
             if moving and good:

@@ -7,14 +7,6 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.planning.ompl.constraints import (
-        RESOLUTION,
-        AskedMotions,
-        ConfigurationCheck,
-        Constraints,
-        SampledValidity,
-        UserCheck,
-    )
     from safe_ompl.planning.ompl.goals import REGION_TOLERANCE, TOLERANCE, RegionGoal, WorkspaceGoal
     from safe_ompl.planning.ompl.objective import (
         DangerObjective,
@@ -23,7 +15,14 @@ if TYPE_CHECKING:
         StateCost,
     )
     from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-    from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
+    from safe_ompl.planning.ompl.user_checks import RESOLUTION, AskedMotions, SampledValidity, UserCheck
+    from safe_ompl.planning.ompl.validity import (
+        CertifiedMotionValidator,
+        CollisionFreeValidity,
+        ConfigurationCheck,
+        Constraints,
+        danger_objection,
+    )
 
 __all__ = [
     "REGION_TOLERANCE",
@@ -44,6 +43,7 @@ __all__ = [
     "StateCost",
     "UserCheck",
     "WorkspaceGoal",
+    "danger_objection",
     "joint_space",
 ]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from ompl import base as ob
 
-from safe_ompl.common import FloatArray, InputError, PlanningError, positive, shown
+from safe_ompl.common import FloatArray, InputError, PlanningError, positive, shown, whole_number
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl.states import ScratchState, StateBridge
 from safe_ompl.robot import (
@@ -62,19 +62,12 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     ----------
     place : Place
         The place, for planners that work in the workspace.
-    tolerance : float
-        As given.
 
     Raises
     ------
     InputError
         Wrong shape, NaN, a matrix that is not a rotation, a tolerance that is not positive; or a place that is out of
         reach, by a proven bound of the reach (`tip_reach`).
-
-    Notes
-    -----
-    What OMPL calls, and hence what is overridden: `maxSampleCount` (how many solutions there are now),
-    `couldSample` (could there be more?), `sampleGoal` and `distanceGoal`.
     """
 
     def __init__(
@@ -108,9 +101,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
 
     def setSeed(self, seed: int) -> None:
         """Start the random numbers anew and forget all solutions."""
-        if isinstance(seed, bool) or int(seed) != seed or seed < 0:
-            raise InputError(f"seed must be a non-negative integer, got {seed!r}")
-        self._seed = int(seed)
+        self._seed = whole_number("seed", seed, at_least=0)
         self._rng = np.random.default_rng(self._seed)
         self._found: list[FloatArray] = []
         self._offered = 0  # of those found, in order
@@ -118,10 +109,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self._asked = 0
         self._tries = 0  # seeds that were searched from,
         self._arrived = 0  # and how many of them led to the place
-        self._nearest = (
-            np.inf,
-            np.zeros(0),
-        )  # of the others, the least distance and the configuration that has it
+        self._nearest = np.inf, np.zeros(0)  # of the others, the least distance and where it was
         self._refused: FloatArray | None = None  # the last one that led to the place, but is not valid
 
     def getSeed(self) -> int:
@@ -167,8 +155,6 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
                 f"never more than {radius:.2f} m from there"
             )
 
-    # ------------------------------------------------------------------------------------- OMPL's questions
-
     def distanceGoal(self, state: Any) -> float:
         """Return the distance [m] of the tip from the place."""
         return self.place.distance(self._bridge.read(state))
@@ -189,10 +175,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
     def sampleGoal(self, state: Any) -> None:
         """Write the next solution into `state`; after the last one, a new one if it is found, else the first.
 
-        Raises
-        ------
-        PlanningError
-            If no solution is known. Planners ask `maxSampleCount` first.
+        A PlanningError if none is known: planners ask `maxSampleCount` first.
         """
         if self._next >= self._offered:
             self._offer()
@@ -204,8 +187,6 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         self._bridge.write(self._found[self._next], state)
         self._next += 1
 
-    # -------------------------------------------------------------------------------- looking for solutions
-
     def _offer(self) -> None:
         """Offer one solution more, the safest of those that were found together."""
         self._asked = 0
@@ -215,7 +196,7 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
 
     def _search(self, seeds: int) -> list[FloatArray]:
         """Return new valid solutions from random seeds, the safest first."""
-        robot = self.place.robot
+        robot, si = self.place.robot, self.getSpaceInformation()
         new: list[FloatArray] = []
         precision = _PRECISION * self.tolerance
         for _ in range(seeds):
@@ -226,9 +207,11 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
                 self._nearest = min(self._nearest, (self.place.distance(q), q), key=lambda found: found[0])
                 continue
             self._arrived += 1
-            if not self._is_new(q, new):
+            known = np.array([*self._found, *new]).reshape(-1, robot.n)
+            if (np.linalg.norm(self._bridge.difference(known, q), axis=1) < _SAME).any():
                 continue
-            if self._is_valid(q):
+            state = self._scratch.set(q)
+            if si.satisfiesBounds(state) and si.isValid(state):
                 new.append(q)
             else:
                 self._refused = q
@@ -240,14 +223,6 @@ class WorkspaceGoal(ob.GoalSampleableRegion):  # type: ignore[misc]
         """Return where the next solution is to bring the tip."""
         return self.place
 
-    def _is_new(self, q: FloatArray, others: list[FloatArray]) -> bool:
-        known = np.array([*self._found, *others]).reshape(-1, len(q))
-        return not (np.linalg.norm(self._bridge.difference(known, q), axis=1) < _SAME).any()
-
-    def _is_valid(self, q: FloatArray) -> bool:
-        si, state = self.getSpaceInformation(), self._scratch.set(q)
-        return bool(si.satisfiesBounds(state) and si.isValid(state))
-
 
 REGION_TOLERANCE = 1e-3  # [m]
 
@@ -256,32 +231,8 @@ class RegionGoal(WorkspaceGoal):
     """The configurations whose tip is in a region: its position and its orientation within bounds.
 
     All that holds of a `WorkspaceGoal` holds of it. Solutions are those of the inverse kinematics for poses drawn at
-    random from the region; `distanceGoal` is the distance of the tip from the region, 0 inside.
-
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    robot : Robot
-        The robot.
-    region : GoalRegion
-        Where its tip may be.
-    tolerance : float
-        How far outside of the region is near enough [m]; a radian counts as 0.25 m.
-    field : DangerField, optional
-        Ranks the solutions.
-    seed : int, optional
-        Seed of the random numbers; by default another every time.
-
-    Attributes
-    ----------
-    region : GoalRegion
-        As given.
-
-    Raises
-    ------
-    InputError
-        If the region is none, or the tolerance is not positive.
+    random from the region; `distanceGoal` is the distance of the tip from the region, 0 inside. An InputError if the
+    region is none, or the tolerance is not positive.
     """
 
     def __init__(

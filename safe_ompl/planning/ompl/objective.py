@@ -35,15 +35,7 @@ _VALUE_SAMPLES = 100
 
 
 class Motion(NamedTuple):
-    """A straight motion in joint space.
-
-    Attributes
-    ----------
-    start, delta : ndarray, shape (n,)
-        Where it begins, and its difference to where it ends [rad or m].
-    length : float
-        Length [rad].
-    """
+    """A straight motion in a space: where it begins, its difference to where it ends (n,), and its length [rad]."""
 
     start: FloatArray
     delta: FloatArray
@@ -59,16 +51,10 @@ class Motion(NamedTuple):
     def integral(
         self, density: Callable[[FloatArray], FloatArray], tolerance: float, refinements: int
     ) -> float:
-        """Return the integral of a density over the length, by the trapezoidal rule with halved steps.
+        """Return the integral over the length of a density, which has values (B,) at configurations (B, n).
 
-        Parameters
-        ----------
-        density : callable
-            Returns its values (B,) at configurations (B, n).
-        tolerance : float
-            Relative error at which the refinement ends.
-        refinements : int
-            The step is halved at most this often.
+        By the trapezoidal rule, whose step is halved until the relative error is below the tolerance, but at most
+        `refinements` times.
         """
         panels = 1 + int(self.length / _MOTION_STEP)
         values = density(self.start + np.linspace(0.0, 1.0, panels + 1)[:, None] * self.delta)
@@ -86,23 +72,8 @@ class Motion(NamedTuple):
 class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The danger field of a robot as a cost: of a state CDF(q), of a motion ∫ CDF(q(s)) ds.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    field : DangerField
-        The danger.
-    tolerance : float
-        Relative error of a motion's cost; the trapezoidal rule is refined until its last change is as small.
-
-    Raises
-    ------
-    InputError
-        If the tolerance is not positive.
-
-    Notes
-    -----
-    Optimising planners skip motions that cannot improve a path: `motionCostHeuristic` is CDF_min times the distance,
+    The trapezoidal rule is refined until its last change is as small as the relative `tolerance` of a motion's cost, >
+    0. Optimising planners skip motions that cannot improve a path: `motionCostHeuristic` is CDF_min times the distance,
     with a proven lower bound CDF_min of the danger (`DangerField.minimum`).
     """
 
@@ -166,17 +137,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 class PeakDangerObjective(DangerObjective):
     """The largest danger on the way as a cost (minimax): paths are as dangerous as their most dangerous point.
 
-    Parameters
-    ----------
-    si, field
-        As for `DangerObjective`.
-    step : float
-        Largest distance [rad] of the points at which a motion is looked at.
-
-    Raises
-    ------
-    InputError
-        If the step is not positive.
+    Motions are looked at in points at most `step` apart [rad], > 0.
     """
 
     def __init__(self, si: Any, field: DangerField, step: float = 0.05) -> None:
@@ -205,25 +166,11 @@ class PeakDangerObjective(DangerObjective):
 class DurationObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The time that motions take under joint velocities and beside people, as a cost [s].
 
-    A motion with the direction u costs ∫ ds/V, with V(q) the least of
+    A motion with the direction u costs ∫ ds/V to within a relative `tolerance`, with V(q) the least of
 
     * joint velocity: min_i v_i/|u_i|,
     * people: b·τ(q), with τ the time until the first limb may be at the robot, min (d − C)/v_h − T_r over limbs and
       bodies, and the deceleration b = min_i a_i/|u_i|: a stop that begins here ends before that.
-
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Its space must have the robot's joints as coordinates (see `joint_space`).
-    timer : PathTimer
-        Limits, and people where there are any.
-    tolerance : float
-        Relative error of a motion's cost.
-
-    Raises
-    ------
-    InputError
-        If the tolerance is not positive.
 
     Notes
     -----
@@ -286,20 +233,12 @@ class StateCost:
     """The cost of configurations as planners read it from a problem's objective.
 
     Objectives that answer batches (`values(Q)`, as `DangerObjective` does) are asked for batches; any other
-    `ob.OptimizationObjective` is asked state by state. Without an objective, or with path length, every
-    configuration costs nothing and planning is classical.
-
-    Parameters
-    ----------
-    objective : ob.OptimizationObjective or None
-        The problem's objective.
-    bridge : StateBridge
-        The space.
+    `ob.OptimizationObjective` is asked state by state. Without an objective, or with path length, every configuration
+    costs nothing and planning is classical.
     """
 
     def __init__(self, objective: Any, bridge: StateBridge) -> None:
-        self._objective = objective
-        self._bridge = bridge
+        self._objective, self._bridge = objective, bridge
         self._scratch = ScratchState(bridge)
         self._own_scales: dict[Any, float] = {}
         self.is_zero = objective is None or isinstance(objective, ob.PathLengthOptimizationObjective)
@@ -335,8 +274,6 @@ class StateCost:
         norms: FloatArray = np.linalg.norm(gradients, axis=1)
         return norms
 
-    # ---------------------------------------------------------------------------------------------- its scale
-
     @property
     def _scales(self) -> dict[Any, float]:
         """What was measured of the cost: kept by a `DangerObjective` for all, else here."""
@@ -347,11 +284,6 @@ class StateCost:
 
         A `DangerObjective` keeps it, as long as the same `CollisionFreeValidity` says with the same settings what is
         valid. Nothing is known of how a user's own checker decides, so with one it is measured at each call.
-
-        Parameters
-        ----------
-        si : ob.SpaceInformation
-            Says which configurations are valid.
         """
         if self.is_zero:
             return 0.0

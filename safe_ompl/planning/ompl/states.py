@@ -57,28 +57,11 @@ def _real_vector(lower: FloatArray, upper: FloatArray) -> Any:
 class StateBridge:
     """Moves configurations between OMPL states of one space and arrays `q: (n,)`.
 
-    Works on real-vector spaces, SO(2), and compounds of these; angles of SO(2) parts wrap at ±π.
+    Works on real-vector spaces, SO(2), and compounds of these; angles of SO(2) parts wrap at ±π. An InputError if the
+    space has parts of another kind.
 
-    Parameters
-    ----------
-    space : ob.StateSpace
-        The space.
-
-    Attributes
-    ----------
-    n : int
-        Number of coordinates.
-    circular : ndarray of bool, shape (n,)
-        Which coordinates wrap.
-    lower, upper : ndarray, shape (n,)
-        Bounds; ±π for those that wrap.
-    extent : float
-        Length of the diagonal of the bounds, no side longer than one turn.
-
-    Raises
-    ------
-    InputError
-        If the space has parts of another kind.
+    `circular: (n,)` says which coordinates wrap; `lower` and `upper: (n,)` are their bounds, ±π for those that wrap;
+    `extent` is the length of the diagonal of the bounds, no side longer than one turn.
     """
 
     def __init__(self, space: Any) -> None:
@@ -197,9 +180,6 @@ class PlainCoordinates:
 
     def __init__(self, space: Any) -> None:
         self._space = space
-
-    def __repr__(self) -> str:
-        return f"PlainCoordinates({self._space.getName()!r})"
 
     def read(self, state: Any) -> list[float]:
         """Return the coordinates of a state, n numbers."""

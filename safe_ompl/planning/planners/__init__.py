@@ -9,17 +9,22 @@ from safe_ompl.doors import lazily
 if TYPE_CHECKING:
     from safe_ompl.planning.planners.base import SafePlanner
     from safe_ompl.planning.planners.bubble import BubblePlanner
-    from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph
     from safe_ompl.planning.planners.jt_rrt import SafeJTRRT
     from safe_ompl.planning.planners.parameters import Parameter
+    from safe_ompl.planning.planners.parts.tree import PlannerGraph
     from safe_ompl.planning.planners.prm import SafePRM
     from safe_ompl.planning.planners.registry import (
         accepts,
+        check_planner,
         check_usable,
         is_ours,
         make_planner,
         needs_place,
+        nodes_of,
+        planner_data,
         planner_names,
+        seed_ompl,
+        termination,
     )
     from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
 
@@ -32,11 +37,16 @@ __all__ = [
     "SafePlanner",
     "SafeRRTConnect",
     "accepts",
+    "check_planner",
     "check_usable",
     "is_ours",
     "make_planner",
     "needs_place",
+    "nodes_of",
+    "planner_data",
     "planner_names",
+    "seed_ompl",
+    "termination",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import logging
 from abc import abstractmethod
-from typing import Any, ClassVar, Protocol
+from collections.abc import Iterator
+from typing import Any, ClassVar
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.common import Counts, FloatArray, InputError, IntArray, UnknownNameError, whole_number
+from safe_ompl.common import Counts, FloatArray, InputError, UnknownNameError, warn_once, whole_number
 from safe_ompl.danger import DangerField, DangerLimit
-from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph, UnansweredRequest
+from safe_ompl.planning.ompl import danger_objection
 from safe_ompl.planning.planners.parameters import (
     FormerNames,
     Parameter,
@@ -21,52 +22,42 @@ from safe_ompl.planning.planners.parameters import (
     parameters_of,
     snake_case,
 )
-from safe_ompl.planning.planners.parts.problem import PlanningProblem, first_goals, later_goals
-from safe_ompl.planning.planners.parts.tree import Trees
+from safe_ompl.planning.planners.parts.problem import PlanningProblem
+from safe_ompl.planning.planners.parts.roadmap import Roadmap
+from safe_ompl.planning.planners.parts.tree import PlannerGraph, Trees, TwoTrees
 
 _log = logging.getLogger(__name__)
 
+_FIRST_GOALS = 100  # taken before planning begins
 _UNREAD = object()  # stands for an objective until the problem's is read
 _RANGE_FRACTION = (
     0.075  # of the space's extent: 1.1 rad on an arm; longer steps are trapped, shorter ones crawl
 )
 
 
-class SearchStructure(Protocol):
-    """What a planner builds from starts and goals: trees, or a roadmap."""
+class UnansweredRequest:
+    """`getPlannerData` of a planner in Python: OMPL's own, which gives nothing, and a warning that says so.
 
-    def add_start(self, q: FloatArray) -> None:
-        """Add a valid start configuration (n,)."""
+    A method in Python would end the process. OMPL first looks whether there is one, and finds its own here.
+    """
 
-    def add_goal(self, q: FloatArray) -> None:
-        """Add a valid goal configuration (n,)."""
-
-    @property
-    def has_starts(self) -> bool:
-        """Whether there is a start."""
-
-    @property
-    def has_goals(self) -> bool:
-        """Whether there is a goal."""
-
-    def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
+    def __get__(self, planner: Any, owner: type | None = None) -> Any:
+        if planner is None:
+            return ob.Planner.getPlannerData
+        warn_once(
+            _log,
+            f"{planner.getName()}: getPlannerData stays empty, as OMPL's bindings have no version of it in Python: "
+            "safe_ompl.planner_data(planner) and SafeSetup fill it",
+        )
+        return ob.Planner.getPlannerData.__get__(planner)
 
 
 class SafePlanner(ob.Planner):  # type: ignore[misc]
     """Base of the planners: subclasses declare parameters and implement `_search` on arrays, without OMPL's states.
 
     Every planner is made by ``Planner(si, name, parameter=value, …)``, with any space of real vectors and SO(2) parts,
-    any validity checker and motion validator.
-
-    Attributes
-    ----------
-    plans_to : type
-        The goals that the planner accepts: by default those that offer configurations.
-    former_names : FormerNames
-        Parameters that were renamed or removed.
-    counts : Counts
-        Counts the nodes.
+    any validity checker and motion validator. It accepts goals of a type, `plans_to`, by default those that offer
+    configurations; `former_names` are parameters that were renamed or removed, and `counts` counts the nodes.
     """
 
     plans_to: ClassVar[Any] = ob.GoalSampleableRegion
@@ -109,12 +100,8 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
     def setParameter(self, name: str, value: Any) -> None:
         """Set the parameter that is called `name` in Python, such as "goal_bias".
 
-        Raises
-        ------
-        UnknownNameError
-            If the planner has no such parameter.
-        InputError
-            If the value is refused, or the parameter was removed.
+        An UnknownNameError if the planner has no such parameter; an InputError if the value is refused, or it was
+        removed.
         """
         known = parameters_of(type(self))
         name = self.former_names.current(self.getName(), name)
@@ -167,17 +154,9 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         self._forget()
 
     def solve(self, ptc: Any) -> Any:
-        """Search until a path is found or `ptc` fires.
+        """Search until a path is found or `ptc` fires, a termination condition or a time limit [s].
 
-        Parameters
-        ----------
-        ptc : ob.PlannerTerminationCondition or float
-            When to give up; a number is a time limit [s].
-
-        Returns
-        -------
-        ob.PlannerStatus
-            EXACT_SOLUTION, TIMEOUT, INVALID_START, INVALID_GOAL or UNRECOGNIZED_GOAL_TYPE.
+        The status is EXACT_SOLUTION, TIMEOUT, INVALID_START, INVALID_GOAL or UNRECOGNIZED_GOAL_TYPE.
         """
         if isinstance(ptc, (int, float)):
             ptc = ob.timedPlannerTerminationCondition(float(ptc))
@@ -217,7 +196,7 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Make the parts that keep values of parameters, before these are set; by default there are none."""
 
     @property
-    def _structure(self) -> SearchStructure:
+    def _structure(self) -> TwoTrees[Any] | Roadmap:
         """What has been built so far; by default two trees."""
         return self._trees
 
@@ -246,24 +225,36 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the goals that the problem offers: all of them at first, one now and then later."""
-        inputs, goal = self.getPlannerInputStates(), self.getProblemDefinition().getGoal()
-        found = (
-            later_goals(inputs, self.counts.nodes)
-            if self._structure.has_goals
-            else first_goals(inputs, goal, ptc)
-        )
-        for state in found:
+        for state in self._later_goals() if self._structure.has_goals else self._first_goals(ptc):
             if state is not None and not self._too_dangerous("goal", q := self._bridge.read(state)):
                 self._structure.add_goal(q)
 
+    def _first_goals(self, ptc: Any) -> Iterator[Any]:
+        """Yield the goal states that there are, up to a hundred; where there is none yet, wait for the first."""
+        inputs = self.getPlannerInputStates()
+        if not self.getProblemDefinition().getGoal().maxSampleCount():
+            yield inputs.nextGoal(ptc)
+        for _ in range(_FIRST_GOALS):
+            if ptc() or not inputs.haveMoreGoalStates():
+                return
+            yield inputs.nextGoal()
+
+    def _later_goals(self) -> Iterator[Any]:
+        """Yield another goal state, or none; this never waits.
+
+        Goals that are taken while planning stay fewer than half of the nodes, as in OMPL: a region may have goals
+        without end.
+        """
+        inputs = self.getPlannerInputStates()
+        if 2 * inputs.getSampledGoalsCount() < self.counts.nodes:
+            yield inputs.nextGoal()
+
     def _too_dangerous(self, name: str, q: FloatArray) -> bool:
         limit = self._problem.limit
-        if limit is None or limit.allows(q):
-            return False
-        _log.warning(
-            "%s: %s has danger %.4g, above the limit %.4g", self.getName(), name, limit.danger(q), limit.limit
-        )
-        return True
+        objection = None if limit is None else danger_objection(limit, q)
+        if objection is not None:
+            _log.warning("%s: %s%s", self.getName(), name, objection)
+        return objection is not None
 
     # -------------------------------------------------------------------------------------------- internals
 
@@ -294,20 +285,18 @@ class SafePlanner(ob.Planner):  # type: ignore[misc]
         """Read the problem's objective; what was built under another one is dropped, as its costs are stale."""
         self._read = _UNREAD, 0.0  # also where an error ends this half-way
         objective = self.getProblemDefinition().getOptimizationObjective()
-        limit = DangerLimit(self._danger_field(objective), self.max_danger) if self.max_danger else None
+        limit = None
+        if self.max_danger:
+            field = getattr(objective, "field", None)
+            if not isinstance(field, DangerField):  # there is nothing to prove
+                raise InputError(f"{self.getName()}: max danger {self.max_danger:g} needs a DangerObjective")
+            limit = DangerLimit(field, self.max_danger)
         self._problem.take(objective, limit)
         if self._problem.cost.is_zero:
             _log.info("%s: the problem has no danger objective; planning is classical", self.getName())
         self._forget()
         self.getPlannerInputStates().restart()
         self._read = objective, self.max_danger
-
-    def _danger_field(self, objective: Any) -> DangerField:
-        """Return the field of the problem's danger objective; without one there is nothing to prove."""
-        field = getattr(objective, "field", None)
-        if not isinstance(field, DangerField):
-            raise InputError(f"{self.getName()}: max danger {self.max_danger:g} needs a DangerObjective")
-        return field
 
     def _publish(self, path: FloatArray) -> None:
         solution = og.PathGeometric(self.getSpaceInformation())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,17 +26,11 @@ _REFUSALS = 10  # refusals in a row before it warms up
 class TransitionTest:
     """Accepts downhill steps always, and uphill steps with a probability that adapts itself (Jaillet 2010).
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Random numbers.
-    scale : float
-        K, the usual cost: the mean of those of start and goal.
+    `scale` is K, the usual cost: the mean of those of start and goal.
     """
 
     def __init__(self, rng: np.random.Generator, scale: float) -> None:
-        self._rng = rng
-        self._scale = scale
+        self._rng, self._scale = rng, scale
         self._temperature = _COLDEST
         self._refusals = 0
 
@@ -55,66 +50,48 @@ class TransitionTest:
         return False
 
 
+@dataclass(eq=False)
 class TransitionStep:
     """EXTEND with the transition test.
 
-    Parameters
-    ----------
-    problem : PlanningProblem
-        The problem.
-    trees : Trees
-        What grows.
-    test : TransitionTest
-        Which steps up the cost are taken.
-    step : float
-        Largest length of one step [rad].
-    detour : callable, optional
-        For a tree and a configuration (n,) that the test refuses: another one to test instead, or None.
+    Where the test refuses a configuration (n,), `detour` may offer another one to test instead.
     """
 
-    def __init__(
-        self,
-        problem: PlanningProblem,
-        trees: Trees,
-        test: TransitionTest,
-        step: float,
-        detour: Callable[[Tree, FloatArray], FloatArray | None] = lambda tree, q: None,
-    ) -> None:
-        self._problem = problem
-        self._trees = trees
-        self._test = test
-        self._step = step
-        self._detour = detour
+    problem: PlanningProblem
+    trees: Trees
+    test: TransitionTest
+    step: float
+    detour: Callable[[Tree, FloatArray], FloatArray | None] = lambda tree, q: None
 
     def extend(self, tree: Tree, old: int, target: FloatArray) -> tuple[Extension, int]:
         """Take one step from node `old` towards `target: (n,)`, if it is free and passes the transition test."""
-        bridge, q_old = self._problem.bridge, tree.configurations[old]
+        bridge, q_old = self.problem.bridge, tree.configurations[old]
         delta = bridge.difference(q_old, target)
         length = float(np.sqrt(delta @ delta))
         if length == 0.0:
             return Extension.REACHED, old
-        reached, step = length <= self._step, min(length, self._step)
+        reached, step = length <= self.step, min(length, self.step)
         q_new = target if reached else bridge.wrapped(q_old + (step / length) * delta)
         passed = self._passed(tree, old, q_new)
-        if passed is None or not self._problem.motion_is_free(*tree.as_driven(q_old, passed[0])):
+        if passed is None or not self.problem.motion_is_free(*tree.as_driven(q_old, passed[0])):
             return Extension.TRAPPED, old
         outcome = Extension.REACHED if reached and passed[0] is q_new else Extension.ADVANCED
-        return outcome, self._trees.add(tree, passed[0], old, passed[1])
+        return outcome, self.trees.add(tree, passed[0], old, passed[1])
 
     def _passed(self, tree: Tree, old: int, q_new: FloatArray) -> tuple[FloatArray, float] | None:
         """Return the configuration at which the step may end, and its cost; None if it is too dear."""
-        if self._problem.cost.is_zero:
+        if self.problem.cost.is_zero:
             return q_new, 0.0
         tested = self._tested(tree, old, q_new)
         if tested is not None:
             return tested
-        other = self._detour(tree, q_new)
+        other = self.detour(tree, q_new)
         return None if other is None else self._tested(tree, old, other)
 
     def _tested(self, tree: Tree, old: int, q: FloatArray) -> tuple[FloatArray, float] | None:
-        length = float(np.linalg.norm(self._problem.bridge.difference(tree.configurations[old], q)))
-        before, after = float(tree.costs[old]), float(self._problem.cost.values(q[None])[0])
-        return (q, after) if self._test.accepts(before, after, length) else None
+        length = float(np.linalg.norm(self.problem.bridge.difference(tree.configurations[old], q)))
+        before, after = float(tree.costs[old]), float(self.problem.cost.values(q[None])[0])
+        return (q, after) if self.test.accepts(before, after, length) else None
 
 
 def usual_cost(trees: Trees) -> float:
@@ -257,8 +234,6 @@ class HRRT(SafePlanner):
     )
     danger_weight = Parameter(1.0, "λ: weight of danger in the cost of a motion; 0 for lengths alone.")
 
-    # ---------------------------------------------------------------------------------------------- the search
-
     def _search(self, ptc: Any) -> FloatArray | None:
         tree = self._trees.start
         while not ptc():
@@ -315,8 +290,6 @@ class HRRT(SafePlanner):
             return None
         outcome, met = self._extend(tree, node, goals.configurations[near])
         return met if outcome is Extension.REACHED else None
-
-    # -------------------------------------------------------------------------------------------- costs of nodes
 
     def _measure(self, tree: Tree) -> None:
         """Note, for new nodes, the cost of the way to them, and of the best path through them."""

@@ -11,19 +11,18 @@ import numpy as np
 from safe_ompl.collision import BUBBLE_SHAPES, Bubble, CollisionChecker
 from safe_ompl.common import FloatArray, halton_point
 from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.graphs.volume_tree import (
-    JointMetric,
-    VolumeTree,
-    VolumeTrees,
-    bubble_validity,
-    intersect,
-)
 from safe_ompl.planning.planners.parameters import FormerNames, Parameter
 from safe_ompl.planning.planners.parts.clearance import WORTHWHILE, AdaptiveMargin
-from safe_ompl.planning.planners.parts.danger import DangerDecay, DangerWeight
-from safe_ompl.planning.planners.parts.elastic_band import ElasticBand
-from safe_ompl.planning.planners.parts.extend import TangentialDescent
-from safe_ompl.planning.planners.parts.tree import ROOT
+from safe_ompl.planning.planners.parts.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.parts.problem import DangerDecay, DangerWeight
+from safe_ompl.planning.planners.parts.tree import ROOT, TwoTrees
+from safe_ompl.planning.planners.parts.volume_tree import (
+    JointMetric,
+    VolumeTree,
+    bubble_validity,
+    intersect,
+    volume_trees,
+)
 
 _PATH_SHARE = 0.1  # weight of g: greedy, as in weighted A*
 _PENALTY = 0.5  # [m] added to the cost-to-go of a point whose clearance is below the margin
@@ -114,9 +113,7 @@ class BubblePlanner(SafePlanner):
         limit.""",
     )
     least_clearance = Parameter(
-        1e-3,
-        "Points as near to contact as this are not closed: their bubbles lead nowhere.",
-        unit="m",
+        1e-3, "Points as near to contact as this are not closed: their bubbles lead nowhere.", unit="m"
     )
     clearance = Parameter(
         0.05,
@@ -159,7 +156,7 @@ class BubblePlanner(SafePlanner):
             self._decay.fade()
             if self._margin.is_unknown:
                 self._margin.begin_between(
-                    [tree.bubbles()[0] for tree in (self._volumes.start, self._volumes.goal)]
+                    [tree.nodes()[0] for tree in (self._volumes.start, self._volumes.goal)]
                 )
             for current_goal in self._headings(other):
                 path = self._expand(tree, other, current_goal, ptc)
@@ -255,7 +252,7 @@ class BubblePlanner(SafePlanner):
     # -------------------------------------------------------------------------------------------- the trees
 
     @property
-    def _structure(self) -> VolumeTrees:
+    def _structure(self) -> TwoTrees[VolumeTree]:
         return self._volumes
 
     def _prepare(self) -> None:
@@ -263,7 +260,7 @@ class BubblePlanner(SafePlanner):
 
     def _forget(self) -> None:
         self._metric = JointMetric(self._bridge, self._checker.robot.bounds.arm_rates, taxicab=False)
-        self._volumes = VolumeTrees(self._bridge, self._metric, diverse=self.beta > 0)
+        self._volumes = volume_trees(self._bridge, self._metric, diverse=self.beta > 0)
         self._turns = self._places = 0
         self._decay.reset()
         self._margin.reset()

@@ -4,28 +4,29 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from heapq import heapify, heappop, heappush
 from itertools import count
 from typing import Any
 
 import numpy as np
 
-from safe_ompl.common import FloatArray
-from safe_ompl.planning.ompl import WorkspaceGoal
+from safe_ompl.common import Counts, FloatArray
+from safe_ompl.planning.ompl import StateBridge, StateCost, WorkspaceGoal
 from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.parameters import FormerNames, Parameter
 from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
-from safe_ompl.planning.planners.parts.danger import (
+from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, TangentialDescent
+from safe_ompl.planning.planners.parts.problem import (
     AdaptiveThreshold,
     DangerDecay,
     DangerWeight,
     FixedThreshold,
+    PlanningProblem,
     SafeSelection,
 )
-from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, TangentialDescent
-from safe_ompl.planning.planners.parts.goal_step import STALLED, Approach, GoalStep
-from safe_ompl.planning.planners.parts.tree import Trees
+from safe_ompl.planning.planners.parts.tree import Graph, Tree, Trees
 from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.robot import Place
+from safe_ompl.robot import Place, StepLimits, limited_step, pseudoinverse_step, transpose_step
 
 _log = logging.getLogger(__name__)
 
@@ -136,6 +137,8 @@ class SafeJTRRT(SafePlanner):
         kept_in="_margin.largest",
     )
 
+    _trees: Approach
+
     def _make_parts(self) -> None:
         self._danger = DangerWeight(self._problem)
         self._decay = DangerDecay(self._danger)
@@ -150,20 +153,17 @@ class SafeJTRRT(SafePlanner):
         self._step = GoalStep(self._problem)
         self._goal: Any = None
         self._place: Place
-        self._approach: Approach
-
-    # ------------------------------------------------------------------------------- the paper's pseudocode
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_JT-RRT."""
-        while self._approach.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
+        while self._trees.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
             self._decay.turn(self._rng)
-            self._margin.begin(self._approach.trees)
+            self._margin.begin(self._trees)
             if self._rng.random() < self.goal_bias:
                 self._extend_towards_goal(ptc)
             else:
                 self._extend_randomly()
-        return None if self._approach.arrived is None else self._approach.tree.branch(self._approach.arrived)
+        return None if self._trees.arrived is None else self._trees.start.branch(self._trees.arrived)
 
     def _extend_towards_goal(self, ptc: Any) -> None:
         """EXTEND_TOWARDS_GOAL: from the best node not chosen before, step by step as long as there is progress."""
@@ -171,7 +171,7 @@ class SafeJTRRT(SafePlanner):
         if old is None:
             self._extend_randomly()
             return
-        approach, tree = self._approach, self._approach.tree
+        approach, tree = self._trees, self._trees.start
         for k in count():
             if k % _SAME_SLOPE == 0:
                 downhill = self._step.downhill(tree, old)
@@ -182,7 +182,7 @@ class SafeJTRRT(SafePlanner):
             # COLLISION_FREE, and ‖CDF(q_new)‖ < CDF_Threshold
             if not self._fixed_threshold.motion_is_free(q_old, q_new):
                 return
-            old = approach.trees.add(tree, q_new, old)
+            old = approach.add(tree, q_new, old)
             approach.measure()
             if approach.arrived is not None or ptc():
                 return
@@ -190,31 +190,29 @@ class SafeJTRRT(SafePlanner):
     def _extend_randomly(self) -> None:
         """EXTEND_RANDOMLY: one step towards a random configuration from the node with the least ρ + α·CDF."""
         q_rand = self._problem.random_configuration(self._rng)
-        approach, tree = self._approach, self._approach.tree
+        approach, tree = self._trees, self._trees.start
         old = self._selection.best(tree, q_rand, self._rng)
-        outcome, new = self._random_step.extend(approach.trees, tree, old, q_rand, self.getRange())
+        outcome, new = self._random_step.extend(approach, tree, old, q_rand, self.getRange())
         if outcome is not Extension.TRAPPED:
             approach.measure()
             approach.untried.append(new)
 
     def _best_for_goal(self) -> int | None:
         """Return argmin of WS_DISTANCE + α·CDF over the nodes not chosen before; None if there is none."""
-        return self._approach.best(self._danger.weight * self._place.lever, self.random_starts, self._rng)
-
-    # ---------------------------------------------------------------------------------------- tree and goal
+        return self._trees.best(self._danger.weight * self._place.lever, self.random_starts, self._rng)
 
     def _take_goals(self, ptc: Any) -> None:
         """Take the place from the problem; no goal configurations are drawn."""
         goal = self.getProblemDefinition().getGoal()
         if goal is not self._goal:
             self._aim(goal)
-        self._approach.take_new()
+        self._trees.take_new()
 
     def _aim(self, goal: WorkspaceGoal) -> None:
         """Head for another goal; the tree stays, and all of its nodes may be tried for it."""
         self._goal, self._place = goal, goal.place
         self._step.aim(goal.place)
-        self._approach = Approach(self._approach.trees, goal)
+        self._trees.aim(goal)
         if not self._place.redundancy and not self.transpose:
             _log.info(
                 "%s: the goal takes all %d joints and leaves no null space: on the way to it the posture "
@@ -223,15 +221,125 @@ class SafeJTRRT(SafePlanner):
                 self._place.robot.n,
             )
 
-    @property
-    def _structure(self) -> Approach:
-        return self._approach
-
     def _prepare(self) -> None:
         self._danger.prepare()
 
     def _forget(self) -> None:
-        self._approach = Approach(Trees(self._bridge, self._problem.cost, self.counts), self._goal)
+        self._trees = Approach(self._bridge, self._problem.cost, self.counts, self._goal)
         self._threshold.reset()
         self._margin.reset()
         self._decay.reset()
+
+
+STALLED = 0.995  # a step that leaves more than this share of the distance makes no progress
+
+
+class Approach(Trees):
+    """A tree that is to bring the tip to a goal in the workspace, and which of its nodes were not chosen yet.
+
+    The tree of the goals stays empty. `distances` are those of the tip from the goal, WS_DISTANCE, for each node,
+    `untried` nodes that may be chosen and are not ranked yet, and `arrived` is the first node at the goal.
+    """
+
+    def __init__(
+        self, bridge: StateBridge, cost: StateCost, counts: Counts, goal: WorkspaceGoal | None
+    ) -> None:
+        super().__init__(bridge, cost, counts)
+        self.aim(goal)
+
+    def aim(self, goal: WorkspaceGoal | None) -> None:
+        """Head for another goal; the tree stays, and all of its nodes may be tried for it."""
+        self._goal = goal
+        self.distances: list[float] = []
+        self.untried: list[int] = []
+        self.arrived: int | None = None
+        self._ranked: list[tuple[float, int]] = []  # a heap
+
+    def measure(self) -> None:
+        """Note the distance of the tip from the goal at new nodes, and which node is the first at the goal."""
+        if self._goal is None:
+            return
+        for node in range(len(self.distances), len(self.start)):
+            self.distances.append(self._goal.place.distance(self.start.configurations[node]))
+            if self.arrived is None and self.distances[node] < self._goal.tolerance:
+                self.arrived = node
+
+    def take_new(self) -> None:
+        """Measure new nodes, and let them be chosen."""
+        self.untried += range(len(self.distances), len(self.start))
+        self.measure()
+
+    def best(self, weight: float, at_random: float, rng: np.random.Generator) -> int | None:
+        """Return argmin of WS_DISTANCE + weight·CDF over the nodes not chosen before; None if there is none.
+
+        Nodes that a step towards the goal has added count as chosen, as they were already extended. In a share
+        `at_random` of the choices any node is taken: the best ones may all be in the same dead end.
+        """
+        self._rank(weight)
+        if not self._ranked:
+            return None
+        if not at_random or rng.random() >= at_random:
+            return heappop(self._ranked)[1]
+        _, node = self._ranked.pop(int(rng.integers(len(self._ranked))))
+        heapify(self._ranked)
+        return node
+
+    def _rank(self, weight: float) -> None:
+        """Put the new nodes among those ranked by WS_DISTANCE + weight·CDF."""
+        danger = self.start.costs if weight and self.untried else np.zeros(len(self.start))
+        for node in self.untried:
+            heappush(self._ranked, (self.distances[node] + weight * float(danger[node]), node))
+        self.untried.clear()
+
+    @property
+    def has_goals(self) -> bool:
+        """Whether there is a goal."""
+        return self._goal is not None
+
+    def graph(self) -> Graph:
+        """Return vertices, edges, starts and goals, as those of `Trees`: the goal is where the tree arrived."""
+        goals = [] if self.arrived is None else [self.arrived]
+        return *super().graph()[:3], np.array(goals, dtype=np.intp)
+
+
+class GoalStep:
+    """The step of EXTEND_TOWARDS_GOAL from a node of a tree, no longer than `largest` [rad].
+
+    k₁, `null_space_gain`, is relative to the motion that the tip's way needs. `transpose` takes Jᵀ in place of J†, and
+    leaves the null space alone.
+    """
+
+    def __init__(self, problem: PlanningProblem) -> None:
+        self._problem = problem
+        self.largest = 0.1
+        self.null_space_gain = 1.0
+        self.transpose = False
+        self._place: Place
+        self._limits: StepLimits
+
+    def aim(self, place: Place) -> None:
+        """Head for another place of the tip."""
+        self._place, self._limits = place, StepLimits.of_motion(place.robot)
+
+    def at(self, q: FloatArray, distance: float, downhill: FloatArray | None) -> FloatArray:
+        """Return Δq = k₂ [J†Δx + (I − J†J)Δq₀] at `q: (n,)`, classical JᵀΔx, no longer than the largest step.
+
+        Δq₀ goes along `downhill`, and to zero together with the `distance` that the tip has left, or the tip would not
+        come to rest: motions in the null space move it to second order.
+        """
+        rule = transpose_step if self.transpose else pseudoinverse_step
+        posture = None if downhill is None else self.null_space_gain * distance / self._place.lever * downhill
+        return limited_step(rule, self._place, q, self._limits, self.largest, posture)
+
+    def downhill(self, tree: Tree, node: int) -> FloatArray | None:
+        """Return the direction (n,) in which the danger falls at a node, short if it hardly does.
+
+        None where there is nothing to gain: no null space, no danger, or no gain k₁.
+        """
+        if self.transpose or not (self.null_space_gain and self._place.redundancy):
+            return None
+        if not (self._problem.cost.has_gradients and self._problem.slope):
+            return None
+        slope = tree.gradient(node) / self._problem.slope
+        steepness = float(np.sqrt(slope @ slope))
+        return -slope / max(1.0, steepness) if steepness < np.inf else None

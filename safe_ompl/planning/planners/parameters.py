@@ -31,17 +31,12 @@ class Parameter(Generic[T]):
     ----------
     default : bool, int, float or str
         The default, always allowed. Its type is the parameter's: flag, whole number, number or text.
-    doc : str
-        What it means.
-    unit : str
-        Its unit, such as "rad".
-    at_least, above, at_most : float, optional
-        Bounds of a number, at least 0 unless it is to be above something.
-    choices : collection of str
-        The values that a text may have.
+    doc, unit : str
+        What it means, and its unit, such as "rad".
+    at_least, above, at_most, choices
+        Bounds of a number, at least 0 unless it is to be above something; and the values that a text may have.
     kept_in : str
-        Where the planner keeps the value: the path of an attribute of one of its parts, such as "_danger.alpha". By
-        default the planner itself keeps it.
+        The path of an attribute of one of the planner's parts, such as "_danger.alpha", that keeps the value.
     """
 
     default: T
@@ -162,12 +157,8 @@ def describe(kind: type) -> None:
 class FormerNames:
     """Parameters that a class of planners once had.
 
-    Attributes
-    ----------
-    renamed : mapping of str to str
-        Names that still work, with a DeprecationWarning, and what they are called now.
-    removed : mapping of str to str
-        Names that no longer work, and what to do instead.
+    Names that were `renamed` still work, with a DeprecationWarning; of those that were `removed` it says what to do
+    instead.
     """
 
     renamed: Mapping[str, str]
@@ -177,13 +168,7 @@ class FormerNames:
         return name in self.renamed or name in self.removed
 
     def current(self, planner: str, name: str, stacklevel: int = 4) -> str:
-        """Return what a parameter is called now; `name` itself where it was never another.
-
-        Raises
-        ------
-        InputError
-            If it was removed.
-        """
+        """Return what a parameter is called now; raise InputError if it was removed."""
         if name in self.removed:
             raise InputError(f"parameter {name!r} of {planner} was removed: {self.removed[name]}")
         if name not in self.renamed:

@@ -12,24 +12,25 @@ from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.danger import DangerField
 from safe_ompl.planning.ompl import WorkspaceGoal
 from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.graphs.roadmap import Roadmap, roadmap_metric
-from safe_ompl.planning.planners.graphs.roadmap_search import (
+from safe_ompl.planning.planners.jt_rrt import STALLED, Approach
+from safe_ompl.planning.planners.parameters import Parameter
+from safe_ompl.planning.planners.parts.extend import Extension, straight_extension
+from safe_ompl.planning.planners.parts.roadmap import (
     LocalPlanner,
+    Roadmap,
     Samples,
     SearchGraph,
     joined_branches,
+    roadmap_metric,
 )
-from safe_ompl.planning.planners.graphs.volume_tree import (
+from safe_ompl.planning.planners.parts.tree import Tree, TwoTrees
+from safe_ompl.planning.planners.parts.volume_tree import (
     JointMetric,
     VolumeTree,
-    VolumeTrees,
     bubble_validity,
     intersect,
+    volume_trees,
 )
-from safe_ompl.planning.planners.parameters import Parameter
-from safe_ompl.planning.planners.parts.extend import Extension, straight_extension
-from safe_ompl.planning.planners.parts.goal_step import STALLED, Approach
-from safe_ompl.planning.planners.parts.tree import Tree, Trees
 
 
 class PaperSafeRRTConnect(SafePlanner):
@@ -179,24 +180,24 @@ class PaperSafeJTRRT(SafePlanner):
     danger_threshold = Parameter(
         np.inf, "CDF_Threshold: danger from which on a step towards the goal is refused.", above=0
     )
+    _trees: Approach
     transpose = Parameter(False, "Whether the step is k₂JᵀΔx, as in the classical JT-RRT.")
 
     def _make_parts(self) -> None:
         self._goal: Any = None
-        self._approach: Approach
 
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_JT-RRT."""
-        while self._approach.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
+        while self._trees.arrived is None and not ptc():  # WS_DISTANCE(Q, x_g) ≥ D_Threshold
             if self._rng.random() < self.goal_bias:
                 self._extend_towards_goal(ptc)
             else:
                 self._extend_randomly()
-        return None if self._approach.arrived is None else self._approach.tree.branch(self._approach.arrived)
+        return None if self._trees.arrived is None else self._trees.start.branch(self._trees.arrived)
 
     def _extend_towards_goal(self, ptc: Any) -> None:
         """EXTEND_TOWARDS_GOAL."""
-        approach, tree = self._approach, self._approach.tree
+        approach, tree = self._trees, self._trees.start
         old = approach.best(self.alpha, 0.0, self._rng)
         if old is None:
             self._extend_randomly()
@@ -208,7 +209,7 @@ class PaperSafeJTRRT(SafePlanner):
                 return
             if not (self._problem.motion_is_free(q_old, q_new) and self._is_below_threshold(q_new)):
                 return
-            old = approach.trees.add(tree, q_new, old)
+            old = approach.add(tree, q_new, old)
             approach.measure()
             if approach.arrived is not None or ptc():
                 return
@@ -216,9 +217,9 @@ class PaperSafeJTRRT(SafePlanner):
     def _extend_randomly(self) -> None:
         """EXTEND_RANDOMLY."""
         q_rand = self._problem.random_configuration(self._rng)
-        approach, tree = self._approach, self._approach.tree
+        approach, tree = self._trees, self._trees.start
         old = tree.best(q_rand, self.alpha)
-        outcome, new = straight_extension(self._problem, approach.trees, tree, old, q_rand, self.getRange())
+        outcome, new = straight_extension(self._problem, approach, tree, old, q_rand, self.getRange())
         if outcome is not Extension.TRAPPED:
             approach.measure()
             approach.untried.append(new)
@@ -254,15 +255,12 @@ class PaperSafeJTRRT(SafePlanner):
         """Take the place from the problem; the tree stays, and all of its nodes may be tried for another place."""
         goal = self.getProblemDefinition().getGoal()
         if goal is not self._goal:
-            self._goal, self._approach = goal, Approach(self._approach.trees, goal)
-        self._approach.take_new()
-
-    @property
-    def _structure(self) -> Approach:
-        return self._approach
+            self._goal = goal
+            self._trees.aim(goal)
+        self._trees.take_new()
 
     def _forget(self) -> None:
-        self._approach = Approach(Trees(self._bridge, self._problem.cost, self.counts), self._goal)
+        self._trees = Approach(self._bridge, self._problem.cost, self.counts, self._goal)
 
 
 class PaperSafeBubble(SafePlanner):
@@ -335,9 +333,9 @@ class PaperSafeBubble(SafePlanner):
         return found
 
     @property
-    def _structure(self) -> VolumeTrees:
+    def _structure(self) -> TwoTrees[VolumeTree]:
         return self._volumes
 
     def _forget(self) -> None:
         self._metric = JointMetric(self._bridge, np.ones(self._bridge.n), taxicab=True)
-        self._volumes = VolumeTrees(self._bridge, self._metric, diverse=self.beta > 0)
+        self._volumes = volume_trees(self._bridge, self._metric, diverse=self.beta > 0)

@@ -9,18 +9,18 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.graphs.roadmap import Roadmap, roadmap_metric
-from safe_ompl.planning.planners.graphs.roadmap_search import (
+from safe_ompl.planning.planners.parameters import FormerNames, Parameter
+from safe_ompl.planning.planners.parts.clearance import PenaltyMargin
+from safe_ompl.planning.planners.parts.extend import ElasticBand, TangentialDescent
+from safe_ompl.planning.planners.parts.problem import DangerDecay, DangerWeight
+from safe_ompl.planning.planners.parts.roadmap import (
     LocalPlanner,
+    Roadmap,
     Samples,
     SearchGraph,
     joined_branches,
+    roadmap_metric,
 )
-from safe_ompl.planning.planners.parameters import FormerNames, Parameter
-from safe_ompl.planning.planners.parts.clearance import PenaltyMargin
-from safe_ompl.planning.planners.parts.danger import DangerDecay, DangerWeight
-from safe_ompl.planning.planners.parts.elastic_band import ElasticBand
-from safe_ompl.planning.planners.parts.extend import TangentialDescent
 from safe_ompl.planning.planners.parts.tree import ROOT
 
 _PENALTY = 4  # ranges; added to the length of an edge that does not keep the margin
@@ -42,27 +42,22 @@ class SafePRM(SafePlanner):
     The planner as it is printed in [1] is `PaperSafePRM`, and with α = 0 `PaperPRM`. What differs here, and why:
 
     * h and g are lengths, not 1-norms: shorter paths, and one α for arms with more and fewer joints;
-    * edges and milestones are checked later, see below: a fraction of the checks, so that K may be large;
-    * invalid milestones do not count among the K: the roadmap stays connected in clutter;
-    * more samples are drawn where the first do not suffice: what can be solved is solved, whatever N;
+    * an edge is checked when its milestone is about to leave Open, not when it enters: the search is the same, step by
+      step, but edges to milestones that are never chosen are never checked, so that K may be large, for short paths;
+    * a milestone is checked when it first becomes a neighbour, and does not count among the K if invalid: the roadmap
+      stays connected in clutter;
+    * more samples are drawn where the first do not suffice: what can be solved is solved, whatever N. Most of them lie
+      on the way from a milestone of the stuck graph to the uniform random configuration nearest to it, at 5 to 100 % of
+      it, log-uniform: the graph grows out of narrow places, as an RRT does. The others are uniform, which makes the
+      planner probabilistically complete;
     * edges of the path descend sideways (`slide`): lower danger between milestones;
     * edges near obstacles are penalised (`clearance`): obstacles that are not dangerous are not grazed, either, and no
       way is closed;
     * α is relative to the usual slope of the danger: one default serves all robots.
 
-    Laziness goes further than in the paper: an edge is checked when its milestone is about to leave Open, not when it
-    enters. The search is the same, step by step, since Open yields the best milestone *with a free edge*; but edges
-    to milestones that are never chosen are never checked. So K costs little, and a large one makes for short paths.
-    A milestone is checked when it first becomes a neighbour, and does not count among the K if invalid.
-
     The distance h is to one milestone for all of Open, so that the length of the way from there to the other root
-    would change nothing. A milestone that was closed is not opened again.
-
-    Most of the samples added later lie on the way from a milestone of the stuck graph to the uniform random
-    configuration nearest to it: at 5 to 100 % of the way, log-uniform. So the graph grows out of narrow places, as an
-    RRT does. The others are uniform, which makes the planner probabilistically complete.
-
-    Motions are taken to be free both ways or neither way. Those of a path are checked in the direction of driving.
+    would change nothing. A milestone that was closed is not opened again. Motions are taken to be free both ways or
+    neither way. Those of a path are checked in the direction of driving.
 
     References
     ----------

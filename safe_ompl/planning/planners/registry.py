@@ -1,13 +1,16 @@
-"""The planners by name: ours, their classical counterparts, and OMPL's."""
+"""The planners by name: ours, their classical counterparts, and OMPL's; what it takes to run them from Python."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from ompl import base as ob
 from ompl import geometric as og
+from ompl import util as ou
 
-from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.common import InputError, UnknownNameError, clock
 from safe_ompl.planning.ompl import WorkspaceGoal
 from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.baselines import HRRT, TRRT, BiTRRT
@@ -98,16 +101,9 @@ def accepts(planner: Any, goal: Any) -> bool:
 
 
 def make_planner(name: str, si: Any, parameters: Mapping[str, Any] | None = None) -> Any:
-    """Return a planner.
+    """Return a planner by its name, one of `planner_names()`, for a space information.
 
-    Parameters
-    ----------
-    name : str
-        One of `planner_names()`.
-    si : ob.SpaceInformation
-        What it plans in.
-    parameters : mapping, optional
-        Values of its parameters: {"alpha": 1} calls `setAlpha(1)`.
+    Values of its parameters are given as a mapping: {"alpha": 1} calls `setAlpha(1)`.
 
     Raises
     ------
@@ -141,6 +137,65 @@ def check_usable(planner: Any) -> None:
     for kind in type(planner).__mro__:
         if kind.__name__ in _REFUSED and kind is getattr(og, kind.__name__, None):
             raise _refused(kind.__name__)
+
+
+def check_planner(planner: Any, si: Any) -> None:
+    """Raise an error if this is neither a name nor a planner on a space information, or one that cannot be used."""
+    if isinstance(planner, str):
+        return
+    if isinstance(planner, type) and issubclass(planner, ob.Planner):
+        raise InputError(
+            f"{planner.__name__} is a class: give a planner, {planner.__name__}(setup.getSpaceInformation())"
+        )
+    if not isinstance(planner, ob.Planner):
+        raise InputError(f"planner must be a name of planner_names() or an ob.Planner, got {planner!r}")
+    if planner.getSpaceInformation() is not si:
+        raise InputError(
+            f"{planner.getName()} is a planner of another setup: make it with this one's getSpaceInformation()"
+        )
+    check_usable(planner)
+
+
+def seed_ompl(seed: int) -> None:
+    """Seed OMPL's C++ planners, quietly: it complains of a second seed, though planners built later do follow it."""
+    handler = ou.getOutputHandler()
+    ou.noOutputHandler()
+    ou.RNG.setSeed(seed + 1)  # zero would mean "by the clock"
+    if handler is not None:
+        ou.useOutputHandler(handler)
+
+
+def nodes_of(planner: Any) -> int:
+    """Return how many nodes a planner kept."""
+    if isinstance(planner, SafePlanner):
+        return planner.counts.nodes
+    if isinstance(
+        planner, og.BITstar
+    ):  # reading its graph leaks it, and the robot with it: count its samples
+        return int(planner.numBatches() * planner.getSamplesPerBatch())
+    return int(planner_data(planner).numVertices())
+
+
+def planner_data(planner: Any) -> Any:
+    """Return what a planner has built, as an `ob.PlannerData`: of our planners, of OMPL's, and outside `SafeSetup`.
+
+    OMPL's bindings let no planner in Python answer `getPlannerData`: under a plain `og.SimpleSetup` that stays empty.
+    """
+    data = ob.PlannerData(planner.getSpaceInformation())
+    fill = getattr(planner, "fillPlannerData", None) or planner.getPlannerData
+    fill(data)
+    return data
+
+
+def termination(time: Any) -> Any:
+    """Return when to stop. It asks Python, which notices Ctrl-C only when it runs, whenever a C++ planner asks it."""
+    if not isinstance(time, ob.PlannerTerminationCondition):
+        is_number = isinstance(time, (int, float, np.integer, np.floating)) and not isinstance(time, bool)
+        if not (is_number and time >= 0):
+            raise InputError(f"time must be a number of seconds or a termination condition, got {time!r}")
+        end = clock() + float(time)
+        return ob.PlannerTerminationCondition(lambda: clock() >= end)
+    return ob.PlannerTerminationCondition(lambda: bool(time()))
 
 
 def _refused(name: str) -> InputError:

@@ -9,13 +9,13 @@ from safe_ompl.common import FloatArray
 from safe_ompl.planning.planners.base import SafePlanner
 from safe_ompl.planning.planners.parameters import FormerNames, Parameter
 from safe_ompl.planning.planners.parts.clearance import AdaptiveMargin
-from safe_ompl.planning.planners.parts.danger import (
+from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, ShortSteps, TangentialDescent
+from safe_ompl.planning.planners.parts.problem import (
     AdaptiveThreshold,
     DangerDecay,
     DangerWeight,
     SafeSelection,
 )
-from safe_ompl.planning.planners.parts.extend import Extension, SafeStep, ShortSteps, TangentialDescent
 from safe_ompl.planning.planners.parts.tree import Tree, TreeSchedule
 
 
@@ -123,8 +123,6 @@ class SafeRRTConnect(SafePlanner):
             self._bridge, self._danger, self._descent, self._threshold, self._margin.motion_is_free
         )
 
-    # ------------------------------------------------------------------------------- the paper's pseudocode
-
     def _search(self, ptc: Any) -> FloatArray | None:
         """SAFE_RRT-CONNECT."""
         tree, other = self._trees.start, self._trees.goal
@@ -165,8 +163,6 @@ class SafeRRTConnect(SafePlanner):
         while outcome is Extension.ADVANCED and not ptc():
             outcome, node = self._extend(tree, node, target)
         return outcome, node
-
-    # ------------------------------------------------------------------------------------------------- the trees
 
     def _prepare(self) -> None:
         self._danger.prepare()

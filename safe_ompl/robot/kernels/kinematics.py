@@ -313,18 +313,12 @@ def move_keypoints(keys: Any, twists: FloatArray, places: FloatArray, velocities
 def pull_back_motion(
     joints: Any, keys: Any, values: FloatArray, rates: FloatArray, forces: FloatArray
 ) -> FloatArray:
-    """Return gradients by values and by rates of the joints, (2, B, m), from those by key points and their velocities.
+    """Return gradients by values and by rates of the joints, (2, B, m), from those by key points, forces (2, B, K, 3).
 
     While joint i turns, what it carries turns: a key point and its velocity relative to the parent of i, and the
     parent's motion is felt at another place. With the axis z, the origin o and the parent's angular velocity Ω
 
         ∂v_k/∂q_i = z × (v_k − v_parent(x_k)) + Ω × (z × (x_k − o));    Ω × z where the joint slides.
-
-    Parameters
-    ----------
-    joints, keys, values, rates
-        The skeleton's tables, see `safe_ompl.robot.kernels.kinematics`; values and rates (B, m) of the joints.
-    forces : ndarray, shape (2, B, K, 3)
     """
     B, m = values.shape
     out = np.empty((2, B, m))

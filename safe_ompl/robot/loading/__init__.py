@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.robot.loading.attachment import Attachment
     from safe_ompl.robot.loading.blueprint import (
         Attached,
+        Attachment,
         Blueprint,
         Combined,
         OnBase,
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         check_prefixes,
         mobile_ranges,
     )
+    from safe_ompl.robot.loading.collision import CollisionSource
     from safe_ompl.robot.loading.packages import (
         EXAMPLES,
         ExampleRobot,
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
         robots_folder,
     )
     from safe_ompl.robot.loading.reduction import joints_without_range, resting_value
-    from safe_ompl.robot.loading.shapes import CollisionSource
     from safe_ompl.robot.loading.sources import UrdfBlueprint
     from safe_ompl.robot.loading.srdf import SrdfFile, disabled_links, srdf_text
     from safe_ompl.robot.loading.urdf import UrdfFile, parsed

@@ -20,15 +20,8 @@ _GRIPPER_OPEN = 0.04  # [m] per finger of the Panda's hand
 class PackageFolders:
     """The packages given, above a URDF, beside those above it, and where ROS looks for packages.
 
-    ROS looks in the folders of the environment variables ROS_PACKAGE_PATH (ROS 1) and AMENT_PREFIX_PATH (ROS 2), in
-    the latter below `share`.
-
-    Parameters
-    ----------
-    urdf : Path
-        The URDF.
-    given : sequence of Path
-        Folders that are packages, hold packages, or hold folders of packages.
+    Folders that are given are packages, hold packages, or hold folders of packages. ROS looks in the folders of the
+    environment variables ROS_PACKAGE_PATH (ROS 1) and AMENT_PREFIX_PATH (ROS 2), in the latter below `share`.
     """
 
     def __init__(self, urdf: Path, given: Sequence[Path]) -> None:
@@ -40,7 +33,11 @@ class PackageFolders:
         for folder in self._by_name.get(package, ()):
             if (folder / file).is_file():
                 return folder / file
-        for folder in _ros_folders():  # a workspace names the folders of packages as these
+        shares = (prefix / "share" for prefix in _variable("AMENT_PREFIX_PATH"))
+        for folder in (
+            *_variable("ROS_PACKAGE_PATH"),
+            *shares,
+        ):  # workspaces name folders of packages as these
             for place in (folder / package, folder):
                 if _package_name(place / _MANIFEST) == package and (place / file).is_file():
                     return place / file
@@ -48,20 +45,13 @@ class PackageFolders:
 
     @cached_property
     def _by_name(self) -> dict[str, list[Path]]:
+        """Folders with a manifest by the packages' names, the nearest first; each once."""
         found: dict[str, list[Path]] = {}
-        for folder in self._candidates():
-            name = _package_name(folder / _MANIFEST)
+        for folder in dict.fromkeys(self._places()):
+            name = _package_name(folder / _MANIFEST) if (folder / _MANIFEST).is_file() else None
             if name is not None:
                 found.setdefault(name, []).append(folder)
         return found
-
-    def _candidates(self) -> Iterator[Path]:
-        """Folders with a manifest, the nearest first; each once."""
-        seen: set[Path] = set()
-        for folder in self._places():
-            if folder not in seen and (folder / _MANIFEST).is_file():
-                seen.add(folder)
-                yield folder
 
     def _places(self) -> Iterator[Path]:
         for given in self._given:
@@ -74,11 +64,6 @@ class PackageFolders:
             yield from _folders_in([above])
         for folder in _variable("ROS_PACKAGE_PATH"):
             yield from _folders_in([folder, *_folders_in([folder])])
-
-
-def _ros_folders() -> list[Path]:
-    prefixes = _variable("AMENT_PREFIX_PATH")
-    return [*_variable("ROS_PACKAGE_PATH"), *(prefix / "share" for prefix in prefixes)]
 
 
 def _variable(name: str) -> list[Path]:
@@ -106,16 +91,8 @@ def _package_name(manifest: Path) -> str | None:
 class ExampleRobot:
     """Files and settings of one robot of example-robot-data.
 
-    Attributes
-    ----------
-    urdf : str
-        URDF file, relative to the folder of the robots.
-    srdf : str or None
-        SRDF file, relative to the same folder; None where the shipped one disables no pair.
-    tip : str
-        Frame at the end of the arm.
-    locked : dict of str to float
-        Joints that are held still [rad or m].
+    URDF and SRDF are relative to the folder of the robots; no SRDF is given where the shipped one disables no pair. The
+    tip is the frame at the end of the arm; `locked` joints are held still [rad or m].
     """
 
     urdf: str
@@ -147,14 +124,9 @@ EXAMPLES: dict[str, ExampleRobot] = {
 
 @cache
 def robots_folder() -> Path:
-    """Return the folder that holds the robots of example-robot-data.
+    """Return the folder that holds the robots of example-robot-data, or raise InputError if it is not installed.
 
     The wheel has data only and no Python module, so it is found through the package metadata.
-
-    Raises
-    ------
-    InputError
-        If example-robot-data is not installed.
     """
     try:
         package = distribution("example-robot-data")
@@ -167,13 +139,7 @@ def robots_folder() -> Path:
 
 
 def find_example(name: str) -> ExampleRobot:
-    """Return the entry of the example robot called `name`.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none; the message lists those that exist.
-    """
+    """Return the entry of the example robot called `name`, or raise UnknownNameError."""
     try:
         return EXAMPLES[name]
     except (KeyError, TypeError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -13,8 +13,8 @@ import pinocchio as pin
 
 from safe_ompl.common import InputError
 from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.loading.collision import warn_of_unchecked
 from safe_ompl.robot.loading.reduction import joint_limits
-from safe_ompl.robot.loading.shapes import warn_of_unchecked
 from safe_ompl.robot.reach import JointChain
 
 _log = logging.getLogger(__name__)
@@ -30,24 +30,17 @@ class RobotParts:
 
     Attributes
     ----------
-    name : str
-        Name for reports.
-    source : str
-        File that the robot comes from, or its name: for errors.
-    model : pin.Model
-        Kinematics: planned joints and those that mimic them.
-    collision_model : pin.GeometryModel
-        Bodies, and the pairs of them that are checked against each other.
+    name, source : str
+        Name for reports, and the file that the robot comes from, or its name: for errors.
+    model, collision_model : pin.Model, pin.GeometryModel
+        Planned joints and those that mimic them; bodies, and the pairs of them that are checked against each other.
     read_visual : callable
         Returns the visual geometry; None where there is none.
-    link_ends : tuple of str
-        Joints, locked ones included, that are key points of the skeleton.
-    tips : tuple of str
-        Frames at the ends of arms; the first is the robot's tip.
-    mimics : mapping of str to Mimic
-        Joints of the model that follow planned ones.
-    held : mapping of str to float
-        Joints that are held, with their values [rad or m].
+    link_ends, tips : tuple of str
+        Joints, locked ones included, that are key points of the skeleton; frames at the ends of arms, the robot's tip
+        first.
+    mimics, held : mapping
+        Joints of the model that follow planned ones; joints that are held, with their values [rad or m].
     bare_links : tuple of str
         Links, moving or not, that have visual but no collision shapes.
     """
@@ -84,13 +77,7 @@ class RobotParts:
         return self._on(pin.Model(), 0, pose)
 
     def on_mobile_base(self, ranges: tuple[tuple[float, float], tuple[float, float]]) -> RobotParts:
-        """Return the robot on a base that slides along the world's x and y, and turns about z.
-
-        Parameters
-        ----------
-        ranges : pair of (float, float)
-            Limits of the base in x and in y [m].
-        """
+        """Return the robot on a base that slides along the world's x and y within ranges [m], and turns about z."""
         taken = sorted(set(BASE_JOINTS) & set(self.model.names))
         if taken:
             raise InputError(f"it has a joint {taken[0]!r} already: is it on a mobile base?", self.source)
@@ -113,42 +100,29 @@ class RobotParts:
         """Return the robot with its base fixed to a joint of `model`, which it is appended to."""
         graft = Graft.of(model, self.model, joint, pose)
         model.name = self.model.name
-        return replace(
-            self,
-            model=model,
-            collision_model=graft.geometry(self.collision_model),
-            read_visual=lambda: graft.optional_geometry(self.read_visual()),
-        )
+
+        def visual() -> pin.GeometryModel | None:
+            drawn = self.read_visual()
+            return None if drawn is None else graft.geometry(drawn)
+
+        bodies = graft.geometry(self.collision_model)
+        return replace(self, model=model, collision_model=bodies, read_visual=visual)
 
 
 def combined(name: str, robots: Mapping[str, RobotParts], tip: str) -> RobotParts:
-    """Return several robots in one cell as one robot.
-
-    Parameters
-    ----------
-    name : str
-        Name for reports.
-    robots : mapping of str to RobotParts
-        What their joints, links and frames get as prefix, and the robots.
-    tip : str
-        Prefix of the robot whose tip comes first.
-    """
+    """Return several robots, by the prefixes that their joints, links and frames get, as one; `tip` is a prefix."""
     model = pin.Model()
     model.name = name
     grafts = {
         prefix: Graft.of(model, parts.model, 0, pin.SE3.Identity(), f"{prefix}_")
         for prefix, parts in robots.items()
     }
-    bodies = _joined({p: grafts[p].geometry(parts.collision_model) for p, parts in robots.items()})
+    bodies = _joined([grafts[p].geometry(parts.collision_model) for p, parts in robots.items()])
     _add_pairs_between(bodies, [len(parts.collision_model.geometryObjects) for parts in robots.values()])
 
     def visual() -> pin.GeometryModel:
-        return _joined(
-            {
-                p: grafts[p].geometry(parts.read_visual() or parts.collision_model)
-                for p, parts in robots.items()
-            }
-        )
+        drawn = {prefix: parts.read_visual() or parts.collision_model for prefix, parts in robots.items()}
+        return _joined([grafts[prefix].geometry(model) for prefix, model in drawn.items()])
 
     def prefixed(names: Callable[[RobotParts], tuple[str, ...]], order: list[str]) -> tuple[str, ...]:
         return tuple(f"{prefix}_{name}" for prefix in order for name in names(robots[prefix]))
@@ -184,16 +158,9 @@ def independent(geometry: pin.GeometryModel) -> pin.GeometryModel:
 class Graft:
     """Where the joints and frames of a model are in one that it was appended to.
 
-    Written out, because Pinocchio's appendModel also adds collision pairs and reorders.
-
-    Attributes
-    ----------
-    joints, frames : list of int
-        New numbers by the old ones; what was fixed to the world is fixed to joint `joints[0]`.
-    pose : pin.SE3
-        Of the old world in the frame of that joint.
-    prefix : str
-        Put before every name.
+    Written out, because Pinocchio's appendModel also adds collision pairs and reorders. New numbers are listed by the
+    old ones; what was fixed to the world is fixed to joint `joints[0]`, with the old world at `pose` in its frame. The
+    prefix is put before every name.
     """
 
     joints: list[int]
@@ -204,19 +171,15 @@ class Graft:
     @classmethod
     def of(cls, target: pin.Model, source: pin.Model, joint: int, pose: pin.SE3, prefix: str = "") -> Graft:
         """Append `source` to a joint of `target`, which is changed."""
-        graft = cls([joint], [_frame_of(target, joint)], pose, prefix)
+        frame = 0 if joint == 0 else int(target.getFrameId(target.names[joint]))
+        graft = cls([joint], [frame], pose, prefix)
         for k, moved in list(enumerate(source.joints))[1:]:
             v, q = slice(moved.idx_v, moved.idx_v + moved.nv), slice(moved.idx_q, moved.idx_q + moved.nq)
-            number = target.addJoint(
-                graft.joints[source.parents[k]],
-                moved,
-                graft._placed(source.parents[k], source.jointPlacements[k]),
-                prefix + source.names[k],
-                source.effortLimit[v],
-                source.velocityLimit[v],
-                source.lowerPositionLimit[q],
-                source.upperPositionLimit[q],
-            )
+            above, placement = source.parents[k], graft._placed(source.parents[k], source.jointPlacements[k])
+            rates = source.effortLimit[v], source.velocityLimit[v]
+            ends = source.lowerPositionLimit[q], source.upperPositionLimit[q]
+            name = prefix + source.names[k]
+            number = target.addJoint(graft.joints[above], moved, placement, name, *rates, *ends)
             target.inertias[number] = source.inertias[k]
             graft.joints.append(number)
         for frame in list(source.frames)[1:]:
@@ -242,22 +205,14 @@ class Graft:
             found.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
         return found
 
-    def optional_geometry(self, source: pin.GeometryModel | None) -> pin.GeometryModel | None:
-        """Return `geometry(source)`, or None for None."""
-        return None if source is None else self.geometry(source)
-
     def _placed(self, joint: int, placement: pin.SE3) -> pin.SE3:
         return self.pose * placement if joint == 0 else placement
 
 
-def _frame_of(model: pin.Model, joint: int) -> int:
-    return 0 if joint == 0 else int(model.getFrameId(model.names[joint]))
-
-
-def _joined(models: Mapping[str, pin.GeometryModel]) -> pin.GeometryModel:
+def _joined(models: Iterable[pin.GeometryModel]) -> pin.GeometryModel:
     """Return one geometry model with the bodies of all, and the pairs of each."""
     joined = pin.GeometryModel()
-    for model in models.values():
+    for model in models:
         first = len(joined.geometryObjects)
         for part in model.geometryObjects:
             joined.addGeometryObject(part)
@@ -281,16 +236,7 @@ class GuardedCopy:
 
     The copy is kept: working memory made from a model (GeometryData, broad-phase managers) points into it, and
     Pinocchio does not keep it alive. A new copy for each access would crash who makes such memory in one line and
-    uses it in the next.
-
-    Parameters
-    ----------
-    original : pin.Model or pin.GeometryModel
-        Never changed by anybody.
-    duplicate : callable
-        Returns a copy that shares nothing with its argument.
-    name : str
-        What it is, for the log.
+    uses it in the next. `duplicate` returns a copy that shares nothing with its argument; the name is for the log.
     """
 
     def __init__(self, original: Any, duplicate: Callable[[Any], Any], name: str) -> None:

@@ -1,30 +1,117 @@
-"""From all joints of a URDF to those that move: limits, locked joints, and the model that remains."""
+"""The joints of a robot that move: limits, which are held and at which values, and the model that remains."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
-from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.joint_tables import Mimic, frame_index
+from safe_ompl.robot.loading.srdf import SrdfFile
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class JointChoice:
+    """What a user says of the joints that are planned for, and of the others; see `Robot.from_urdf`."""
+
+    tip: str | None
+    locked: Mapping[str, float]
+    srdf: str | None = None
+    group: str | None = None
+    locked_state: str | None = None
+
+    def group_tip(self, full: pin.Model, source: str) -> str | None:
+        """Return the tip of the group if it is a chain or carries an end effector; None without a group."""
+        return None if self.group is None else self.semantics("group", source).group_tip(self.group, full)
+
+    def semantics(self, key: str, source: str) -> SrdfFile:
+        """Return the SRDF, which the argument `key` needs; raise InputError if there is none."""
+        if self.srdf is None:
+            raise InputError(f"{key} is a name of an SRDF: give the SRDF", source)
+        return SrdfFile(self.srdf)
+
+
+def joints_and_posture(
+    full: pin.Model, mimics: Mapping[str, Mimic], choice: JointChoice, source: str
+) -> dict[str, float]:
+    """Return all joints to hold with their values [rad or m], except those that mimic others.
+
+    Held are the locked joints, and those that are not in the group or, without a group, do not move the tip, not even
+    through a joint that mimics them. The latter keep the values of the locked state; or those of the locked joints, if
+    these leave no joint free and so can only be meant as a posture; or zero, which a warning says. Chains of `mimics`
+    are resolved.
+
+    Raises InputError if group, state, or a joint does not exist, or there is a state but no joint to hold.
+    """
+    joints = list(full.names)[1:]
+    names = [name for name in joints if name not in mimics]
+    locked, tip, group, locked_state = choice.locked, choice.tip, choice.group, choice.locked_state
+    for name in locked:
+        if name not in joints:
+            raise UnknownNameError("joint to lock", name, joints, source)
+    posture: Mapping[str, float] = {}
+    if locked_state is not None:
+        posture = choice.semantics("locked_state", source).state(locked_state)
+    if tip is None and group is None:
+        if locked_state is not None:
+            raise InputError(
+                "locked_state is the posture of joints that are held: give a tip or a group", source
+            )
+        return dict(locked)
+    moving = _moving(full, mimics, choice, source)
+    free = [name for name in names if name in moving]
+    if locked_state is None and free and all(name in locked for name in free):
+        posture, locked = locked, {}
+    loose = {name: mimic for name, mimic in mimics.items() if name not in locked}
+    moving = _moving(full, loose, choice, source)
+    idle = [name for name in names if name not in moving and name not in locked]
+    held = {**locked, **{name: posture.get(name, resting_value(full, name)) for name in idle}}
+    unsaid = [name for name in idle if name not in posture]
+    purpose = f"not in the group {group!r}" if group is not None else f"not moving {tip!r}"
+    _report(full, unsaid, held, moving, f"{Path(source).name}: held, as {purpose}")
+    return held
+
+
+def _moving(
+    full: pin.Model, mimics: Mapping[str, Mimic], choice: JointChoice, source: str
+) -> Collection[str]:
+    """Return the joints of the group or, without a group, those that move the tip."""
+    if choice.group is not None:
+        return choice.semantics("group", source).group_joints(choice.group, full)
+    assert choice.tip is not None
+    tip = full.frames[frame_index(full, choice.tip)]
+    above = {full.names[j] for j in list(full.supports[tip.parentJoint])[1:]}
+    return above | {mimic.primary for name, mimic in mimics.items() if name in above}
+
+
+def _report(
+    full: pin.Model, names: list[str], held: Mapping[str, float], moving: Collection[str], text: str
+) -> None:
+    """Say in a warning which joints are held at zero; of a gripper beyond the joints that move, at a lower level."""
+    supports = {name: full.supports[full.getJointId(name)] for name in names}
+    # All that move are below these.
+    beyond = {name for name in names if {full.names[j] for j in supports[name]}.issuperset(moving)}
+    for level, some in (
+        (logging.WARNING, [name for name in names if name not in beyond]),
+        (logging.INFO, [name for name in names if name in beyond]),
+    ):
+        if some:
+            values = ", ".join(f"{name} = {held[name]:g}" for name in some)
+            _log.log(level, "%s: %s (locked= or locked_state= take another posture)", text, values)
+
 
 _LINK = " (link)"  # tells a link from a joint of the same name
 
 
 def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], source: str) -> None:
-    """Replace limits [rad or m] of the joints named.
-
-    Raises
-    ------
-    InputError
-        If there is no such joint, or it has no limits.
-    """
+    """Replace limits [rad or m] of the joints named; raise InputError if there is no such joint, or none has limits."""
     for name, (low, high) in limits.items():
         if not full.existJointName(name):
             raise UnknownNameError("joint with limits", name, list(full.names)[1:], source)
@@ -38,23 +125,10 @@ def override_limits(full: pin.Model, limits: Mapping[str, tuple[float, float]], 
 def with_mimics(
     full: pin.Model, mimics: Mapping[str, Mimic], held: Mapping[str, float], source: str
 ) -> dict[str, float]:
-    """Return the joints to lock with their values, checked: those held, and those that mimic them.
+    """Return the joints to lock with their values, checked: those `held` [rad or m], and those that mimic them.
 
-    Parameters
-    ----------
-    full : pin.Model
-        All joints.
-    mimics : mapping of str to Mimic
-        Which of them mimic which, chains resolved.
-    held : mapping of str to float
-        Joints to hold [rad or m].
-    source : str
-        For errors and the log.
-
-    Raises
-    ------
-    InputError
-        If a joint to hold does not exist, its value cannot be, or a joint mimics one that does not exist.
+    Chains of `mimics` are resolved. Raises InputError if a joint to hold does not exist, its value cannot be, or a
+    joint mimics one that does not exist.
     """
     names = list(full.names)[1:]
     locked: dict[str, float] = {}
@@ -146,14 +220,7 @@ def reduce_model(
 def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) -> None:
     """Raise InputError if no joint is free, or one of a kind that cannot be planned for.
 
-    Parameters
-    ----------
-    model : pin.Model
-        The joints that are not held.
-    source : str
-        For errors.
-    stiff : collection of str
-        Joints that are held as their limits are one value.
+    The joints in `stiff` are held as their limits are one value.
     """
     if model.njoints < 2:
         why = (
@@ -174,10 +241,7 @@ def check_plannable(model: pin.Model, source: str, stiff: Collection[str] = ()) 
 def apply_mimic_limits(model: pin.Model, mimics: Mapping[str, Mimic], source: str) -> None:
     """Narrow the limits of joints that others mimic, so that these keep to theirs, which become what is left of them.
 
-    Raises
-    ------
-    InputError
-        If a continuous joint is mimicked: its mimic joint would have no place at ±π.
+    Raises InputError if a continuous joint is mimicked: its mimic joint would have no place at ±π.
     """
     lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
     single = {name: _coordinate(model, name) for name in mimics}
@@ -211,13 +275,7 @@ def _coordinate(model: pin.Model, name: str) -> int | None:
 
 
 def joint_limits(model: pin.Model, source: str) -> tuple[FloatArray, FloatArray]:
-    """Return lower and upper limits (n,) [rad or m] of the joints, ±π where they are continuous.
-
-    Raises
-    ------
-    InputError
-        If a joint has no range.
-    """
+    """Return lower and upper limits (n,) [rad or m], ±π where joints are continuous; InputError if one has no range."""
     limits = np.array(
         [
             (model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q])

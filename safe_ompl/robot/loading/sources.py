@@ -11,30 +11,33 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError, warn_once, within
+from safe_ompl.common import InputError, UnknownNameError, warn_once, within
 from safe_ompl.robot.arm import default_tip
 from safe_ompl.robot.joint_tables import Mimic, resolved
 from safe_ompl.robot.loading.blueprint import Blueprint, RangeByJoint
-from safe_ompl.robot.loading.chosen_joints import JointChoice, joints_and_posture
+from safe_ompl.robot.loading.collision import (
+    build_collision_geometry,
+    drop_fixed_pairs,
+    links_with_visuals_alone,
+    make_convex,
+    sample_configurations,
+    select_self_pairs,
+    warn_of_unchecked,
+)
 from safe_ompl.robot.loading.parts import RobotParts, independent
 from safe_ompl.robot.loading.reduction import (
+    JointChoice,
     apply_mimic_limits,
     check_plannable,
     joint_limits,
+    joints_and_posture,
     joints_without_range,
     override_limits,
     reduce_model,
     with_mimics,
 )
-from safe_ompl.robot.loading.shapes import (
-    build_collision_geometry,
-    links_with_visuals_alone,
-    make_convex,
-    warn_of_unchecked,
-)
 from safe_ompl.robot.loading.srdf import SrdfFile
 from safe_ompl.robot.loading.urdf import UrdfFile
-from safe_ompl.robot.self_collision import sample_configurations, select_self_pairs
 
 _log = logging.getLogger(__name__)
 
@@ -108,13 +111,8 @@ class ModelsBlueprint(Blueprint):
 
     def assemble(self) -> RobotParts:
         """Lock joints, and build what remains; pairs that the collision model has are those that are checked."""
-        source = _Source(
-            self.model.copy(),
-            independent(self.collision_model),
-            lambda: self.visual_model,
-            self.mimics,
-            self.name,
-        )
+        models = self.model.copy(), independent(self.collision_model)
+        source = _Source(*models, lambda: self.visual_model, self.mimics, self.name)
         return source.reduced(self.name, JointChoice(self.tip, self.locked), self.limits, self.hulls)
 
     def with_limits(self, limits: RangeByJoint) -> ModelsBlueprint:
@@ -150,9 +148,10 @@ class _Source:
         mimics = {joint: mimic for joint, mimic in mimics.items() if model.existJointName(joint)}
         apply_mimic_limits(model, mimics, source)
         joint_limits(model, source)
-        _drop_fixed_pairs(collision_model)
+        drop_fixed_pairs(collision_model)
         if not len(collision_model.collisionPairs):
-            select_self_pairs(model, collision_model, choice.srdf, _samples(model, mimics), name)
+            samples = sample_configurations(model, mimics=mimics)
+            select_self_pairs(model, collision_model, choice.srdf, samples, name)
 
         def visual() -> pin.GeometryModel | None:
             drawn = self.read_visual()
@@ -161,28 +160,6 @@ class _Source:
         ends = tuple(full.names)[1:]
         tips = (tip or choice.group_tip(full, source) or default_tip(full, model),)
         return RobotParts(name, source, model, collision_model, visual, ends, tips, mimics, held)
-
-
-def _drop_fixed_pairs(geometry: pin.GeometryModel) -> None:
-    """Drop the pairs of bodies that do not move against each other any more, as joints between them are locked."""
-    joints = [part.parentJoint for part in geometry.geometryObjects]
-    pairs = [pin.CollisionPair(pair.first, pair.second) for pair in geometry.collisionPairs]
-    for pair in pairs:
-        if joints[pair.first] == joints[pair.second]:
-            geometry.removeCollisionPair(pair)
-
-
-def _samples(model: pin.Model, mimics: Mapping[str, Mimic]) -> FloatArray:
-    """Return configurations (S, nq) over the joint ranges at which mimic joints are where they belong."""
-    rows = sample_configurations(model)
-    for name, mimic in mimics.items():
-        joint, first = (model.joints[model.getJointId(n)] for n in (name, mimic.primary))
-        values = mimic.multiplier * rows[:, first.idx_q] + mimic.offset
-        if joint.nq == 1:
-            rows[:, joint.idx_q] = values
-        else:
-            rows[:, joint.idx_q], rows[:, joint.idx_q + 1] = np.cos(values), np.sin(values)
-    return rows
 
 
 def check_models(model: Any, collision: Any, visual: Any) -> None:

@@ -4,36 +4,29 @@ from __future__ import annotations
 
 import logging
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
-from safe_ompl.robot.joint_tables import Mimic
-from safe_ompl.robot.loading.shapes import build_collision_geometry, make_convex
+from safe_ompl.common import InputError, UnknownNameError
+from safe_ompl.robot.loading.collision import (
+    adjacent_pairs,
+    always_in_contact,
+    build_collision_geometry,
+    make_convex,
+    sample_configurations,
+)
 from safe_ompl.robot.loading.urdf import UrdfFile, existing_file
-from safe_ompl.robot.self_collision import adjacent_pairs, always_in_contact, sample_configurations
 
 _log = logging.getLogger(__name__)
 
 
 class SrdfFile:
-    """The groups and states of an SRDF.
-
-    Parameters
-    ----------
-    path : path-like
-        The SRDF.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or is not an SRDF.
-    """
+    """The groups and states of an SRDF; raises InputError if the file is missing or is none."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = existing_file(path, "SRDF")
@@ -53,14 +46,9 @@ class SrdfFile:
         return tuple(dict.fromkeys(state.get("name", "") for state in self._root.findall("group_state")))
 
     def state(self, name: str) -> dict[str, float]:
-        """Return the joint values [rad or m] of the state `name`, of all groups that have it.
+        """Return the joint values [rad or m] of the state `name`, of all groups with it, or raise UnknownNameError.
 
         Joints with more than one value (a floating base) are left out.
-
-        Raises
-        ------
-        UnknownNameError
-            If no group has it.
         """
         states = [state for state in self._root.findall("group_state") if state.get("name") == name]
         if not states:
@@ -75,10 +63,7 @@ class SrdfFile:
     def group_joints(self, name: str, full: pin.Model) -> tuple[str, ...]:
         """Return the movable joints of a group, in the order of `full`: of its chains, joints, links and subgroups.
 
-        Raises
-        ------
-        InputError
-            If there is no such group, it names what the robot has not, or it has no movable joint.
+        Raises InputError if there is no such group, it names what the robot has not, or it has no movable joint.
         """
         found = set(self._joints_of(name, full, ()))
         found -= {joint.get("name", "") for joint in self._root.findall("passive_joint")}
@@ -105,19 +90,10 @@ class SrdfFile:
     def arm(self, full: pin.Model, tip: str, fingers: Collection[str]) -> tuple[str, str] | None:
         """Return the group of the arm, and the link at its end, as the SRDF says; None where it says nothing.
 
-        The arm is that of the end effector with the most joints above it, the first one of several, unless `tip` has
-        more (legs have end effectors, too). Of the groups whose joints all lie on the way from the base to that link,
-        that of the end effector is taken, or the one with the fewest joints, but four at least: an arm, not an arm and
-        its torso.
-
-        Parameters
-        ----------
-        full : pin.Model
-            All joints of the URDF.
-        tip : str
-            A link at the end of an arm.
-        fingers : collection of str
-            Joints that do not count.
+        The arm is that of the end effector with the most joints above it, the first one of several, unless `tip`, a
+        link at the end of an arm, has more (legs have end effectors, too). Of the groups whose joints all lie on the
+        way from the base to that link, that of the end effector is taken, or the one with the fewest joints, but four
+        at least: an arm, not an arm and its torso. The joints of `fingers` do not count.
         """
 
         def depth(end: tuple[str, str | None]) -> int:
@@ -157,7 +133,9 @@ class SrdfFile:
             if entry.tag == "group":
                 yield from self._joints_of(named, full, (*above, name))
             elif entry.tag == "joint":
-                self._known(full, named, name)
+                if not any(frame.name == named for frame in full.frames):
+                    known = list(full.names)[1:]
+                    raise UnknownNameError(f"joint of group {name!r}", named, known, str(self.path))
                 yield named
             elif entry.tag == "link":
                 yield full.frames[full.frames[self._link(full, named, name)].parentFrame].name
@@ -181,10 +159,6 @@ class SrdfFile:
             raise UnknownNameError(f"link of group {group!r}", name, links, str(self.path))
         return int(full.getBodyId(name))
 
-    def _known(self, full: pin.Model, joint: str, group: str) -> None:
-        if not any(frame.name == joint for frame in full.frames):
-            raise UnknownNameError(f"joint of group {group!r}", joint, list(full.names)[1:], str(self.path))
-
     def _value(self, joint: ElementTree.Element, state: str) -> float:
         try:
             return float(joint.get("value", ""))
@@ -193,8 +167,7 @@ class SrdfFile:
             raise InputError(text, str(self.path)) from None
 
 
-@dataclass(frozen=True)
-class DisabledLinks:
+class DisabledLinks(NamedTuple):
     """Two links that need not be checked against each other, and why: "Adjacent" or "Always"."""
 
     first: str
@@ -205,16 +178,8 @@ class DisabledLinks:
 def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") -> list[DisabledLinks]:
     """Return the pairs of links that a robot without an SRDF does not check: with all joints free, on convex hulls.
 
-    Links that are merely never seen in contact are not among them: samples prove nothing.
-
-    Parameters
-    ----------
-    urdf : UrdfFile
-        The robot.
-    samples : int
-        How many configurations to look at.
-    collision : str
-        What collides; see `Robot.from_urdf`.
+    Links that are merely never seen in contact in so many samples are not among them: samples prove nothing. What
+    collides is as in `Robot.from_urdf`.
     """
     model = urdf.build_model()
     geometry = build_collision_geometry(urdf, model, collision)
@@ -224,7 +189,8 @@ def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") ->
     together = _links(model, geometry, geometry.collisionPairs)
     for pair in adjacent:
         geometry.removeCollisionPair(pair)
-    always = always_in_contact(model, geometry, _samples(model, urdf.mimics(), samples))
+    mimics = {name: mimic for name, mimic in urdf.mimics().items() if _single(model, name, mimic.primary)}
+    always = always_in_contact(model, geometry, sample_configurations(_bounded(model), samples, mimics))
     found = [DisabledLinks(a, b, "Adjacent") for a, b in _links(model, geometry, adjacent)]
     for (a, b), count in _links(model, geometry, always).items():
         if count == together[a, b]:
@@ -236,18 +202,16 @@ def disabled_links(urdf: UrdfFile, samples: int, collision: str = "required") ->
 
 def srdf_text(robot: str, pairs: Iterable[DisabledLinks], samples: int) -> str:
     """Return an SRDF for the robot of that name; `samples` is said in a comment."""
-    lines = [
-        '<?xml version="1.0"?>',
-        f"<!-- Always: in contact in more than 95 % of {samples} configurations spread over the joint limits. -->",
-        f"<robot name={quoteattr(robot)}>",
-        *(
-            f"  <disable_collisions link1={quoteattr(pair.first)} link2={quoteattr(pair.second)} "
-            f"reason={quoteattr(pair.reason)}/>"
-            for pair in pairs
-        ),
-        "</robot>",
-    ]
-    return "\n".join(lines) + "\n"
+    disabled = "".join(
+        f"  <disable_collisions link1={quoteattr(pair.first)} link2={quoteattr(pair.second)} "
+        f"reason={quoteattr(pair.reason)}/>\n"
+        for pair in pairs
+    )
+    return (
+        '<?xml version="1.0"?>\n'
+        f"<!-- Always: in contact in more than 95 % of {samples} configurations spread over the joint limits. -->\n"
+        f"<robot name={quoteattr(robot)}>\n{disabled}</robot>\n"
+    )
 
 
 def _links(
@@ -262,16 +226,15 @@ def _links(
     return counted
 
 
-def _samples(model: pin.Model, mimics: Mapping[str, Mimic], count: int) -> FloatArray:
-    """Return configurations within the limits (a whole turn where there are none), with mimics where they belong."""
+def _single(model: pin.Model, *joints: str) -> bool:
+    """Return whether joints have one coordinate each."""
+    return all(model.joints[model.getJointId(joint)].nq == 1 for joint in joints)
+
+
+def _bounded(model: pin.Model) -> pin.Model:
+    """Return a copy of a model with limits of a whole turn where it has none."""
     bounded = model.copy()
     for name in ("lowerPositionLimit", "upperPositionLimit"):
         limit = np.nan_to_num(getattr(bounded, name), posinf=np.pi, neginf=-np.pi)
         setattr(bounded, name, np.clip(limit, -1e3, 1e3))
-    rows = sample_configurations(bounded, count)
-    for name, mimic in mimics.items():
-        joints = [model.joints[model.getJointId(joint)] for joint in (name, mimic.primary)]
-        if all(joint.nq == 1 for joint in joints):
-            own, first = (joint.idx_q for joint in joints)
-            rows[:, own] = mimic.multiplier * rows[:, first] + mimic.offset
-    return rows
+    return bounded

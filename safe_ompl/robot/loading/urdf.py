@@ -38,10 +38,7 @@ _PACKAGE = "package://"
 def parsed(path: Path) -> ElementTree.Element:
     """Return the outermost tag of a URDF, whose name spaces need not be declared: many leave out `drake:`.
 
-    Raises
-    ------
-    ParseError
-        If it is not XML, or uses xacro's name space, which says that it is not a URDF yet.
+    Raises ParseError if it is not XML, or uses xacro's name space, which says that it is not a URDF yet.
     """
     try:
         return ElementTree.parse(path).getroot()
@@ -100,22 +97,10 @@ def check_joints(root: ElementTree.Element, source: str) -> None:
 
 
 def check_shapes(root: ElementTree.Element, tag: str, source: str) -> None:
-    """Check every collision or visual shape of the links.
+    """Check every "collision" or "visual" shape of the links of a robot.
 
-    Parameters
-    ----------
-    root : Element
-        The `<robot>`.
-    tag : str
-        "collision" or "visual".
-    source : str
-        The URDF, for messages.
-
-    Raises
-    ------
-    InputError
-        If a shape is missing, of an unknown kind, has a size that is not positive and finite, or an origin that is
-        not finite; the message names link, element and value.
+    Raises InputError, which names link, element and value, if a shape is missing, of an unknown kind, has a size that
+    is not positive and finite, or an origin that is not finite.
     """
     for link in root.findall("link"):
         for number, element in enumerate(link.findall(tag)):
@@ -176,16 +161,9 @@ def make_readable(root: ElementTree.Element) -> None:
     for shape in root.iterfind("link/*/geometry/capsule"):
         shape.tag = "cylinder"
     for link in root.findall("link"):
-        for inertial in _broken_inertials(link):
-            link.remove(inertial)
-
-
-def _broken_inertials(link: ElementTree.Element) -> list[ElementTree.Element]:
-    return [
-        element
-        for element in link.findall("inertial")
-        if element.find("mass") is None or element.find("inertia") is None
-    ]
+        for inertial in link.findall("inertial"):
+            if inertial.find("mass") is None or inertial.find("inertia") is None:
+                link.remove(inertial)
 
 
 def restore_capsules(geometry: pin.GeometryModel, root: ElementTree.Element, tag: str) -> None:
@@ -218,19 +196,10 @@ def check_complete(
 
 
 class UrdfFile:
-    """A URDF file with its package folders.
+    """A URDF file with its package folders; those above the URDF are searched too for `package://` names.
 
-    Parameters
-    ----------
-    path : path-like
-        The URDF.
-    package_dirs : sequence of path-like
-        Folders that hold the packages of `package://` names. The folders above the URDF are searched too.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or is not a URDF, a package folder does not exist, or a joint has no direction.
+    Raises InputError if the file is missing or is not a URDF, a package folder does not exist, or a joint has no
+    direction.
     """
 
     def __init__(self, path: str | Path, package_dirs: Sequence[str | Path] = ()) -> None:
@@ -265,10 +234,8 @@ class UrdfFile:
     def build_geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
         """Return the collision or visual geometry of `model`.
 
-        Raises
-        ------
-        InputError
-            If a mesh is missing or cannot be read, a shape has an impossible size or is of an unknown kind.
+        Raises InputError if a mesh is missing or cannot be read, a shape has an impossible size or is of an unknown
+        kind.
         """
         tag = "collision" if kind == pin.GeometryType.COLLISION else "visual"
         source = str(self.path)
@@ -286,13 +253,7 @@ class UrdfFile:
         return geometry
 
     def mesh_files(self, tag: str) -> dict[str, Path]:
-        """Return the files of the "collision" or "visual" meshes, by the names that the URDF has for them.
-
-        Raises
-        ------
-        InputError
-            If one is not found.
-        """
+        """Return the files of the "collision" or "visual" meshes by their names in the URDF, or raise InputError."""
         found = {}
         for link in self._root.iterfind("link"):
             for mesh in link.iterfind(f"{tag}/geometry/mesh"):

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
+import pinocchio as pin
 
 from safe_ompl.common import FloatArray, SafeOmplError
 from safe_ompl.danger import DangerField
 from safe_ompl.io import TimedMotion
-from safe_ompl.view.annotations import Nearest, NearestPoints
-from safe_ompl.view.browser.figures import wxyz
+from safe_ompl.view.content import Nearest, NearestPoints
 from safe_ompl.view.plots.paths import AXES, SIZE, plot_speeds
 from safe_ompl.view.style import Bytes, as_bytes, level_colours, rgb
 
@@ -27,19 +27,7 @@ _BELOW, _ABOVE = 5, 3  # steps below and above the darkest danger point that are
 
 
 class DangerPoints:
-    """The danger points, coloured by their levels w·CDF(p), and the most dangerous one with its level.
-
-    Parameters
-    ----------
-    view : viser.SceneApi
-        Where they are shown.
-    name : str
-        Name of their node.
-    field : DangerField
-        Whose points; fixed ones.
-    most : float
-        The level of the darkest colour.
-    """
+    """The danger points, coloured by their levels w·CDF(p) up to `most`, and the most dangerous one with its level."""
 
     def __init__(self, view: Any, name: str, field: DangerField, most: float) -> None:
         assert field.points is not None
@@ -48,9 +36,8 @@ class DangerPoints:
             np.linspace(0, len(field.points) - 1, min(len(field.points), _MOST_POINTS)).astype(int)
         )
         points = np.array(field.points)[self._shown]
-        self._cloud = view.add_point_cloud(
-            name, points, self._colours(np.zeros(len(points))), point_size=0.014, point_shape="circle"
-        )
+        colours = level_colours(np.zeros(len(points)), most)
+        self._cloud = view.add_point_cloud(name, points, colours, point_size=0.014, point_shape="circle")
         self._label = view.add_label(f"{name}/most", "", anchor="bottom-left", font_screen_scale=0.9)
 
     def pose(self, q: FloatArray) -> None:
@@ -60,7 +47,7 @@ class DangerPoints:
         if self._field.weights is not None:
             levels = levels * self._field.weights
         most = int(levels.argmax())
-        self._cloud.colors = self._colours(levels[self._shown])
+        self._cloud.colors = level_colours(levels[self._shown], self._most)
         self._label.text = f"danger {levels[most]:.2f}"
         self._label.position = np.array(self._field.points)[most]
 
@@ -68,26 +55,9 @@ class DangerPoints:
         """Show or hide them."""
         self._cloud.visible = self._label.visible = visible
 
-    def _colours(self, levels: FloatArray) -> Bytes:
-        return level_colours(levels, self._most)
-
 
 class FieldSlice:
-    """A plane through the danger field, coloured by its level.
-
-    Parameters
-    ----------
-    view : viser.SceneApi
-        Where it is shown.
-    name : str
-        Name of its node.
-    field : DangerField
-        The field.
-    low, high : (3,) array
-        Corners of the box that it goes through [m].
-    most : float
-        The level of the darkest colour.
-    """
+    """A plane through the danger field in a box (corners (3,) [m]), coloured by its levels up to `most`."""
 
     def __init__(
         self, view: Any, name: str, field: DangerField, low: FloatArray, high: FloatArray, most: float
@@ -127,9 +97,8 @@ class FieldSlice:
         grid = np.empty((rows, columns, 3))
         grid[..., _NORMAL[self.plane]] = self.offset
         grid[..., across] = self._low[across] + (np.arange(columns) + 0.5) / columns * size[0]
-        grid[..., up] = (self._low[up] + (np.arange(rows) + 0.5) / rows * size[1])[
-            :, None
-        ]  # viser's y: by rows
+        # viser's y: by rows
+        grid[..., up] = (self._low[up] + (np.arange(rows) + 0.5) / rows * size[1])[:, None]
         levels = self._field.field(q, grid.reshape(-1, 3))
         image = self._painted(levels).reshape(rows, columns, 4)
         if self._image is None:
@@ -138,10 +107,7 @@ class FieldSlice:
             self._image.image = image
 
     def _painted(self, levels: FloatArray) -> Bytes:
-        """Return red, green, blue and opacity (M, 4): steps of colour, so that lines of equal danger are seen.
-
-        A step is a factor √2 of danger: the field falls off like one over the distance.
-        """
+        """Return RGBA (M, 4) in steps of a factor √2 of danger, so that lines of equal danger are seen."""
         steps = np.rint(2.0 * np.log2(np.maximum(levels, 1e-12) / self._most))
         shares = np.clip((steps + _BELOW) / (_BELOW + _ABOVE), 0.0, 1.0)
         opacity = _SLICE_OPACITY * np.clip(2.5 * shares, 0.15, 1.0)
@@ -153,51 +119,47 @@ class FieldSlice:
         rotation = np.zeros((3, 3))
         rotation[across, 0] = rotation[up, 1] = 1.0
         rotation[:, 2] = np.cross(rotation[:, 0], rotation[:, 1])
-        return self._view.add_image(
-            self._name,
-            image,
-            float(size[0]),
-            float(size[1]),
-            format="png",
-            cast_shadow=False,
-            receive_shadow=False,
-            wxyz=wxyz(rotation),
-            position=place,
-        )
+        return _add_image(self._view, self._name, image, size, rotation, place)
+
+
+def _add_image(
+    view: Any, name: str, image: Bytes, size: FloatArray, rotation: FloatArray, place: FloatArray
+) -> Any:
+    """Add a picture of a size (2,) [m]: right, down its rows and away are the columns of the rotation (3, 3)."""
+    width, height = size.tolist()
+    look = {"format": "png", "cast_shadow": False, "receive_shadow": False}
+    return view.add_image(name, image, width, height, **look, wxyz=wxyz(rotation), position=place)
+
+
+def wxyz(rotation: FloatArray) -> FloatArray:
+    """Return the quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
+    x, y, z, w = pin.Quaternion(rotation).coeffs()
+    return np.array([w, x, y, z])
 
 
 _PEOPLE, _THINGS = (0.80, 0.10, 0.12), (0.10, 0.35, 0.75)
 
 
 class ClearanceLines:
-    """Segments from the robot to the nearest person and to the nearest thing, with their lengths.
-
-    Parameters
-    ----------
-    view : viser.SceneApi
-        Where they are shown.
-    name : str
-        Name of their node.
-    nearest : sequence of Nearest
-        First of people and what else is dangerous, then of things; either may find nothing.
-    """
+    """Segments from the robot to the nearest person, or what else is dangerous, and to the nearest thing."""
 
     def __init__(self, view: Any, name: str, nearest: Sequence[Nearest]) -> None:
         self._nearest = nearest
-        self._lines, self.labels = [], []
-        for k, _ in enumerate(nearest):
-            colour = (_PEOPLE, _THINGS)[k]
-            nothing = np.zeros((1, 2, 3))
-            self._lines.append(view.add_line_segments(f"{name}/{k}", nothing, rgb(colour), thickness=0.01))
-            self.labels.append(
-                view.add_label(f"{name}/{k}/length", "", anchor="center-left", font_screen_scale=0.8)
-            )
         self._visible = True
+        nothing = np.zeros((1, 2, 3))
+        self._lines = [
+            view.add_line_segments(f"{name}/{k}", nothing, rgb(colour), thickness=0.01)
+            for k, colour in enumerate((_PEOPLE, _THINGS)[: len(nearest)])
+        ]
+        self._labels = [
+            view.add_label(f"{name}/{k}/length", "", anchor="center-left", font_screen_scale=0.8)
+            for k in range(len(nearest))
+        ]
 
     def show(self, visible: bool) -> None:
         """Show or hide them."""
         self._visible = visible
-        for node in (*self._lines, *self.labels):
+        for node in (*self._lines, *self._labels):
             node.visible = visible
 
     def found(self, q: FloatArray) -> list[NearestPoints]:
@@ -208,7 +170,7 @@ class ClearanceLines:
         """Show where the robot is nearest at `q: (n,)`."""
         if not self._visible:
             return
-        for nearest, line, label in zip(self._nearest, self._lines, self.labels, strict=True):
+        for nearest, line, label in zip(self._nearest, self._lines, self._labels, strict=True):
             found = nearest.at(q)
             line.visible = label.visible = found is not None
             if found is not None:
@@ -228,33 +190,9 @@ _log = logging.getLogger(__name__)
 
 
 class SpeedBoard:
-    """The speed of a motion against time, as a picture that stands in the scene.
+    """The speed of a motion against time, as a picture in the scene, `width` [m] wide, that faces a direction.
 
-    Without Matplotlib there is only the line that says the speed.
-
-    Parameters
-    ----------
-    view : viser.SceneApi
-        Where it is shown.
-    name : str
-        Name of its node.
-    motion : TimedMotion
-        What moves.
-    centre : (3,) array
-        Its centre [m].
-    width : float
-        [m]
-    facing : (3,) array
-        A level direction from which it is seen.
-
-    Attributes
-    ----------
-    cursor : viser handle
-        The line at the time that is shown.
-    labels : list of viser handles
-        Lines of words above the board.
-    has_title : bool
-        Whether it says the motion's name: it does where there is Matplotlib.
+    Without Matplotlib there is only the line that says the speed, and no title.
     """
 
     def __init__(
@@ -270,20 +208,9 @@ class SpeedBoard:
         self.has_title = image is not None
         if image is not None:
             turn = np.column_stack([self._right, -up, -normal])  # viser's y goes down the rows
-            view.add_image(
-                name,
-                image,
-                float(self._size[0]),
-                float(self._size[1]),
-                format="png",
-                cast_shadow=False,
-                receive_shadow=False,
-                wxyz=wxyz(turn),
-                position=centre,
-            )
-        self.cursor = view.add_line_segments(
-            f"{name}_cursor", np.zeros((1, 2, 3)), _CURSOR, thickness=0.006 * width
-        )
+            _add_image(view, name, image, self._size, turn, centre)
+        cursor = np.zeros((1, 2, 3))
+        self.cursor = view.add_line_segments(f"{name}_cursor", cursor, _CURSOR, thickness=0.006 * width)
         self.labels = [
             view.add_label(f"{name}_told_{k}", "", anchor="bottom-center", font_screen_scale=0.9)
             for k in range(_LINES)
@@ -303,17 +230,14 @@ class SpeedBoard:
             label.position = self._place(0.5, 1.04 + _LINE * (len(lines) - 1 - k))
 
     def _place(self, across: float, above: float) -> FloatArray:
-        place: FloatArray = (
-            self._corner + across * self._size[0] * self._right + above * self._size[1] * self._up
-        )
-        return place
+        right, up = across * self._size[0] * self._right, above * self._size[1] * self._up
+        return np.asarray(self._corner + right + up)
 
 
 def _picture(motion: TimedMotion) -> Any:
     try:
-        figure = plot_speeds(
-            motion.times, motion.speeds, motion.bounds, motion.binding, None, title=motion.name, dpi=_DPI
-        )
+        known = motion.times, motion.speeds, motion.bounds, motion.binding
+        figure = plot_speeds(*known, None, title=motion.name, dpi=_DPI)
     except SafeOmplError as missing:
         _log.warning("no board with the speed: %s", missing)
         return None

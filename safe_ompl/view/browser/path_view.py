@@ -2,19 +2,176 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from safe_ompl.common import FloatArray
+from safe_ompl.geometry import Person
 from safe_ompl.io import ACCELERATION, TimedMotion
 from safe_ompl.robot import Robot
-from safe_ompl.view.annotations import Nearest, Proof
-from safe_ompl.view.browser.figures import MoverFigures, RobotFigure, RobotModel, add_scenery
-from safe_ompl.view.browser.layers import ClearanceLines, DangerPoints, FieldSlice, SpeedBoard
-from safe_ompl.view.content import ViewerContent
+from safe_ompl.scene import Scene
+from safe_ompl.view.browser.layers import ClearanceLines, DangerPoints, FieldSlice, SpeedBoard, wxyz
+from safe_ompl.view.content import Keypoints, Movers, Nearest, Proof, ViewerContent
 from safe_ompl.view.pictures.scene import DrawnScene
-from safe_ompl.view.style import NEUTRAL, START_COLOUR, Colour, as_bytes, cap_colours, gap_colours, mixed, rgb
+from safe_ompl.view.pictures.surface import (
+    ColouredSurface,
+    RobotBody,
+    Surface,
+    limb_surfaces,
+    obstacle_surfaces,
+    tube,
+)
+from safe_ompl.view.style import (
+    NEUTRAL,
+    START_COLOUR,
+    Bytes,
+    Colour,
+    as_bytes,
+    cap_colours,
+    gap_colours,
+    mixed,
+    rgb,
+)
+
+_DETAIL = 0.002  # [m]; what is smaller is not sent to the browser
+
+
+class RobotModel:
+    """The surfaces of a robot's links, made once for all figures of it; of its skeleton where it has no bodies."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._body = RobotBody(robot)
+        self.surfaces = [link.simplified(_DETAIL) for link in self._body.links]
+        if not self.surfaces:
+            lengths = [float(np.linalg.norm(b - a)) for a, b in self._bone_ends(np.zeros(robot.n))]
+            ends = [np.array([(0.0, 0.0, 0.0), (0.0, 0.0, length)]) for length in lengths]
+            self.surfaces = [Surface.from_triangles(*tube(pair, 0.02 * sum(lengths))) for pair in ends]
+
+    def poses(self, q: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Return quaternion (w, x, y, z) and position of each surface at `q: (n,)`."""
+        if self._body.links:
+            return [(wxyz(place.rotation), place.translation) for place in self._body.placements(q)]
+        up = np.array([0.0, 0.0, 1.0])
+        turns = [(pin.Quaternion.FromTwoVectors(up, b - a).matrix(), a) for a, b in self._bone_ends(q)]
+        return [(wxyz(turn), place) for turn, place in turns]
+
+    def _bone_ends(self, q: FloatArray) -> FloatArray:
+        return np.asarray(self.robot.keypoints_batch(q[None])[0][self.robot.segments])
+
+
+class RobotFigure:
+    """A robot in a view, which can be posed; translucent with an opacity below 1."""
+
+    def __init__(
+        self, view: Any, name: str, model: RobotModel, colour: Colour, opacity: float | None = None
+    ) -> None:
+        self._model = model
+        self.root = view.add_frame(name, show_axes=False)
+        self._links = [
+            view.add_mesh_simple(
+                f"{name}/{k}",
+                surface.vertices,
+                surface.faces,
+                color=rgb(colour),
+                opacity=opacity,
+                cast_shadow=opacity is None,
+                receive_shadow=opacity is None,
+            )
+            for k, surface in enumerate(model.surfaces)
+        ]
+        self._posed: list[tuple[FloatArray, FloatArray]] = []
+
+    def show(self, visible: bool) -> None:
+        """Show or hide the robot."""
+        self.root.visible = visible
+
+    def pose(self, q: FloatArray) -> None:
+        """Bring the robot to `q: (n,)`; links that stay where they are send nothing."""
+        poses = self._model.poses(q)
+        for k, (link, (turn, place)) in enumerate(zip(self._links, poses, strict=True)):
+            if self._posed and np.allclose(turn, self._posed[k][0]) and np.allclose(place, self._posed[k][1]):
+                continue
+            link.wxyz, link.position = turn, place
+        self._posed = poses
+
+
+def add_scenery(view: Any, name: str, scene: Scene) -> Any:
+    """Add the obstacles of a scene, people in skin and clothes, dangerous things in red; return their common node."""
+    marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in scene)
+    root = view.add_frame(name, show_axes=False)
+    for obstacle in scene:
+        _add_meshes(view, f"{name}/{node_name(obstacle.name)}/", obstacle_surfaces(obstacle, marked))
+    return root
+
+
+def _add_meshes(view: Any, name: str, things: Sequence[ColouredSurface]) -> list[Any]:
+    """Add surfaces, each as a node whose name ends in its number, and return their nodes."""
+    return [
+        view.add_mesh_simple(
+            f"{name}{k}",
+            thing.surface.vertices,
+            thing.surface.faces,
+            color=rgb(thing.colour),
+            side="double",
+        )
+        for k, thing in enumerate(things)
+    ]
+
+
+def node_name(name: str) -> str:
+    """Return a name without the slashes that divide the tree of nodes."""
+    return name.replace("/", "_")
+
+
+class MoverFigures:
+    """People and things that move. Limbs keep the length that they have where they are first seen."""
+
+    def __init__(self, view: Any, name: str, movers: Movers, scene: Scene) -> None:
+        self._view, self._name, self._movers = view, name, movers
+        self.limbs: dict[str, dict[str, list[Any]]] = {}
+        self.things = {
+            obstacle.name: (obstacle.pose, self._meshes(obstacle.name, obstacle_surfaces(obstacle)))
+            for obstacle in scene
+            if obstacle.name in movers.objects
+        }
+        for people in movers.people:
+            for person in people:
+                if person not in self.limbs:
+                    self.limbs[person] = self._figure(person, people[person])
+        self.at(0.0)
+
+    def at(self, time: float) -> None:
+        """Show where all are at a time [s]."""
+        sample = self._movers.sample(time)
+        people, places = self._movers.people[sample], self._movers.places[sample]
+        for name, limbs in self.limbs.items():
+            there = people.get(name)
+            if there is not None:
+                for limb in Person(self._movers.heights[name], there).limbs():
+                    _place(limbs[limb.name], limb.placement)
+            for mesh in (mesh for meshes in limbs.values() for mesh in meshes):
+                if mesh.visible != (there is not None):
+                    mesh.visible = there is not None
+        for name, (first, meshes) in self.things.items():
+            if name in places:
+                _place(meshes, places[name].se3 * first.se3.inverse())
+
+    def _figure(self, person: str, points: Keypoints) -> dict[str, list[Any]]:
+        limbs = Person(self._movers.heights[person], points).limbs()
+        return {limb.name: self._meshes(f"{person}/{limb.name}", limb_surfaces(limb)) for limb in limbs}
+
+    def _meshes(self, name: str, pieces: Sequence[ColouredSurface]) -> list[Any]:
+        return _add_meshes(self._view, f"{self._name}/{node_name(name)}_", pieces)
+
+
+def _place(meshes: Sequence[Any], placement: pin.SE3) -> None:
+    for mesh in meshes:
+        mesh.wxyz, mesh.position = wxyz(placement.rotation), placement.translation
+
 
 SAMPLES = 121
 _EVENLY = np.linspace(0.0, 1.0, SAMPLES)
@@ -24,42 +181,7 @@ _AROUND = 0.15  # [m] that a slice reaches beyond the robot's motion and the dan
 
 
 class PathView:
-    """A path, or a standing robot, with its scene.
-
-    Parameters
-    ----------
-    view : viser.SceneApi
-        Where it is shown.
-    number : int
-        Which path_view it is.
-    content : ViewerContent
-        What is shown.
-    name : str
-        Name of the path; empty where there is none.
-    model : RobotModel
-        Surfaces of the robot.
-    colour : Colour, optional
-        Of robot and trace.
-
-    Attributes
-    ----------
-    name : str
-    motion : TimedMotion or None
-        The path in time.
-    board : SpeedBoard or None
-    movers : MoverFigures or None
-        People and things that move.
-    root, scenery : viser handles
-        The place of the path_view, and its scene.
-    samples : ndarray, shape (SAMPLES, n)
-        The path at equal steps of its length.
-    points : DangerPoints or None
-    slice : FieldSlice or None
-    lines : ClearanceLines
-    label : viser handle or None
-        The name of the path, where no board says it.
-    proof : viser handle or None
-    """
+    """A path, or with an empty name a standing robot, with its scene; `samples: (SAMPLES, n)` are equally far apart."""
 
     def __init__(
         self,
@@ -75,10 +197,9 @@ class PathView:
         self.samples = content.along(name, _EVENLY)
         self.motion = content.motions.get(name)
         self.board: SpeedBoard | None = None
-        movers = content.movers
-        self.movers = (
-            None if movers is None else MoverFigures(view, f"{self.node}/movers", movers, content.scene)
-        )
+        self.movers: MoverFigures | None = None
+        if content.movers is not None:
+            self.movers = MoverFigures(view, f"{self.node}/movers", content.movers, content.scene)
         self.root = view.add_frame(self.node, show_axes=False)
         self.scenery = add_scenery(view, f"{self.node}/scene", content.still)
         paint = NEUTRAL if colour is None else mixed(NEUTRAL, colour, _TINT)
@@ -93,13 +214,13 @@ class PathView:
         self.label: Any = None
         if colour is not None:
             if self.motion is None:
-                add_trace(view, f"{self.node}/trace", tips, colour)
+                segments = np.stack([tips[:-1], tips[1:]], axis=1)
+                view.add_line_segments(f"{self.node}/trace", segments, rgb(colour), thickness=0.008)
             else:
                 add_timed_trace(view, f"{self.node}/trace", self.motion)
-            self.label = view.add_label(
-                f"{self.node}/name", name, position=self._above(), anchor="bottom-center"
-            )
-        self.proof = None
+            above = self._above()
+            self.label = view.add_label(f"{self.node}/name", name, position=above, anchor="bottom-center")
+        self.proof: Any = None
         if content.proof is not None:
             dense = content.along(name, np.linspace(0.0, 1.0, 10 * SAMPLES))
             self.proof = add_proof(view, f"{self.node}/proof", content.robot, dense, content.proof)
@@ -184,16 +305,14 @@ class PathView:
         self.slice: FieldSlice | None = None
         if field is None or field.points is None:
             return
-        most = max(float(field.values(self._content.along(name, _EVENLY)).max()) for name in self._names())
+        names = list(self._content.paths) or [""]
+        most = max(float(field.values(self._content.along(name, _EVENLY)).max()) for name in names)
         self.points = DangerPoints(self._view, f"{self.node}/danger", field, most)
         keypoints = self._content.robot.keypoints_batch(self.samples).reshape(-1, 3)
         around = np.vstack([keypoints, field.points])
         low, high = around.min(axis=0) - _AROUND, around.max(axis=0) + _AROUND
         self.slice = FieldSlice(self._view, f"{self.node}/field", field, low, high, most)
         self.slice.show(False)
-
-    def _names(self) -> list[str]:
-        return list(self._content.paths) or [""]
 
     def _above(self) -> FloatArray:
         points = self._content.robot.keypoints_batch(self.samples).reshape(-1, 3)
@@ -202,34 +321,26 @@ class PathView:
         return middle
 
 
-def add_trace(view: Any, name: str, points: FloatArray, colour: Colour) -> Any:
-    """Add a line through `points: (P, 3)` [m]."""
-    segments = np.stack([points[:-1], points[1:]], axis=1)
-    return view.add_line_segments(name, segments, rgb(colour), thickness=0.008)
-
-
 def add_timed_trace(view: Any, name: str, motion: TimedMotion) -> Any:
     """Add the way of the tip, each piece in the colour of what bounds the speed there."""
     points = np.asarray(motion.robot.keypoints_batch(motion.configurations)[:, -1])
     paints = cap_colours([*motion.bounds, *filter(None, motion.binding)])
     paint = as_bytes(np.array([paints[bound or ACCELERATION] for bound in motion.binding[:-1]]))
-    segments = np.stack([points[:-1], points[1:]], axis=1)
-    return view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=0.014)
+    return _add_stripes(view, name, points, paint, 0.014)
 
 
 def add_proof(view: Any, name: str, robot: Robot, samples: FloatArray, proof: Proof) -> Any:
-    """Add the way of the tip, in stripes of the proof's intervals: the warmer, the nearer two bodies come.
-
-    Parameters
-    ----------
-    samples : (S, n) array
-        The path at equal steps of its length.
-    """
+    """Add the way of the tip along `samples: (S, n)`, in stripes of the intervals, warm where bodies are near."""
     points = np.asarray(robot.keypoints_batch(samples)[:, -1])
     middles = (np.arange(len(samples) - 1) + 0.5) / max(1, len(samples) - 1)
     numbers = np.clip(np.searchsorted(proof.stops, middles, side="right") - 1, 0, len(proof.intervals) - 1)
     gaps = np.array([interval.distance for interval in proof.intervals])[numbers]
     paint = gap_colours(gaps)
     paint = np.where((numbers % 2 == 0)[:, None], paint, (0.72 * paint).astype(np.uint8))
+    return _add_stripes(view, name, points, paint, 0.02)
+
+
+def _add_stripes(view: Any, name: str, points: FloatArray, paint: Bytes, thickness: float) -> Any:
+    """Add a line through `points: (P, 3)` [m], whose pieces have the colours `paint: (P - 1, 3)`."""
     segments = np.stack([points[:-1], points[1:]], axis=1)
-    return view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=0.02)
+    return view.add_line_segments(name, segments, np.repeat(paint[:, None], 2, axis=1), thickness=thickness)

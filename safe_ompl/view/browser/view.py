@@ -1,14 +1,14 @@
-"""A view in the browser, live or as one HTML file that opens offline."""
+"""The browser view: robots and paths in a page, live with a panel or as one HTML file that opens offline."""
 
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
-from time import sleep
+from time import perf_counter, sleep
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,8 @@ import numpy as np
 from safe_ompl.common import FloatArray, SafeOmplError
 from safe_ompl.io import TimedMotion
 from safe_ompl.planning import PlanResult
-from safe_ompl.view.browser.controls import Controls
-from safe_ompl.view.browser.figures import RobotModel
-from safe_ompl.view.browser.layers import BOARD_SHAPE
-from safe_ompl.view.browser.path_view import PathView
+from safe_ompl.view.browser.layers import BOARD_SHAPE, PLANES, FieldSlice
+from safe_ompl.view.browser.path_view import PathView, RobotModel
 from safe_ompl.view.content import ViewerContent
 from safe_ompl.view.pictures.scene import DrawnScene, best_view
 from safe_ompl.view.style import planner_styles
@@ -79,23 +77,18 @@ class BrowserView:
     ----------
     server : viser.ViserServer
         The server; its `scene` may be added to.
-    path_views : list of PathView
-        One for each path.
     share : float
         Where on the paths the robots are, as a fraction of their length.
-
-    Raises
-    ------
-    SafeOmplError
-        If viser is not installed.
     """
 
     def __init__(self, content: ViewerContent, *, port: int = PORT, side_by_side: bool = True) -> None:
         self.content = content
+        try:
+            viser = import_module("viser")
+        except ImportError as missing:
+            raise SafeOmplError("the view needs viser: pip install 'safe-ompl[viewer]'") from missing
         with redirect_stdout(StringIO()):  # viser prints a banner
-            self.server = _viser().ViserServer(
-                host="127.0.0.1", port=port, label=content.title, verbose=False
-            )
+            self.server = viser.ViserServer(host="127.0.0.1", port=port, label=content.title, verbose=False)
         self.server.scene.set_up_direction("+z")
         self.server.scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, dtype=np.uint8))
         model = RobotModel(content.robot)
@@ -144,9 +137,8 @@ class BrowserView:
     def describe(self) -> list[str]:
         """Return for each path_view what there is to say of its robot, as Markdown."""
         share = self.share if self._on_path else None
-        return [
-            path_view.describe(q, share) for path_view, q in zip(self.path_views, self._postures, strict=True)
-        ]
+        both = zip(self.path_views, self._postures, strict=True)
+        return [path_view.describe(q, share) for path_view, q in both]
 
     def set_side_by_side(self, apart: bool) -> None:
         """Set the path_views beside each other, or all into one place, where only the first scene is shown."""
@@ -159,13 +151,7 @@ class BrowserView:
         initial.position, initial.look_at, initial.fov = camera.eye, camera.target, camera.field_of_view
 
     def run(self, *, browser: bool = True) -> None:
-        """Serve the view until Ctrl-C.
-
-        Parameters
-        ----------
-        browser : bool
-            Whether to open it in the browser.
-        """
+        """Serve the view until Ctrl-C, in the browser if that is to be opened."""
         controls = Controls(self)
         if browser:
             webbrowser.open(self.url)
@@ -199,9 +185,8 @@ class BrowserView:
         centre[2] = self._landmarks[:, 2].max() + 0.65 * height
         for path_view in self.path_views:
             path_view.add_board(centre, width, facing)
-        corners = [
-            centre + 0.5 * (x * width * right + [0.0, 0.0, z * height]) for x in (-1, 1) for z in (-1, 1)
-        ]
+        sides = ((x, z) for x in (-1, 1) for z in (-1, 1))
+        corners = [centre + 0.5 * (x * width * right + [0.0, 0.0, z * height]) for x, z in sides]
         self._landmarks = np.vstack([self._landmarks, *corners])
         self._step = _APART * max(float(np.ptp(self._landmarks @ right)), width) * right
 
@@ -214,13 +199,6 @@ class BrowserView:
         return self._view.framing(points, azimuth, elevation, _SIZE, _FIELD_OF_VIEW)
 
 
-def _viser() -> Any:
-    try:
-        return import_module("viser")
-    except ImportError as missing:
-        raise SafeOmplError("the view needs viser: pip install 'safe-ompl[viewer]'") from missing
-
-
 _REST = 0.8  # [s] at the goal, before it begins again
 _RATE = 25.0  # [Hz] of frames, where a motion has times
 _FEWEST, _MOST = 97, 1501  # frames
@@ -231,10 +209,6 @@ def save_page(content: ViewerContent, file: str | Path, *, slice_at: float | Non
 
     Parameters
     ----------
-    content : ViewerContent
-        What is shown.
-    file : path-like
-        Where the page goes.
     slice_at : float, optional
         Height [m] of a level slice through the danger field, where there is one.
 
@@ -252,9 +226,8 @@ def save_page(content: ViewerContent, file: str | Path, *, slice_at: float | Non
         view.go_to(0.0)
         recording = view.server.get_scene_serializer()
         if content.paths:
-            frames = (
-                int(np.clip(_RATE * content.playing_time, _FEWEST, _MOST)) if content.motions else _FEWEST
-            )
+            wanted = _RATE * content.playing_time if content.motions else _FEWEST
+            frames = int(np.clip(wanted, _FEWEST, _MOST))
             for share in np.linspace(0.0, 1.0, frames)[1:]:
                 recording.insert_sleep(content.playing_time / (frames - 1))
                 view.go_to(float(share))
@@ -262,3 +235,136 @@ def save_page(content: ViewerContent, file: str | Path, *, slice_at: float | Non
         Path(file).write_text(recording.as_html(), encoding="utf-8")
     finally:
         view.stop()
+
+
+_FRAME, _IDLE = 1 / 30, 0.1  # [s]
+_STEP = 1e-3
+
+
+class Controls:
+    """The panel of a live view: play bar, what is shown, the slice of the danger field, joint sliders."""
+
+    def __init__(self, view: BrowserView, clock: Callable[[], float] = perf_counter) -> None:
+        self._view, self._clock = view, clock
+        self._gui = view.server.gui
+        self._text = self._gui.add_markdown("")
+        self._last = clock()
+        self._playing = False
+        self._following = False  # whether sliders follow the robot, and do not lead it
+        if view.content.paths:
+            self._add_play_bar()
+        self._add_layers()
+        self._add_joints()
+        self._describe()
+
+    def advance(self) -> float:
+        """Play on, if it plays; return after how long to come again [s]."""
+        if not self._playing:
+            return _IDLE
+        now = self._clock()
+        share = self._view.share + (now - self._last) / self._view.content.playing_time * self._speed.value
+        self._last = now
+        self.go_to(share % 1.0)
+        return _FRAME
+
+    def _add_play_bar(self) -> None:
+        self.bar = self._gui.add_slider("path", 0.0, 1.0, _STEP, 0.0)
+        self._button = self._gui.add_button("Play")
+        self._speed = self._gui.add_slider("speed", 0.1, 3.0, 0.1, 1.0)
+        self.bar.on_update(lambda _: None if self._following else self.go_to(self.bar.value))
+        self._button.on_click(lambda _: self.play(not self._playing))
+
+    def play(self, on: bool) -> None:
+        """Start or stop playing."""
+        self._playing = on
+        self._button.label = "Pause" if on else "Play"
+        self._last = self._clock()
+
+    def go_to(self, share: float) -> None:
+        """Bring the robots to a fraction of their paths, and all sliders with them."""
+        self._view.go_to(share)
+        self._following = True
+        self.bar.value = round(share / _STEP) * _STEP
+        robot = self._view.content.robot
+        for slider, value in zip(self.joints, np.clip(self._view.q, robot.lower, robot.upper), strict=True):
+            slider.value = float(value)
+        self._following = False
+        self._describe()
+
+    def _add_layers(self) -> None:
+        path_views = self._view.path_views
+        with self._gui.add_folder("Show"):
+            if len(path_views) > 1:
+                self._checkbox("side by side", True, self._view.set_side_by_side)
+            if path_views[0].ghosts:
+                self._checkbox("start and goal", True, self._show_ghosts)
+            self._checkbox("clearance", True, lambda on: self._show("lines", on))
+            if path_views[0].points is not None:
+                self._checkbox("danger points", True, lambda on: self._show("points", on))
+            if path_views[0].proof is not None:
+                self._checkbox("proof", True, self._show_proof)
+        slices = [path_view.slice for path_view in path_views if path_view.slice is not None]
+        if slices:
+            self._add_slice(slices)
+
+    def _checkbox(self, label: str, value: bool, changed: Any) -> None:
+        box = self._gui.add_checkbox(label, value)
+        box.on_update(lambda _: changed(box.value))
+
+    def _show(self, layer: str, on: bool) -> None:
+        for path_view in self._view.path_views:
+            getattr(path_view, layer).show(on)
+        self._view.refresh()
+
+    def _show_ghosts(self, on: bool) -> None:
+        for path_view in self._view.path_views:
+            for ghost in path_view.ghosts:
+                ghost.show(on)
+
+    def _show_proof(self, on: bool) -> None:
+        for path_view in self._view.path_views:
+            assert path_view.proof is not None
+            path_view.proof.visible = on
+
+    def _add_slice(self, slices: Sequence[FieldSlice]) -> None:
+        with self._gui.add_folder("Danger field"):
+            self._checkbox("slice", False, lambda on: self._show("slice", on))
+            plane = self._gui.add_dropdown("plane", PLANES, initial_value=PLANES[0])
+            low, high = (round(end, 2) for end in slices[0].range())
+            offset = self._gui.add_slider("at [m]", low, high, 0.01, round(slices[0].offset, 2))
+
+        def turn(_: Any) -> None:
+            for part in slices:
+                part.move(plane.value, part.offset)
+            low, high = slices[0].range()
+            offset.min, offset.max = round(low, 2), round(high, 2)
+            offset.value = round(0.5 * (low + high), 2)
+
+        def shift(_: Any) -> None:
+            for part in slices:
+                part.move(plane.value, offset.value)
+            self._view.refresh()
+
+        plane.on_update(turn)
+        offset.on_update(shift)
+
+    def _add_joints(self) -> None:
+        robot, q = self._view.content.robot, self._view.q
+        with self._gui.add_folder("Joints", expand_by_default=not self._view.content.paths):
+            limits = zip(robot.joint_names, robot.lower.tolist(), robot.upper.tolist(), q, strict=True)
+            self.joints = [
+                self._gui.add_slider(name, low, high, (high - low) / 1000, float(np.clip(value, low, high)))
+                for name, low, high, value in limits
+            ]
+        for slider in self.joints:
+            slider.on_update(lambda _: self._pose_by_sliders())
+
+    def _pose_by_sliders(self) -> None:
+        if not self._following:
+            if self._playing:
+                self.play(False)
+            self._view.pose(np.array([slider.value for slider in self.joints]))
+            self._describe()
+
+    def _describe(self) -> None:
+        self._text.content = "\n\n".join(self._view.describe())

@@ -11,20 +11,12 @@ from safe_ompl.common import FloatArray, InputError, IntArray
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera.
+    """A pinhole camera."""
 
-    Parameters
-    ----------
-    eye, target, up : (3,) array
-        Where it stands, a point it looks at, and the direction that is up in the picture [m].
-    field_of_view : float
-        Vertical opening angle [rad].
-    """
-
-    eye: FloatArray
+    eye: FloatArray  # (3,), Where it stands, a point it looks at, and the direction that is up in the picture [m]
     target: FloatArray
     up: FloatArray
-    field_of_view: float
+    field_of_view: float  # Vertical opening angle [rad]
 
     @classmethod
     def framing(
@@ -36,20 +28,10 @@ class Camera:
         field_of_view: float = 0.5,
         margin: float = 0.05,
     ) -> Camera:
-        """Return the camera that looks from a direction and holds all points, as near as the margin allows.
+        """Return the camera that looks from a direction and holds all `points: (P, 3)` [m], as near as it can.
 
-        Parameters
-        ----------
-        points : (P, 3) array
-            What must be in the picture [m].
-        azimuth, elevation : float
-            Direction from the points to the camera: about z from the x axis, and above the floor [rad].
-        size : (int, int)
-            Width and height of the picture [px].
-        field_of_view : float
-            Vertical opening angle [rad].
-        margin : float
-            Share of the picture left free at each side.
+        The direction, from the points to the camera, is given by azimuth about z and elevation [rad]; the margin is the
+        share of the picture, `size` [px], that is left free at each side.
 
         Raises
         ------

@@ -1,24 +1,29 @@
-"""Pictures of a robot that moves along a path among obstacles."""
+"""Pictures of a robot along a path, and of planners side by side, still or animated (WebP, GIF)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.common import FloatArray
+from safe_ompl.common import FloatArray, InputError, SafeOmplError
+from safe_ompl.geometry import Person
+from safe_ompl.paths import PROFILE_POINTS, Curve
+from safe_ompl.planning import PlanResult, SafeSetup
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+from safe_ompl.view.content import Nearest, ViewerContent
 from safe_ompl.view.pictures.camera import Camera
 from safe_ompl.view.pictures.rasteriser import Renderer, tone_mapped
 from safe_ompl.view.pictures.scene import DrawnScene, best_view, resampled
-from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tube
-from safe_ompl.view.style import Colour, as_bytes, mixed
-
-if TYPE_CHECKING:
-    from safe_ompl.robot import Robot
-    from safe_ompl.scene import Scene
+from safe_ompl.view.pictures.surface import ColouredSurface, Surface, obstacle_surfaces, tube
+from safe_ompl.view.plots.paths import plot_plan
+from safe_ompl.view.style import NEUTRAL, Colour, as_bytes, grid_columns, mixed, planner_styles
 
 Image = NDArray[np.uint8]
 """Rows of pixels in sRGB: (height, width, 3)."""
@@ -26,10 +31,8 @@ Image = NDArray[np.uint8]
 ACCENT: Colour = (0.09, 0.42, 0.78)
 START: Colour = (0.66, 0.67, 0.69)
 _COINCIDENCE = 1e-3  # sizes of the robot's motion by which bodies that share a place are told apart
-TRACE, _THIN = (
-    0.006,
-    0.0022,
-)  # sizes of the robot's motion; radius of the trace of the tip, and of the planned one
+# Sizes of the robot's motion; radius of the trace of the tip, and of the planned one.
+TRACE, _THIN = 0.006, 0.0022
 GHOSTS = 4
 PALE: Colour = (1.0, 1.0, 1.0)
 _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the start
@@ -37,28 +40,16 @@ _FIRST_TINT = 0.35  # share of the accent colour in the first posture after the 
 
 @dataclass(frozen=True)
 class DrawnPath:
-    """A path, and how it is drawn.
+    """A path, and how it is drawn."""
 
-    Parameters
-    ----------
-    path : (N, n) array
-        Way points [rad or m]; between them the joints move on straight lines.
-    planned : (N', n) array, optional
-        The path before it was simplified; the way of its tip is drawn as a thin line.
-    closest : float, optional
-        Where along the path, as a fraction of its length, the robot is closest to an obstacle: this posture
-        will be among those shown.
-    accent : Colour, optional
-        Colour of the goal posture and of the trace of the tip.
-    subtitle : str
-        What to write under the name, for example "mean danger 3.9, closest 12 mm".
-    """
-
-    path: FloatArray
+    path: FloatArray  # (N, n), way points [rad or m]; between them the joints move on straight lines
+    # (N', n), the path before it was simplified; the way of its tip is drawn as a thin line
     planned: FloatArray | None = None
+    # Where along the path, as a fraction of its length, the robot is closest to an obstacle: this posture will
+    # be among those shown
     closest: float | None = None
-    accent: Colour | None = None
-    subtitle: str = ""
+    accent: Colour | None = None  # Colour of the goal posture and of the trace of the tip
+    subtitle: str = ""  # What to write under the name, for example "mean danger 3.9, closest 12 mm"
 
 
 def render_path(
@@ -75,10 +66,6 @@ def render_path(
 
     Parameters
     ----------
-    robot : Robot
-        Who moves.
-    scene : Scene
-        What stands around it.
     path : (N, n) array or DrawnPath
         Way points [rad or m]; between them the joints move on straight lines.
     size : (int, int)
@@ -115,22 +102,7 @@ def choose_camera(
     azimuth: float | None = None,
     elevation: float | None = None,
 ) -> Camera:
-    """Return the camera that shows all paths best.
-
-    Parameters
-    ----------
-    robot : Robot
-        Who moves.
-    scene : Scene
-        What stands around it.
-    paths : mapping of str to (N, n) array
-        What must be in view.
-    size : (int, int)
-        Width and height of the picture [px].
-    azimuth, elevation : float, optional
-        Direction from the scene to the camera [rad]: about z from the x axis, and above the floor. What is
-        not given is chosen; a robot that moves in a level plane is seen from above.
-    """
+    """Return the camera that shows all paths, (N, n) each, best in a picture of `size` [px], as `best_view`."""
     return best_view(DrawnScene(robot, scene, list(paths.values())), size, azimuth, elevation)
 
 
@@ -181,3 +153,254 @@ def _glass(body: Surface, renderer: Renderer) -> FloatArray:
     lit = np.clip((body.normals * np.sign(facing)[:, None]) @ renderer.light_direction(), 0.0, 1.0)
     opacity = 0.34 + 0.45 * (1.0 - np.abs(facing)) ** 3
     return np.column_stack([opacity, opacity * (0.72 + 0.44 * lit)])
+
+
+_QUICK_DPI = 100  # of the picture of one plan, which is wanted at once
+
+
+def draw_plan(setup: SafeSetup, result: PlanResult, file: str) -> None:
+    """Draw the robot along a solved plan, and beside it the path's danger and clearance."""
+    assert result.path is not None
+    assert result.report is not None
+    assert result.report.danger is not None
+    curves = plot_plan(
+        result.report.danger.profile,
+        None,
+        clearance=_clearances(setup, result.path) or None,
+        improvements=[(step.time, step.cost) for step in result.improvements] or None,
+        planner=result.planner,
+        title=f"{result.planner}, seed {result.seed}",
+        dpi=_QUICK_DPI,
+    )
+    right = np.asarray(curves.canvas.buffer_rgba())[..., :3]
+    size = len(right) * 5 // 4, len(right)
+    left = render_path(setup.robot, setup.scene, drawn_path(result), size=size)
+    save_png(np.hstack([left, right]), file)
+
+
+def drawn_path(result: PlanResult) -> DrawnPath:
+    """Return the path of a solved plan as it is drawn: in the planner's colour, with danger and clearance in words."""
+    assert result.path is not None
+    assert result.report is not None
+    danger, clearance = result.report.danger, result.report.clearance
+    facts = [] if danger is None else [f"danger: mean {danger.mean:.1f}, max {danger.max:.1f}"]
+    if clearance.obstacle is not None:
+        facts.append(f"clearance: min {1e3 * clearance.min:.0f} mm")
+    return DrawnPath(
+        result.path,
+        result.planned_path,
+        clearance.at if clearance.obstacle is not None else None,
+        planner_styles([result.planner])[result.planner].colour,
+        "; ".join(facts),
+    )
+
+
+def _clearances(setup: SafeSetup, path: FloatArray) -> dict[str, FloatArray]:
+    """Return the clearance [m] at equal steps of a path, from what is dangerous and from things, if there are any."""
+    curve = Curve(setup.robot, path)
+    samples = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS))
+    distances = np.array([setup.checker.distances(q) for q in samples])
+    owners = [setup.scene[obstacle] for _, obstacle in setup.checker.distance_names]
+    people = all(isinstance(obstacle.shape, Person) for obstacle in owners if obstacle.weight > 0)
+    kinds = {
+        "people" if people else "what is dangerous": [obstacle.weight > 0 for obstacle in owners],
+        "things": [obstacle.weight == 0 for obstacle in owners],
+    }
+    return {kind: distances[:, chosen].min(axis=1) for kind, chosen in kinds.items() if any(chosen)}
+
+
+_CAPTION = "grey: start    colour: goal    translucent: on the way    line: path of the tip"
+_PLANNED = ", thin: before it was simplified"
+_GUTTER, _HEADING, _FOOT = 14, 52, 30  # [px] between panels, above each row, and below all
+
+
+def render_comparison(
+    robot: Robot,
+    scene: Scene,
+    paths: Mapping[str, FloatArray | DrawnPath],
+    file: str | Path,
+    *,
+    panel: tuple[int, int] | None = None,
+    camera: Camera | None = None,
+    ghosts: int = GHOSTS,
+) -> None:
+    """Draw the paths of several planners, one panel each, and save the picture as a PNG file; see `render_path`.
+
+    Parameters
+    ----------
+    paths : mapping of str to (N, n) array or DrawnPath
+        Planner name → way points [rad or m]; without an accent a path has the planner's colour.
+    panel : (int, int), optional
+        Width and height of a panel [px]; by default smaller the more panels there are.
+
+    Raises
+    ------
+    InputError
+        If there is no path, or one cannot be used.
+    SafeOmplError
+        If Matplotlib is not installed.
+    """
+    if not paths:
+        raise InputError("no path to draw; give at least one")
+    styles = planner_styles(paths)
+    shown = {name: path if isinstance(path, DrawnPath) else DrawnPath(path) for name, path in paths.items()}
+    size = panel or {1: (900, 700), 2: (760, 640), 4: (760, 640)}.get(len(paths), (620, 520))
+    drawn = DrawnScene(robot, scene, [path.path for path in shown.values()])
+    renderer = Renderer(drawn.floor, camera or best_view(drawn, size), size)
+    images = [
+        draw(drawn, renderer, replace(path, accent=path.accent or styles[name].colour), ghosts)
+        for name, path in shown.items()
+    ]
+    caption = _CAPTION + (_PLANNED if any(path.planned is not None for path in shown.values()) else "")
+    save_panels(list(paths), [path.subtitle for path in shown.values()], images, file, caption)
+
+
+def save_png(image: Image, file: str | Path) -> None:
+    """Save a picture, (height, width, 3) of uint8, as a PNG file; missing folders are made."""
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    try:
+        from matplotlib.image import imsave
+    except ImportError as missing:
+        raise SafeOmplError("PNG files need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+    imsave(file, image, format="png")
+
+
+def save_panels(
+    titles: Sequence[str], subtitles: Sequence[str], images: Sequence[Image], file: str | Path, caption: str
+) -> None:
+    """Save pictures of equal size side by side, with a title and a subtitle above each, as a PNG file."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as missing:
+        raise SafeOmplError("panels need Matplotlib: pip install 'safe-ompl[plots]'") from missing
+    columns = grid_columns(len(images))
+    rows = -(-len(images) // columns)
+    height, width = images[0].shape[:2]
+    total_width = columns * width + (columns + 1) * _GUTTER
+    total_height = rows * (height + _HEADING) + _FOOT
+    figure = Figure(figsize=(total_width / 100, total_height / 100), dpi=100, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    for k, (title, subtitle, image) in enumerate(zip(titles, subtitles, images, strict=True)):
+        left = _GUTTER + (k % columns) * (width + _GUTTER)
+        top = (k // columns) * (height + _HEADING) + _HEADING
+        figure.figimage(image, left, total_height - top - height, origin="upper")
+        _write(figure, left + 2, top - 28, title, 13.0, "black", weight="bold")
+        _write(figure, left + 2, top - 9, subtitle, 10.5, "0.3")
+    _write(figure, _GUTTER + 2, total_height - 10, caption, 9.5, "0.4")
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    canvas.print_png(str(file))
+
+
+def _write(figure: Any, x: float, y: float, text: str, points: float, colour: str, **style: Any) -> None:
+    """Write text with its baseline at pixels to the right of the left edge and below the upper edge."""
+    width, height = figure.get_size_inches() * figure.dpi
+    figure.text(x / width, 1.0 - y / height, text, fontsize=points, color=colour, va="baseline", **style)
+
+
+ANIMATION_ENDINGS = (".webp", ".gif")
+PANEL = (420, 380)
+RATE = 12.5  # [Hz]
+FEWEST_FRAMES = 40
+_CAPTIONED, _BETWEEN = 46, 8  # [px] above panels, and between them
+_REST = 1.2  # [s] that the last frame stays
+_QUALITY = 80  # of WebP, from 0 to 100
+_TINT = 0.45  # share of the planner's colour in its robot
+
+
+def save_animation(content: ViewerContent, file: str | Path, *, rate: float = RATE) -> None:
+    """Write the motions of what a view shows, side by side, as one animated picture (.webp or .gif).
+
+    A motion in time is shown in real time, with the people and things that move meanwhile. Captions say the danger and
+    how far people are; of a motion in time its speed and what bounds it. The rate is in frames per second.
+
+    Raises
+    ------
+    InputError
+        If there is no path, or the file has another ending.
+    SafeOmplError
+        If Pillow is not installed.
+    """
+    if not content.paths:
+        raise InputError("there is no path to show in motion")
+    ending = Path(file).suffix.lower()
+    if ending not in ANIMATION_ENDINGS:
+        raise InputError(f"must end in {' or '.join(ANIMATION_ENDINGS)}, got {str(file)!r}", "animation")
+    pillow = _pillow("Image")
+    shares = np.linspace(0.0, 1.0, max(FEWEST_FRAMES, round(rate * content.playing_time) + 1))
+    frames = _Frames(content, shares)
+    captions = [_captions(content, name, way, shares) for name, way in frames.paths.items()]
+    pages = [
+        pillow.fromarray(_titled(frames.frame(k), [words[k] for words in captions], list(frames.paths)))
+        for k in range(len(shares))
+    ]
+    duration = round(1e3 * content.playing_time / (len(shares) - 1))  # [ms] of a frame
+    stays = [duration] * (len(shares) - 1) + [round(1e3 * _REST)]
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    options = {"quality": _QUALITY, "method": 5} if ending == ".webp" else {"optimize": True}
+    pages[0].save(file, save_all=True, append_images=pages[1:], duration=stays, loop=0, **options)
+
+
+class _Frames:
+    """What all frames share: robot and scene, camera and light; `paths` holds (F, n) configurations by planner."""
+
+    def __init__(self, content: ViewerContent, shares: FloatArray) -> None:
+        self.paths = {name: content.along(name, shares) for name in content.paths}
+        styles = planner_styles(self.paths)
+        self._colours = [styles[name].colour for name in self.paths]
+        self._drawn = DrawnScene(content.robot, content.scene_at_start, list(self.paths.values()))
+        self._renderer = Renderer(self._drawn.floor, best_view(self._drawn, PANEL), PANEL)
+        times = shares * content.playing_time
+        movers = content.movers
+        self._moving = [[] if movers is None else movers.obstacles_at(t, content.scene) for t in times]
+        self._still = self._drawn.surroundings_without(
+            {mover.name for there in self._moving for mover in there}
+        )
+
+    def frame(self, k: int) -> list[Image]:
+        """Return the pictures of all paths in a frame."""
+        moving = [surface for mover in self._moving[k] for surface in obstacle_surfaces(mover)]
+        images = []
+        for path, colour in zip(self.paths.values(), self._colours, strict=True):
+            body = self._drawn.body.posed(path[k])
+            robot = ColouredSurface(body, mixed(NEUTRAL, colour, _TINT), glossy=True)
+            way = ColouredSurface(trace(self._drawn, path[: k + 1], TRACE), colour)
+            images.append(as_bytes(tone_mapped(self._renderer.render([robot, way, *self._still, *moving]))))
+        return images
+
+
+def _titled(images: Sequence[Image], captions: Sequence[str], names: Sequence[str]) -> Image:
+    """Return panels beside each other with name and caption above each."""
+    pillow, draw, fonts = (_pillow(part) for part in ("Image", "ImageDraw", "ImageFont"))
+    height, width = images[0].shape[:2]
+    page = pillow.new("RGB", (len(images) * (width + _BETWEEN) - _BETWEEN, height + _CAPTIONED), "white")
+    pen = draw.Draw(page)
+    for k, (image, caption, name) in enumerate(zip(images, captions, names, strict=True)):
+        left = k * (width + _BETWEEN)
+        page.paste(pillow.fromarray(image), (left, _CAPTIONED))
+        pen.text((left + 2, 3), name, fill="black", font=fonts.load_default(16))
+        pen.text((left + 2, 25), caption, fill=(90, 90, 90), font=fonts.load_default(13))
+    return np.asarray(page)
+
+
+def _pillow(part: str) -> Any:
+    try:
+        return import_module(f"PIL.{part}")
+    except ImportError as missing:
+        raise SafeOmplError("animations need Pillow: pip install 'safe-ompl[plots]'") from missing
+
+
+def _captions(content: ViewerContent, name: str, way: FloatArray, shares: FloatArray) -> Sequence[str]:
+    """Return what is written above each frame of one path."""
+    if name in content.motions:
+        return [content.motions[name].remark(float(share) * content.playing_time) for share in shares]
+    field = content.danger_field
+    dangers = None if field is None else field.values(way)
+    nearest = Nearest(content.robot, [obstacle for obstacle in content.scene if obstacle.weight > 0])
+    captions = []
+    for k, q in enumerate(way):
+        found = nearest.at(q)
+        facts = [] if dangers is None else [f"danger {dangers[k]:.1f}"]
+        facts += [] if found is None else [f"{1e3 * found.distance:.0f} mm to {found.obstacle}"]
+        captions.append(", ".join(facts))
+    return captions

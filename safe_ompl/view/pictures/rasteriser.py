@@ -1,17 +1,17 @@
-"""Pictures of coloured surfaces by a z-buffer with soft shadows: no noise, no display, no library."""
+"""Pictures of surfaces by a z-buffer with soft shadows: no noise, no display, no library."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import ceil, floor
 
 import numpy as np
 from numpy.typing import NDArray
 
-from safe_ompl.common import FloatArray, InputError, IntArray
+from safe_ompl.common import FloatArray, InputError, IntArray, compiled
 from safe_ompl.view.pictures.camera import Camera, floor_nearness, in_picture, viewing_rays
 from safe_ompl.view.pictures.surface import ColouredSurface, Surface
-from safe_ompl.view.pictures.triangles import light_at, nearest_triangles
 
 _SUBPIXELS = 2  # along each side of a pixel
 _SKY_SHARE = 0.55  # of the light on the open floor; the key light gives the rest
@@ -25,17 +25,7 @@ _GLOSS, _SHININESS = 0.16, 60.0
 
 
 class Renderer:
-    """An endless light floor under a soft sky, and a camera; as `Studio`, drawn by a z-buffer.
-
-    Parameters
-    ----------
-    floor : float
-        Height of the floor [m].
-    camera : Camera
-        Where pictures are taken from; the key light comes from over its left shoulder.
-    size : (int, int)
-        Width and height of pictures [px].
-    """
+    """An endless light floor, at a height [m], under a soft sky; the key light is over the camera's left shoulder."""
 
     def __init__(self, floor: float, camera: Camera, size: tuple[int, int]) -> None:
         if min(size) < 1:
@@ -55,14 +45,13 @@ class Renderer:
     def render_layers(
         self, things: Sequence[ColouredSurface], bodies: Iterable[tuple[Surface, FloatArray]]
     ) -> tuple[FloatArray, list[FloatArray]]:
-        """Return a picture of things on the floor, and what is seen of bodies among them.
+        """Return a picture of solid things on the floor, and what is seen of translucent bodies among them.
 
         Parameters
         ----------
         things : sequence of ColouredSurface
-            What is solid.
         bodies : iterable of (Surface, (V, C) array)
-            What is translucent, with values in [0, 1] per vertex.
+            Each with values in [0, 1] of its vertices.
 
         Returns
         -------
@@ -164,7 +153,7 @@ class Renderer:
         paint: FloatArray,
         glossy: FloatArray,
     ) -> FloatArray:
-        """Return the colours (P, 3) of obstacle_surfaces triangles where pixels see them."""
+        """Return the colours (P, 3) of triangles where pixels see them."""
         places = self._interpolated(solid.vertices, solid, faces, pixels)
         normals = self._interpolated(solid.normals, solid, faces, pixels)
         to_eye = self.camera.eye - places
@@ -185,12 +174,8 @@ class _Light:
     def __init__(self, solid: Surface, floor: float, key: FloatArray) -> None:
         self._floor = floor
         self._directions = np.vstack([_sky(), _cone(key)])
-        self._shares = np.concatenate(
-            [
-                np.full(_SKY_LIGHTS, _SKY_SHARE / _SKY_LIGHTS),
-                np.full(_KEY_LIGHTS, (1.0 - _SKY_SHARE) / _KEY_LIGHTS),
-            ]
-        )
+        shares = [_SKY_SHARE / _SKY_LIGHTS, (1.0 - _SKY_SHARE) / _KEY_LIGHTS]
+        self._shares = np.repeat(shares, [_SKY_LIGHTS, _KEY_LIGHTS])
         points = solid.vertices if len(solid.vertices) else np.zeros((1, 3))
         low, high = points.min(axis=0), points.max(axis=0)
         reach = 0.8 * (high[2] - floor) + 0.05
@@ -228,12 +213,9 @@ class _Light:
     def on(self, places: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the light (P,) at places (P, 3) of surfaces with normals (P, 3), and the share of the key light."""
         texels, heights = self._on_map(places + 1.5 * self._texel * normals)
-        lights = np.column_stack(
-            [
-                self._directions * (self._shares / self._directions[:, 2])[:, None],
-                np.repeat([0.0, 1.0 / _KEY_LIGHTS], [_SKY_LIGHTS, _KEY_LIGHTS]),
-            ]
-        )
+        sent = self._directions * (self._shares / self._directions[:, 2])[:, None]
+        counted = np.repeat([0.0, 1.0 / _KEY_LIGHTS], [_SKY_LIGHTS, _KEY_LIGHTS])
+        lights = np.column_stack([sent, counted])
         raised = np.column_stack([texels, heights])
         light, key = light_at(raised, normals, self._slants, lights, self._maps, self._texel)
         return light + _BOUNCE * (0.5 - 0.5 * normals[:, 2]), key
@@ -290,32 +272,17 @@ def _blurred(image: FloatArray, radius: int = 3) -> FloatArray:
 
 @dataclass(frozen=True)
 class ZBuffer:
-    """What the pixels of a grid see.
+    """What the pixels of a grid see."""
 
-    Attributes
-    ----------
-    nearness : (H, W) array of float32
-        Of the nearest triangle, -inf where there is none.
-    faces : (H, W) array of int
-        The nearest triangle, -1 where there is none.
-    """
-
-    nearness: NDArray[np.float32]
-    faces: IntArray
+    nearness: NDArray[np.float32]  # (H, W), of the nearest triangle, -inf where there is none
+    faces: IntArray  # (H, W), the nearest triangle, -1 where there is none
 
     @classmethod
     def of(cls, points: FloatArray, faces: IntArray, size: tuple[int, int]) -> ZBuffer:
-        """Fill a buffer.
+        """Fill a buffer of a `size` [px] with triangles `faces: (F, 3)` of vertices `points: (V, 3)`.
 
-        Parameters
-        ----------
-        points : (V, 3) array
-            Columns and rows of the vertices in pixels, centres at integers, and their nearness, which must be affine
-            on a triangle in the picture: 1/depth of a perspective, or a height. NaN: not to be drawn.
-        faces : (F, 3) array
-            Vertices of the triangles.
-        size : (int, int)
-            Width and height [px].
+        The points are columns and rows in pixels, centres at integers, and nearness, which must be affine on a triangle
+        in the picture: 1/depth of a perspective, or a height. NaN: not to be drawn.
         """
         return cls(*nearest_triangles(np.ascontiguousarray(points), np.ascontiguousarray(faces), *size))
 
@@ -335,3 +302,76 @@ def tone_mapped(linear_rgb: FloatArray) -> FloatArray:
     soft = np.minimum(linear_rgb, knee) + (1.0 - knee) * (1.0 - np.exp(-over / (1.0 - knee)))
     soft = np.clip(soft, 0.0, 1.0)
     return np.where(soft <= 0.0031308, 12.92 * soft, 1.055 * soft ** (1 / 2.4) - 0.055)
+
+
+@compiled
+def nearest_triangles(
+    points: FloatArray, faces: IntArray, width: int, height: int
+) -> tuple[NDArray[np.float32], IntArray]:
+    """Return how near the nearest triangle is at each pixel (height, width), -inf beside all, and which it is, or -1.
+
+    A pixel is in a triangle where the three edge functions (b − a) × (p − a) have the sign of its area; along a row
+    they bound an interval of columns. The nearness of `points: (V, 3)` is affine on a triangle. NaN: it is not drawn.
+    """
+    nearness = np.full((height, width), -np.inf, dtype=np.float32)
+    owner = np.full((height, width), -1, dtype=np.intp)
+    for f in range(len(faces)):
+        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+        if not np.isfinite(area + a[2] + b[2] + c[2]) or area == 0.0:
+            continue
+        turn = 1.0 if area > 0.0 else -1.0
+        across = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) / area
+        down = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) / area
+        lowest = max(ceil(min(a[1], b[1], c[1])), 0)
+        highest = min(floor(max(a[1], b[1], c[1])), height - 1)
+        for row in range(lowest, highest + 1):
+            left, right = 0.0, width - 1.0
+            for one, other in ((a, b), (b, c), (c, a)):
+                slope = -turn * (other[1] - one[1])  # of the edge function, along the row
+                value = turn * (other[0] - one[0]) * (row - one[1]) - slope * one[0]
+                if slope > 0.0:
+                    left = max(left, -value / slope)
+                elif slope < 0.0:
+                    right = min(right, -value / slope)
+                elif value < 0.0:
+                    right = -1.0
+            for column in range(ceil(left), floor(right) + 1):
+                near = a[2] + across * (column - a[0]) + down * (row - a[1])
+                if near > nearness[row, column]:
+                    nearness[row, column] = near
+                    owner[row, column] = f
+    return nearness, owner
+
+
+@compiled
+def light_at(
+    places: FloatArray,
+    normals: FloatArray,
+    slants: FloatArray,
+    directions: FloatArray,
+    maps: NDArray[np.float32],
+    tolerance: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the light (P,) that surfaces receive at places, and the summed shares (P,) of the lights that see them.
+
+    Places (P, 3) are columns and rows of the texels under them, and heights above the floor [m]; slants (L, 2) how far
+    aside each light is, per metre of height [texels/m]; directions (L, 4) towards each light, as long as it lights the
+    open floor, and its share of what is counted. The maps (L, S, S) hold for each light how high above the floor [m]
+    the highest thing is on the ray that ends in each texel; that shades what is lower by more than the tolerance.
+    """
+    size = maps.shape[1]
+    light, counted = np.zeros(len(places)), np.zeros(len(places))
+    for p in range(len(places)):
+        height = places[p, 2]
+        for k in range(len(slants)):
+            column = round(places[p, 0] - height * slants[k, 0])
+            row = round(places[p, 1] - height * slants[k, 1])
+            inside = 0 <= column < size and 0 <= row < size
+            if inside and maps[k, row, column] > height + tolerance:
+                continue
+            towards = directions[k]
+            facing = normals[p, 0] * towards[0] + normals[p, 1] * towards[1] + normals[p, 2] * towards[2]
+            light[p] += max(facing, 0.0)
+            counted[p] += towards[3]
+    return light, counted

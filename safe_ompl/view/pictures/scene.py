@@ -10,10 +10,9 @@ import numpy as np
 from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array
 from safe_ompl.geometry import Person, surfaces
 from safe_ompl.paths import Curve
-from safe_ompl.view.pictures.bodies import RobotBody, obstacle_surfaces
 from safe_ompl.view.pictures.camera import Camera, in_picture
 from safe_ompl.view.pictures.rasteriser import ZBuffer
-from safe_ompl.view.pictures.surface import ColouredSurface, Surface
+from safe_ompl.view.pictures.surface import ColouredSurface, RobotBody, Surface, obstacle_surfaces
 from safe_ompl.view.style import Colour
 
 if TYPE_CHECKING:
@@ -31,32 +30,18 @@ _DANGER_POINT: Colour = (0.85, 0.12, 0.12)
 class DrawnScene:
     """A robot, its paths and its scene, tessellated once for any number of pictures.
 
-    Parameters
-    ----------
-    robot : Robot
-        Who moves.
-    scene : Scene
-        What stands around it.
-    paths : sequence of (N, n) array
-        All paths that will be shown; they decide what must be in view.
-    danger_points : bool
-        Whether the scene's danger points are drawn.
+    The paths, (N, n) each, decide what must be in view.
 
     Attributes
     ----------
-    body : RobotBody
     samples : list of (S, n) array
         Each path at equal steps of its length.
     ends : Surface
         The robot at start and goal of all paths, coarsely.
-    hazards, things : list of ColouredSurface
-        What is dangerous to approach, and everything else but the robot.
-    pedestal : list of ColouredSurface
-        Of the things, what stands under a robot whose base stands on nothing.
-    floor : float
-        Height of the floor [m].
-    size : float
-        Diagonal of the box around the robot's motion [m].
+    hazards, things, pedestal : list of ColouredSurface
+        What is dangerous to approach; everything else but the robot; of that what stands under a base on nothing.
+    floor, size : float
+        Height of the floor, and diagonal of the box around the robot's motion [m].
 
     Raises
     ------
@@ -107,9 +92,8 @@ class DrawnScene:
     def landmarks(self) -> FloatArray:
         """Return the points (P, 3) that a picture must show: the robot's motion, and the scene near it."""
         centre = (self._actors.min(axis=0) + self._actors.max(axis=0)) / 2
-        around = (
-            np.vstack([np.empty((0, 3))] + [thing.surface.vertices for thing in self.surroundings]) - centre
-        )
+        vertices = [np.empty((0, 3)), *(thing.surface.vertices for thing in self.surroundings)]
+        around = np.vstack(vertices) - centre
         far = np.linalg.norm(around, axis=1, keepdims=True) / (_NEARBY * self.size)
         return np.vstack([self._actors, centre + around / np.maximum(far, 1.0)])
 
@@ -121,9 +105,8 @@ class DrawnScene:
         """Sort the scene into what is dangerous, what is not, and the ground, on which all else stands."""
         marked = any(o.weight == 0 or isinstance(o.shape, Person) for o in scene.obstacles)
         groups = [obstacle_surfaces(obstacle, marked) for obstacle in scene.obstacles]
-        lowest = min(
-            [float(self._actors[:, 2].min())] + [_lowest(thing) for group in groups for thing in group]
-        )
+        lows = [_lowest(thing) for group in groups for thing in group]
+        lowest = min([float(self._actors[:, 2].min()), *lows])
         self.floor = lowest
         self.hazards: list[ColouredSurface] = []
         self.things: list[ColouredSurface] = []
@@ -157,13 +140,7 @@ class DrawnScene:
 
 
 def resampled(robot: Robot, path: FloatArray, count: int = _PATH_SAMPLES) -> FloatArray:
-    """Return `count` configurations (count, n) at equal steps along `path: (N, n)`.
-
-    Raises
-    ------
-    InputError
-        If the path is empty, has the wrong number of joints or is not finite.
-    """
+    """Return `count` configurations (count, n) at equal steps along `path: (N, n)`, or raise InputError."""
     path = finite_array(path, (None, robot.n), "path")
     if not len(path):
         raise InputError("path must have at least one configuration, got none")
@@ -183,9 +160,8 @@ def _carries(thing: ColouredSurface, centre: FloatArray, bottom: float, gap: flo
 
 
 def _dots(points: FloatArray, radius: float) -> Surface:
-    ball = Surface.from_triangles(
-        *surfaces.revolved_triangles(surfaces.sphere_profile(radius, radius / 2), 12)
-    )
+    sphere = surfaces.sphere_profile(radius, radius / 2)
+    ball = Surface.from_triangles(*surfaces.revolved_triangles(sphere, 12))
     return Surface.merged(ball.moved(np.eye(3), point) for point in points)
 
 
@@ -203,14 +179,8 @@ def best_view(
 ) -> Camera:
     """Return the camera that shows most of the robot's motion and of what it has to keep away from.
 
-    Parameters
-    ----------
-    drawn : DrawnScene
-        What is seen.
-    size : (int, int)
-        Width and height of the picture [px].
-    azimuth, elevation : float, optional
-        Direction from the scene to the camera [rad], where it is not to be chosen.
+    Azimuth and elevation are the direction from the scene to the camera [rad], where it is not to be chosen; `size` is
+    in pixels.
     """
     landmarks = drawn.landmarks()
     if elevation is None and drawn.is_level():
@@ -226,11 +196,7 @@ def best_view(
 
 
 class _Merit:
-    """The merit of a view: what share is seen of motion, its ends and hazards, how far apart they look, how large.
-
-    Of a hazard, such as a person, the part that is nearest to the robot counts most: a hand must not be hidden by the
-    back of who holds it out.
-    """
+    """The merit of a view: how much is seen of motion, ends and hazards, most of all of the nearest part of these."""
 
     def __init__(self, drawn: DrawnScene) -> None:
         self._links = drawn.skeletons()

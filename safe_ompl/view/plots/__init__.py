@@ -2,12 +2,11 @@
 
 All functions take numbers or models, write one picture and return it as a `matplotlib.figure.Figure`. `file` is where
 it goes: the ending of its name decides the format (PNG, SVG or PDF), and missing folders are made. `title` is the line
-above it. Without Matplotlib they raise a SafeOmplError.
+above it, `dpi` are pixels per inch. Without Matplotlib they raise a SafeOmplError.
 """
 
-from safe_ompl.view.plots.cspace import plot_cspace_path
 from safe_ompl.view.plots.paths import plot_motion, plot_plan, plot_speeds
-from safe_ompl.view.plots.planar import plot_bubbles, plot_field
+from safe_ompl.view.plots.planar import plot_bubbles, plot_cspace_path, plot_field
 from safe_ompl.view.plots.planners import plot_bands, plot_clearance_danger, plot_profiles, plot_times
 
 __all__ = [

@@ -35,18 +35,9 @@ _STYLE: dict[str, Any] = {
 
 
 class Page:
-    """A figure that is saved when it is complete.
+    """A figure of width and height [inch] that is saved to a file when it is complete, or only drawn on its canvas.
 
-    Parameters
-    ----------
-    file : path-like or None
-        Where it goes; the ending decides the format, missing folders are made. None: it is drawn on its canvas only.
-    width, height : float
-        [inch]
-    dpi : int
-        Pixels per inch.
-    arranged : bool
-        Whether Matplotlib arranges the axes; else they stand where they are put.
+    Matplotlib arranges the axes, or they stand where they are put. Missing folders are made.
 
     Raises
     ------

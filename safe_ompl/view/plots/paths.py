@@ -47,10 +47,8 @@ def plot_plan(
         Who planned it; decides the colour.
     title : str, optional
         Above the axes; the name of the planner by default.
-    dpi : int
-        Pixels per inch.
     file
-        As of all pictures, see `safe_ompl.view.plots`; None: only the canvas of the figure is drawn.
+        None: only the canvas of the figure is drawn.
 
     Raises
     ------
@@ -63,13 +61,9 @@ def plot_plan(
     rows = 1 + (gaps is not None) + (steps is not None)
     height = 1.2 + 2.5 * rows
     with Page(file, 7.0, height, dpi, arranged=False) as page:  # half the time of an arranged figure
-        page.figure.subplots_adjust(
-            left=0.1,
-            right=0.925,
-            top=1 - 0.35 / height,
-            bottom=0.55 / height,
-            hspace=0.25 if steps is None else 0.4,
-        )
+        apart = 0.25 if steps is None else 0.4
+        top, bottom = 1 - 0.35 / height, 0.55 / height
+        page.figure.subplots_adjust(left=0.1, right=0.925, top=top, bottom=bottom, hspace=apart)
         upper = page.figure.add_subplot(rows, 1, 1)
         _draw_danger(upper, values, planner_styles([planner])[planner].colour)
         upper.set_title(planner if title is None else title)
@@ -113,18 +107,16 @@ def _draw_improvements(axes: Any, steps: FloatArray) -> None:
 
 def _draw_danger(axes: Any, values: FloatArray, colour: Colour) -> None:
     at, forced = natural(len(values)), forced_danger(values)
-    axes.fill_between(
-        at, forced, values, where=values > forced, interpolate=True, color=ALARM, alpha=0.25, lw=0
-    )
+    shade = {"color": ALARM, "alpha": 0.25, "lw": 0}
+    axes.fill_between(at, forced, values, where=values > forced, interpolate=True, **shade)
     axes.plot(at, values, color=colour, linewidth=2.4)
     top = 1.12 * float(values.max()) or 1.0
     start, goal = float(values[0]), float(values[-1])
     shift = 0.5 * max(0.0, _LINE - abs(goal - start) / top) * top * (1 if goal >= start else -1)
     for value, name, place in ((start, "start", start - shift), (goal, "goal", goal + shift)):
         axes.axhline(value, color=GREY, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
-        axes.text(
-            1.01, place, name, ha="left", va="center", color=GREY
-        )  # beside the axes, never over a curve
+        # beside the axes, never over a curve
+        axes.text(1.01, place, name, ha="left", va="center", color=GREY)
     axes.set(ylabel=DANGER, xlim=(0.0, 1.0))
     axes.set_ylim(0.0, top)
 
@@ -172,8 +164,6 @@ def plot_motion(
         From `Trajectory.danger`.
     title : str, optional
         Above the axes; by default how long it takes.
-    file, dpi
-        As of all pictures, see `safe_ompl.view.plots`.
     """
     jerk = trajectory.limits.jerk
     rows = 3 + (jerk is not None) + (danger is not None)
@@ -189,12 +179,8 @@ def plot_motion(
             _draw_joints(lower[2], times, trajectory.jerks_at(times) / jerk, "jerk / limit")
         for k, name in enumerate(trajectory.joint_names):
             lower[0].plot([], [], color=_JOINTS[k % len(_JOINTS)], label=name)
-        page.figure.legend(
-            handles=lower[0].lines[-len(trajectory.joint_names) :],
-            loc="outside lower center",
-            ncols=4,
-            fontsize=8,
-        )
+        names = lower[0].lines[-len(trajectory.joint_names) :]
+        page.figure.legend(handles=names, loc="outside lower center", ncols=4, fontsize=8)
         if danger is not None:
             _draw_danger_in_motion(lower[-1], danger)
         lower[-1].set_xlabel("time [s]")
@@ -225,9 +211,8 @@ def _draw_speed(axes: Any, trajectory: Trajectory) -> None:
             axes.plot(s, line, color=colours[cap.name], linewidth=3.4, solid_capstyle="butt", label=cap.name)
     for corner in trajectory.curve.stops:
         axes.axvline(trajectory.curve.starts[corner], color=GREY, linewidth=0.8, linestyle=(0, (2.0, 2.0)))
-    axes.set(
-        xlabel="arc length [rad]", ylabel="speed along the path [rad/s]", xlim=_span(s[-1]), ylim=(0.0, top)
-    )
+    axes.set(xlabel="arc length [rad]", ylabel="speed along the path [rad/s]")
+    axes.set(xlim=_span(s[-1]), ylim=(0.0, top))
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=9, borderaxespad=0.2)
 
 
@@ -282,10 +267,8 @@ def plot_speeds(
         Name of a cap → the largest ṡ that it allows; +inf where it allows any.
     binding : sequence of str or None
         T names: the cap that the speed reaches; None where accelerations bind.
-    file, title
-        As of all pictures, see `safe_ompl.view.plots`; None: only the canvas of the figure is drawn.
-    dpi : int
-        Pixels per inch.
+    file
+        None: only the canvas of the figure is drawn.
 
     Raises
     ------

@@ -28,8 +28,6 @@ def plot_profiles(
     profiles : mapping of str to (R, S) array
         Planner name → danger at S equal steps of the path, one row for each of R runs; no rows if none was
         solved.
-    file, title
-        As of all pictures, see `safe_ompl.view.plots`.
 
     Raises
     ------
@@ -91,8 +89,6 @@ def plot_times(
         Planner name → time of each run [s], or another measure that is not negative.
     label : str
         On the axis.
-    file, title
-        As of all pictures, see `safe_ompl.view.plots`.
 
     Raises
     ------
@@ -131,8 +127,6 @@ def plot_clearance_danger(
         Planner name → least clearance of each run [m].
     dangers : mapping of str to (R,) array
         Planner name → mean danger of each run.
-    file, title
-        As of all pictures, see `safe_ompl.view.plots`.
 
     Raises
     ------
@@ -209,9 +203,8 @@ def _add_band_legend(figure: Any) -> None:
 
 def _draw_box(axes: Any, values: FloatArray, row: int, style: PlannerStyle) -> None:
     if not len(values):
-        axes.text(
-            0.5, row, "no runs", transform=axes.get_yaxis_transform(), ha="center", va="center", color=GREY
-        )
+        place = {"transform": axes.get_yaxis_transform(), "ha": "center", "va": "center"}
+        axes.text(0.5, row, "no runs", **place, color=GREY)
         return
     pale = tuple(0.72 + 0.28 * level for level in style.colour)
     axes.boxplot(

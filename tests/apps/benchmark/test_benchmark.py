@@ -8,8 +8,6 @@ import signal
 import sqlite3
 import threading
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,22 +16,20 @@ from ompl import geometric as og
 from ompl import tools as ot
 from ompl import util as ou
 
-from safe_ompl.apps.benchmark.benchmark import Benchmark
+from safe_ompl import Benchmark, InputError, SafeRRTConnect, SafeSetup, Scenario
 from safe_ompl.apps.benchmark.measures import planner_settings
 from safe_ompl.apps.benchmark.runs import in_processes
-from safe_ompl.common.errors import InputError, warn_once
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.common import warn_once
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 
-def request(**values: Any) -> Any:
+def request(**values):
     usual = {"maxTime": 20.0, "runCount": 2, "displayProgress": False, "saveConsoleOutput": False}
     return ot.Request(**{**usual, "simplify": False, **values})
 
 
-def runs_of(benchmark: Benchmark, folder: Path) -> list[dict[str, Any]]:
+def runs_of(benchmark, folder):
     benchmark.saveResultsToDatabase(folder / "b.log", folder / "b.db")
     with sqlite3.connect(folder / "b.db") as connection:
         connection.row_factory = sqlite3.Row
@@ -41,16 +37,16 @@ def runs_of(benchmark: Benchmark, folder: Path) -> list[dict[str, Any]]:
         return [dict(row) for row in connection.execute(query)]
 
 
-def build() -> SafeSetup:
+def build():
     return setup_scenario(Scenario.load(find_scenario("planar3")))
 
 
 @pytest.fixture
-def setup() -> SafeSetup:
+def setup():
     return build()
 
 
-def test_measurements_reach_the_database(setup: SafeSetup, tmp_path: Path) -> None:
+def test_measurements_reach_the_database(setup, tmp_path):
     benchmark = Benchmark(setup, "planar arm")
     benchmark.addPlanner("SafePRM")
     benchmark.addPlannerAllocator(lambda si: SafeRRTConnect(si, "eager", alpha=2.0))
@@ -75,7 +71,7 @@ def test_measurements_reach_the_database(setup: SafeSetup, tmp_path: Path) -> No
     assert benchmark.getExperimentParameters() == {"obstacles": "4"}
 
 
-def test_a_run_is_what_plan_does_with_the_same_seed_in_any_process(setup: SafeSetup, tmp_path: Path) -> None:
+def test_a_run_is_what_plan_does_with_the_same_seed_in_any_process(setup, tmp_path):
     plans = [setup.plan("SafePRM", seed=seed) for seed in (5, 6, 7)]
     for processes in (1, 2):
         benchmark = Benchmark(setup, "p")
@@ -87,7 +83,7 @@ def test_a_run_is_what_plan_does_with_the_same_seed_in_any_process(setup: SafeSe
             assert run["bound queries"] == plan.counts.bound_queries
 
 
-def test_goals_in_the_workspace_start_anew_in_every_run(tmp_path: Path) -> None:
+def test_goals_in_the_workspace_start_anew_in_every_run(tmp_path):
     setup, place = build(), [0.465, -0.875, 0.0]
     setup.setWorkspaceGoal(place)
     plans = [setup.plan("SafeJTRRT", seed=seed) for seed in (5, 6)]
@@ -98,7 +94,7 @@ def test_goals_in_the_workspace_start_anew_in_every_run(tmp_path: Path) -> None:
         assert run["danger_integral"] == plan.report.danger.integral
 
 
-def test_progress_of_planners_that_improve_their_path(setup: SafeSetup, tmp_path: Path) -> None:
+def test_progress_of_planners_that_improve_their_path(setup, tmp_path):
     benchmark = Benchmark(setup, "anytime")
     benchmark.addPlanner("RRTstar")
     benchmark.benchmark(request(runCount=1, timeBetweenUpdates=0.02, maxTime=0.6), processes=1)
@@ -112,9 +108,9 @@ def test_progress_of_planners_that_improve_their_path(setup: SafeSetup, tmp_path
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_an_exception_is_a_crash_of_its_run_only(tmp_path: Path, processes: int, setup: SafeSetup) -> None:
+def test_an_exception_is_a_crash_of_its_run_only(tmp_path, processes, setup):
     class Doubtful(SafeRRTConnect):
-        def _search(self, ptc: Any) -> Any:
+        def _search(self, ptc):
             if self.getSeed() == 1:
                 raise RuntimeError("no; not\nthis one")
             return super()._search(ptc)
@@ -127,9 +123,9 @@ def test_an_exception_is_a_crash_of_its_run_only(tmp_path: Path, processes: int,
     assert [run["error"] for run in runs] == [None, "RuntimeError: no not this one", None]
 
 
-def test_a_run_that_kills_its_process_is_a_crash_of_its_run_only(setup: SafeSetup, tmp_path: Path) -> None:
+def test_a_run_that_kills_its_process_is_a_crash_of_its_run_only(setup, tmp_path):
     class Deadly(SafeRRTConnect):
-        def _search(self, ptc: Any) -> Any:
+        def _search(self, ptc):
             if self.getSeed() == 1:
                 os.kill(os.getpid(), signal.SIGKILL)
             return super()._search(ptc)
@@ -142,9 +138,9 @@ def test_a_run_that_kills_its_process_is_a_crash_of_its_run_only(setup: SafeSetu
     assert runs[1]["error"] == "the process ended with exit code -9"
 
 
-def test_a_run_whose_process_was_lost_is_done_again(setup: SafeSetup, tmp_path: Path) -> None:
+def test_a_run_whose_process_was_lost_is_done_again(setup, tmp_path):
     class Unlucky(SafeRRTConnect):
-        def _search(self, ptc: Any) -> Any:
+        def _search(self, ptc):
             mark = tmp_path / "lost"
             if self.getSeed() == 1 and not mark.exists():
                 mark.touch()
@@ -159,14 +155,14 @@ def test_a_run_whose_process_was_lost_is_done_again(setup: SafeSetup, tmp_path: 
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_ctrl_c_keeps_what_was_done(setup: SafeSetup, tmp_path: Path, processes: int) -> None:
+def test_ctrl_c_keeps_what_was_done(setup, tmp_path, processes):
     handler = ou.getOutputHandler()
     benchmark = Benchmark(setup, "interrupted")
     benchmark.addPlanner("SafeRRTConnect")
     benchmark.addPlanner("RRTstar")
     over = threading.Event()
 
-    def press() -> None:
+    def press():
         while benchmark.getStatus().activeRun < 4 and not over.wait(0.02):
             pass
         if not over.is_set():
@@ -187,10 +183,10 @@ def test_ctrl_c_keeps_what_was_done(setup: SafeSetup, tmp_path: Path, processes:
     assert setup.plan("SafeRRTConnect")
 
 
-def test_events(setup: SafeSetup, tmp_path: Path) -> None:
+def test_events(setup, tmp_path):
     seen: list[str] = []
 
-    def after(planner: Any, run: dict[str, Any]) -> None:
+    def after(planner, run):
         seen.append("after")
         run["effort REAL"] = "2.5"
         run["doubled length"] = 2 * run["solution length"]
@@ -207,9 +203,7 @@ def test_events(setup: SafeSetup, tmp_path: Path) -> None:
     assert run["doubled_length"] == 2 * run["solution_length"]
 
 
-def test_console_output_goes_to_a_file(
-    setup: SafeSetup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_console_output_goes_to_a_file(setup, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     benchmark = Benchmark(setup, "talk")
     benchmark.addPlanner("RRTConnect")
@@ -221,7 +215,7 @@ def test_console_output_goes_to_a_file(
     assert len(list(tmp_path.glob("talk_*.log"))) == 1
 
 
-def test_any_simple_setup(tmp_path: Path) -> None:
+def test_any_simple_setup(tmp_path):
     space = ob.RealVectorStateSpace(2)
     bounds = ob.RealVectorBounds(2)
     bounds.setLow(-1)
@@ -241,12 +235,12 @@ def test_any_simple_setup(tmp_path: Path) -> None:
     assert all(1.6 < run["simplified_solution_length"] < 5 for run in runs)
 
 
-def test_settings_come_back_as_parameters(setup: SafeSetup) -> None:
+def test_settings_come_back_as_parameters(setup):
     planner = SafeRRTConnect(setup.getSpaceInformation(), alpha=3.0, slide=0.25)
     assert planner_settings(planner).items() >= {"alpha": 3.0, "slide": 0.25, "nearest_fraction": 0.3}.items()
 
 
-def test_bad_benchmarks_are_refused(setup: SafeSetup) -> None:
+def test_bad_benchmarks_are_refused(setup):
     with pytest.raises(InputError, match="setup"):
         Benchmark("planar3")
     benchmark = Benchmark(setup)
@@ -263,16 +257,17 @@ def test_bad_benchmarks_are_refused(setup: SafeSetup) -> None:
         benchmark.benchmark(request(runCount=0))
     with pytest.raises(InputError, match="builds the setup"):
         benchmark.benchmark(request(), client="tcp://nowhere:1")
-    travelling = Benchmark(build)
-    travelling.addPlanner(og.RRT(travelling._setup.getSpaceInformation()))
+    built: list[SafeSetup] = []
+    travelling = Benchmark(lambda: built.append(build()) or built[-1])
+    travelling.addPlanner(og.RRT(built[0].getSpaceInformation()))
     with pytest.raises(InputError, match="'RRT'"):
         travelling.benchmark(request(), client="tcp://nowhere:1")
 
 
-def test_a_cluster_that_loses_a_worker(tmp_path: Path) -> None:
+def test_a_cluster_that_loses_a_worker(tmp_path):
     distributed = pytest.importorskip("distributed")
 
-    def unlucky(si: Any) -> Any:
+    def unlucky(si):
         mark = tmp_path / "lost"
         if not mark.exists():
             mark.touch()

@@ -1,18 +1,12 @@
 """Campaigns: who runs when, with which seed, and what the summary says."""
 
-from __future__ import annotations
-
 import dataclasses
-import os
-import signal
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from safe_ompl.apps.benchmark.campaign import (
-    BAND,
+from safe_ompl import InputError, Obstacle, PlanningError, Pose, Scenario, Scene, Sphere, UnknownNameError
+from safe_ompl.apps.benchmark import (
     Campaign,
     Summary,
     check_named_planner,
@@ -20,25 +14,18 @@ from safe_ompl.apps.benchmark.campaign import (
     failure,
     summarize,
 )
+from safe_ompl.apps.benchmark.campaign import BAND
 from safe_ompl.apps.benchmark.runs import Run
-from safe_ompl.common.errors import InputError, PlanningError, UnknownNameError
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.registry import is_ours, planner_names
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.spec import RobotSpec
-from safe_ompl.scene.goal import Goal
-from safe_ompl.scene.scenario import Scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl.planning import SafeSetup, setup_scenario
+from safe_ompl.planning.planners import is_ours, planner_names
+from safe_ompl.robot import RobotSpec
+from safe_ompl.scene.scenario import Goal
 
 PLANNERS = ("RRTConnect", "SafeRRTConnect")
 
 
 @pytest.fixture(scope="module")
-def scenario() -> Scenario:
+def scenario():
     """Return a UR5 that reaches around a ball."""
     ball = Obstacle("ball", Sphere(0.15), Pose((0.55, 0.0, 0.4)), weight=1.0)
     return Scenario(
@@ -52,22 +39,22 @@ def scenario() -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def setup(scenario: Scenario) -> SafeSetup:
+def setup(scenario):
     return setup_scenario(scenario)
 
 
 @pytest.fixture(scope="module")
-def results(scenario: Scenario, setup: SafeSetup) -> list[PlanResult]:
+def results(scenario, setup):
     return list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(setup))
 
 
-def test_planners_take_turns_with_the_same_seeds(results: list[PlanResult]) -> None:
+def test_planners_take_turns_with_the_same_seeds(results):
     runs = [Run(result.planner, result.seed) for result in results]
     assert runs == [Run(planner, seed) for seed in range(10, 15) for planner in PLANNERS]
     assert all(results)
 
 
-def test_processes_do_not_change_the_paths(scenario: Scenario, results: list[PlanResult]) -> None:
+def test_processes_do_not_change_the_paths(scenario, results):
     campaign = Campaign(scenario, PLANNERS, runs=5, seed=10)
     parallel = list(campaign.results(processes=2))
     assert [(r.planner, r.seed) for r in parallel] == [(r.planner, r.seed) for r in results]
@@ -76,7 +63,7 @@ def test_processes_do_not_change_the_paths(scenario: Scenario, results: list[Pla
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_runs_that_are_done_are_left_out(scenario: Scenario, setup: SafeSetup, processes: int) -> None:
+def test_runs_that_are_done_are_left_out(scenario, setup, processes):
     done = {Run("RRTConnect", 0), Run("SafeRRTConnect", 1), Run("RRTConnect", 2)}
     campaign = Campaign(scenario, PLANNERS, runs=3, done=done)
     runs = [(result.planner, result.seed) for result in campaign.results(setup, processes)]
@@ -84,46 +71,9 @@ def test_runs_that_are_done_are_left_out(scenario: Scenario, setup: SafeSetup, p
     assert len(campaign) == 3
 
 
-def test_a_process_that_is_lost_is_replaced(
-    scenario: Scenario, results: list[PlanResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mark = tmp_path / "lost"
-
-    def unlucky(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
-        if run.seed == 12 and not mark.exists():
-            mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return honest(self, run, setup)
-
-    honest = Campaign.result
-    monkeypatch.setattr(Campaign, "result", unlucky)
-    parallel = list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(processes=2))
-    assert mark.exists()
-    for one, other in zip(parallel, results, strict=True):
-        np.testing.assert_array_equal(one.path, other.path)
-
-
-def test_a_run_that_ends_its_process_is_not_solved(
-    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def deadly(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
-        if run == ("SafeRRTConnect", 12):
-            os.kill(os.getpid(), signal.SIGKILL)
-        return honest(self, run, setup)
-
-    honest = Campaign.result
-    monkeypatch.setattr(Campaign, "result", deadly)
-    parallel = list(Campaign(scenario, PLANNERS, runs=5, seed=10).results(processes=2))
-    failed = [k for k, result in enumerate(parallel) if not result]
-    assert [(parallel[k].planner, parallel[k].seed) for k in failed] == [("SafeRRTConnect", 12)]
-    assert parallel[failed[0]].status == "Error: the process ended with exit code -9"
-
-
 @pytest.mark.parametrize("processes", [1, 2])
-def test_an_exception_of_a_run_arrives_unchanged(
-    scenario: Scenario, setup: SafeSetup, monkeypatch: pytest.MonkeyPatch, processes: int
-) -> None:
-    def confused(self: Campaign, run: Run, setup: SafeSetup) -> PlanResult:
+def test_an_exception_of_a_run_arrives_unchanged(scenario, setup, monkeypatch, processes):
+    def confused(self, run, setup):
         raise UnknownNameError("joint", "knee", setup.robot.joint_names)
 
     monkeypatch.setattr(Campaign, "result", confused)
@@ -132,14 +82,8 @@ def test_an_exception_of_a_run_arrives_unchanged(
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_what_is_logged_in_a_process_is_logged_here(
-    scenario: Scenario,
-    setup: SafeSetup,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-    processes: int,
-) -> None:
-    def refuse(self: SafeSetup, planner: str, **options: Any) -> PlanResult:
+def test_what_is_logged_in_a_process_is_logged_here(scenario, setup, monkeypatch, caplog, processes):
+    def refuse(self, planner, **options):
         raise PlanningError(f"{planner}: edge 3 is not proven free")
 
     monkeypatch.setattr(SafeSetup, "plan", refuse)
@@ -161,12 +105,12 @@ def test_what_is_logged_in_a_process_is_logged_here(
         ({"planners": PLANNERS, "runs": 1.5}, "runs"),
     ],
 )
-def test_bad_campaigns_are_refused(scenario: Scenario, arguments: dict[str, Any], message: str) -> None:
+def test_bad_campaigns_are_refused(scenario, arguments, message):
     with pytest.raises(InputError, match=message):
         Campaign(scenario, **arguments)
 
 
-def test_bad_planners_and_processes_are_refused_before_any_run(scenario: Scenario, setup: SafeSetup) -> None:
+def test_bad_planners_and_processes_are_refused_before_any_run(scenario, setup):
     with pytest.raises(UnknownNameError, match="'Fly'"):
         Campaign(scenario, ("RRTConnect", "Fly")).results(setup)
     with pytest.raises(InputError, match="processes"):
@@ -176,7 +120,7 @@ def test_bad_planners_and_processes_are_refused_before_any_run(scenario: Scenari
         check_named_planner(wrong, "SafeRRTConnect", setup)
 
 
-def test_default_planners_are_rrt_connect_and_all_of_ours_that_fit_the_goal(scenario: Scenario) -> None:
+def test_default_planners_are_rrt_connect_and_all_of_ours_that_fit_the_goal(scenario):
     ours = [name for name in planner_names() if is_ours(name)]
     both = dataclasses.replace(scenario.goal, position=(0.3, 0.0, 0.4))
     assert default_planners(dataclasses.replace(scenario, goal=both)) == ("RRTConnect", *ours)
@@ -185,7 +129,7 @@ def test_default_planners_are_rrt_connect_and_all_of_ours_that_fit_the_goal(scen
     assert default_planners(dataclasses.replace(scenario, goal=configurations)) == ("RRTConnect", *fitting)
 
 
-def test_summaries(results: list[PlanResult]) -> None:
+def test_summaries(results):
     summaries = summarize([*results, failure("Timeout", "RRTConnect", 99, results[0].joint_names)])
     assert [(s.planner, s.runs, s.solved) for s in summaries] == [
         ("RRTConnect", 6, 5),
@@ -203,7 +147,7 @@ def test_summaries(results: list[PlanResult]) -> None:
         assert queries == result.counts.queries
 
 
-def test_summary_as_plain_data(results: list[PlanResult]) -> None:
+def test_summary_as_plain_data(results):
     data = summarize(results)[0].as_dict()
     assert list(data)[:4] == ["planner", "runs", "solved", "typical_seed"]
     metrics = [data[key] for key in list(data)[4:]]
@@ -212,7 +156,7 @@ def test_summary_as_plain_data(results: list[PlanResult]) -> None:
     assert BAND == (15, 85)
 
 
-def test_summary_of_nothing_solved() -> None:
+def test_summary_of_nothing_solved():
     summary = Summary.of("RRT", [failure("Timeout", "RRT", 0, ("a",))])
     assert (summary.solved, summary.typical) == (0, None)
     assert np.isnan(summary.median("length"))

@@ -1,29 +1,24 @@
 """Benchmark logs: what OMPL's own reader finds in them."""
 
-from __future__ import annotations
-
 import sqlite3
-from pathlib import Path
-from typing import Any
 
 import pytest
 
-from safe_ompl.apps.benchmark.campaign import failure
+from safe_ompl import InputError, Scenario
+from safe_ompl.apps.benchmark import failure
 from safe_ompl.apps.benchmark.log import Experiment, PlannerRuns, save_database, write_log
-from safe_ompl.common.errors import InputError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.result import PlanResult
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 
-def rows(database: Path, table: str) -> list[dict[str, Any]]:
+def rows(database, table):
     with sqlite3.connect(database) as connection:
         connection.row_factory = sqlite3.Row
         return [dict(row) for row in connection.execute(f"SELECT * FROM {table}")]
 
 
 @pytest.fixture(scope="module")
-def results() -> list[PlanResult]:
+def results():
     setup = setup_scenario(Scenario.load(find_scenario("planar3")))
     found = [setup.plan(name, seed=seed) for seed in (3, 4) for name in ("SafePRM", "RRTConnect")]
     names = setup.robot.joint_names
@@ -34,7 +29,7 @@ def results() -> list[PlanResult]:
     ]
 
 
-def test_results_reach_the_database(results: list[PlanResult], tmp_path: Path) -> None:
+def test_results_reach_the_database(results, tmp_path):
     log, database = tmp_path / "runs.log", tmp_path / "runs.db"
     write_log(
         results,
@@ -80,7 +75,7 @@ def test_results_reach_the_database(results: list[PlanResult], tmp_path: Path) -
     ]
 
 
-def test_progress_reaches_the_database(tmp_path: Path) -> None:
+def test_progress_reaches_the_database(tmp_path):
     samples = [(0.1, 3.0), (0.2, 2.5), (0.2, 2.25)]
     planner = PlannerRuns(
         "Fast", {}, [{"time": 0.3}, {"time": 0.1}], ("best cost",), [samples, [(0.05, 1.0)]]
@@ -91,7 +86,7 @@ def test_progress_reaches_the_database(tmp_path: Path) -> None:
     assert found == [(1, 0.1, 3.0), (1, 0.2, 2.25), (2, 0.05, 1.0)], "of two at one time the later counts"
 
 
-def test_a_second_log_adds_to_the_database(results: list[PlanResult], tmp_path: Path) -> None:
+def test_a_second_log_adds_to_the_database(results, tmp_path):
     for name in ("a", "b"):
         write_log(results, tmp_path / name, name=name)
     save_database([tmp_path / "a"], tmp_path / "runs.db")
@@ -100,7 +95,7 @@ def test_a_second_log_adds_to_the_database(results: list[PlanResult], tmp_path: 
     assert len(rows(tmp_path / "runs.db", "runs")) == 2 * len(results)
 
 
-def test_no_runs(tmp_path: Path) -> None:
+def test_no_runs(tmp_path):
     write_log([], tmp_path / "runs.log", name="")
     save_database([tmp_path / "runs.log"], tmp_path / "runs.db")
     assert [row["name"] for row in rows(tmp_path / "runs.db", "experiments")] == ["NO_NAME"]
@@ -108,6 +103,6 @@ def test_no_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["best-cost", "3rd", "two  blanks", ""])
-def test_names_that_cannot_be_columns_are_refused(name: str) -> None:
+def test_names_that_cannot_be_columns_are_refused(name):
     with pytest.raises(InputError, match="words"):
         Experiment("e", [PlannerRuns("p", runs=[{name: 1.0}])]).text()

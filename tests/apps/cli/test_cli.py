@@ -6,22 +6,18 @@ import dataclasses
 import json
 import logging
 import re
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from ompl import util as ou
 
-from safe_ompl.apps.benchmark.campaign import failure
+from safe_ompl import SafeSetup, planner_names
+from safe_ompl.apps import main
+from safe_ompl.apps.benchmark import failure
 from safe_ompl.apps.cli import compare, output
-from safe_ompl.apps.cli.program import main
-from safe_ompl.planning.planners.registry import planner_names
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.view.pictures import results
-from safe_ompl.view.pictures.path import render_path
-from safe_ompl.view.pictures.results import render_comparison
+from safe_ompl.view import render_comparison, render_path
+from safe_ompl.view.pictures import path as pictures
 
 RECORD = [
     "scenario",
@@ -88,11 +84,9 @@ scene:
 time: 2.0
 """
 
-Run = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """Return a folder, made the current one, with a robot and the scenario file ``test.yaml``."""
     (tmp_path / "arm.urdf").write_text(URDF)
     (tmp_path / "arm.srdf").write_text(SRDF)
@@ -102,10 +96,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def run(folder: Path, capfd: pytest.CaptureFixture[str]) -> Run:
+def run(folder, capfd):
     """Return a function that runs the command line and returns status, standard output and standard error."""
 
-    def call(*arguments: object) -> tuple[int, str, str]:
+    def call(*arguments):
         capfd.readouterr()
         status = main([str(argument) for argument in arguments])
         return (status, *capfd.readouterr())
@@ -114,27 +108,27 @@ def run(folder: Path, capfd: pytest.CaptureFixture[str]) -> Run:
 
 
 @pytest.fixture
-def quick_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
+def quick_renderer(monkeypatch):
     """Draw coarsely; skip the test if nothing can be drawn."""
     pytest.importorskip("matplotlib")
 
-    def coarse(draw: Callable[..., Any], **quality: Any) -> Callable[..., Any]:
+    def coarse(draw, **quality):
         return lambda *arguments, **options: draw(*arguments, **{**options, **quality})
 
-    monkeypatch.setattr(results, "render_path", coarse(render_path, ghosts=0))
+    monkeypatch.setattr(pictures, "render_path", coarse(render_path, ghosts=0))
     monkeypatch.setattr(compare, "render_comparison", coarse(render_comparison, panel=(60, 50)))
 
 
-def strict(text: str) -> Any:
+def strict(text):
     """Read JSON that holds no NaN and no Infinity."""
 
-    def refuse(name: str) -> None:
+    def refuse(name):
         raise AssertionError(f"{name} is not JSON")
 
     return json.loads(text, parse_constant=refuse)
 
 
-def assert_solved_record(record: dict[str, Any]) -> None:
+def assert_solved_record(record):
     assert list(record["danger"]) == DANGER
     assert list(record["clearance"]) == CLEARANCE
     assert list(record["counts"]) == COUNTS
@@ -160,7 +154,7 @@ def assert_solved_record(record: dict[str, Any]) -> None:
 # ---------------------------------------------------------------------------------------------------- plan
 
 
-def test_plan_writes_json_to_standard_output_and_nothing_else(run: Run) -> None:
+def test_plan_writes_json_to_standard_output_and_nothing_else(run):
     status, out, err = run("plan", "test.yaml", "--json", "-", "--seed", 3)
     record = strict(out)
     assert (status, err) == (0, "")
@@ -174,12 +168,7 @@ def test_plan_writes_json_to_standard_output_and_nothing_else(run: Run) -> None:
     assert_solved_record(record)
 
 
-def test_plan_with_the_same_seed_gives_the_same_path(run: Run) -> None:
-    paths = [strict(run("plan", "test.yaml", "--json", "-", "--seed", 5)[1])["path"] for _ in range(2)]
-    assert paths[0] == paths[1]
-
-
-def test_plan_shows_a_table_beside_a_json_file(run: Run, folder: Path) -> None:
+def test_plan_shows_a_table_beside_a_json_file(run, folder):
     status, out, _ = run("plan", "test.yaml", "--planner", "RRTConnect", "--json", "result.json")
     assert status == 0
     for word in ("test", "arm", "RRTConnect", "Exact solution", "proven free", "avoidable", "nearer than"):
@@ -187,7 +176,7 @@ def test_plan_shows_a_table_beside_a_json_file(run: Run, folder: Path) -> None:
     assert strict((folder / "result.json").read_text())["planner"] == "RRTConnect"
 
 
-def test_plan_not_solved_is_status_1_and_null(run: Run) -> None:
+def test_plan_not_solved_is_status_1_and_null(run):
     status, out, _ = run("plan", "test.yaml", "--time", "1e-9", "--json", "-")
     record = strict(out)
     assert status == 1
@@ -197,14 +186,14 @@ def test_plan_not_solved_is_status_1_and_null(run: Run) -> None:
     assert [record[key] for key in ("path", "length", "danger", "clearance")] == [None] * 4
 
 
-def test_plan_hands_parameters_to_the_planner(run: Run) -> None:
+def test_plan_hands_parameters_to_the_planner(run):
     safe, bold = (
         strict(run("plan", "test.yaml", "--json", "-", "--param", f"alpha={alpha}")[1]) for alpha in (5, 0)
     )
     assert safe["counts"]["field_configurations"] > bold["counts"]["field_configurations"]
 
 
-def test_plan_takes_another_robot(run: Run, folder: Path) -> None:
+def test_plan_takes_another_robot(run, folder):
     (folder / "twin.urdf").write_text(URDF.replace('name="arm"', 'name="twin"'))
     robot = ("--urdf", "twin.urdf", "--srdf", "arm.srdf", "--package-dir", folder, "--tip", "link2")
     status, out, _ = run("plan", "test.yaml", "--json", "-", *robot)
@@ -212,7 +201,7 @@ def test_plan_takes_another_robot(run: Run, folder: Path) -> None:
     assert strict(out)["robot"] == "twin"
 
 
-def test_plan_locks_joints_of_the_scenarios_robot(run: Run, folder: Path) -> None:
+def test_plan_locks_joints_of_the_scenarios_robot(run, folder):
     locked = SCENARIO.replace(", joint2: 0.2", "").replace(", joint2: -0.2", "").replace("0.62", "0.95")
     (folder / "locked.yaml").write_text(locked)
     status, out, _ = run("plan", "locked.yaml", "--json", "-", "--lock", "joint2=0.1")
@@ -221,13 +210,13 @@ def test_plan_locks_joints_of_the_scenarios_robot(run: Run, folder: Path) -> Non
 
 
 @pytest.mark.usefixtures("quick_renderer")
-def test_plan_draws_a_picture(run: Run, folder: Path) -> None:
+def test_plan_draws_a_picture(run, folder):
     status, _, _ = run("plan", "test.yaml", "--plot", "path.png")
     assert status == 0
     assert (folder / "path.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_log_is_shown_on_request_and_left_as_it_was(run: Run, folder: Path) -> None:
+def test_log_is_shown_on_request_and_left_as_it_was(run, folder):
     robot = ("--urdf", "arm.urdf")
     before = (logging.getLogger("safe_ompl").handlers[:], logging.getLogger("safe_ompl").level)
     level = ou.getLogLevel()
@@ -241,14 +230,14 @@ def test_log_is_shown_on_request_and_left_as_it_was(run: Run, folder: Path) -> N
     assert ou.getLogLevel() == level
 
 
-def test_interrupt_is_status_130_and_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*arguments: Any, **options: Any) -> None:
+def test_interrupt_is_status_130_and_one_line(run, monkeypatch):
+    def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(SafeSetup, "plan", interrupted)
     assert run("plan", "test.yaml") == (130, "", "safe-ompl: interrupted\n")
 
-    def interrupted_in_a_kernel(*arguments: Any, **options: Any) -> None:
+    def interrupted_in_a_kernel(*arguments, **options):
         raise SystemError("dispatch") from KeyboardInterrupt()
 
     monkeypatch.setattr(SafeSetup, "plan", interrupted_in_a_kernel)
@@ -258,7 +247,7 @@ def test_interrupt_is_status_130_and_one_line(run: Run, monkeypatch: pytest.Monk
 # ------------------------------------------------------------------------------------------------ certificates
 
 
-def test_a_certificate_is_verified(run: Run, folder: Path) -> None:
+def test_a_certificate_is_verified(run, folder):
     assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
     content = strict((folder / "proof.json").read_text())
     assert content["source"] == {"scenario": "test.yaml"}
@@ -278,53 +267,12 @@ def test_a_certificate_is_verified(run: Run, folder: Path) -> None:
     assert run("verify", "elsewhere/proof.json", "test.yaml")[0] == 0
 
 
-def test_without_a_path_there_is_no_certificate(
-    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_path_there_is_no_certificate(run, folder, monkeypatch):
     unsolved = failure("Timeout", "SafeRRTConnect", 0, ("a",))
     monkeypatch.setattr(SafeSetup, "plan", lambda *arguments, **options: unsolved)
     status, _, err = run("plan", "test.yaml", "--certificate", "proof.json")
     assert (status, err) == (1, "safe-ompl: there is no path: nothing is written to proof.json\n")
     assert not (folder / "proof.json").exists()
-
-
-def test_a_certificate_of_what_has_changed(run: Run, folder: Path) -> None:
-    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
-    (folder / "moved.yaml").write_text(SCENARIO.replace("[-0.6, 0.0, 0.0]", "[-0.6, 0.01, 0.0]"))
-    status, out, err = run("verify", "proof.json", "moved.yaml")
-    assert (status, out) == (1, "")
-    assert err == "safe-ompl: proof.json: the scene has changed since it was written\n"
-    (folder / "arm.urdf").write_text(URDF.replace("0.4 0.06 0.06", "0.4 0.06 0.07"))
-    status, _, err = run("verify", "proof.json", "test.yaml")
-    assert status == 1
-    assert "the robot has changed: 'arm'" in err
-    assert run("verify", "proof.json")[0] == 0, "the robot that the file carries is as it was"
-
-
-def test_a_certificate_of_another_danger(run: Run, folder: Path) -> None:
-    weak = "danger: {k1: 0.001}\n"
-    (folder / "weak.yaml").write_text(SCENARIO + weak)
-    assert run("plan", "weak.yaml", "--certificate", "proof.json")[0] == 0
-    assert run("verify", "proof.json")[0] == 0
-    status, out, err = run("verify", "proof.json", "test.yaml")
-    assert (status, out) == (1, "")
-    assert err == "safe-ompl: proof.json: danger: k1 is 0.001 in its claim, 1.0 is asked for\n"
-
-
-def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
-    assert run("plan", "test.yaml", "--certificate", "proof.json")[0] == 0
-    content = strict((folder / "proof.json").read_text())
-    del content["edges"][0][0]
-    (folder / "proof.json").write_text(json.dumps(content))
-    status, _, err = run("verify", "proof.json")
-    assert status == 1
-    assert err.startswith("safe-ompl: proof.json: edge 0: no interval covers 0.000000 to ")
-    (folder / "proof.json").write_text(json.dumps({**content, "source": 3}))
-    status, _, err = run("verify", "proof.json")
-    assert status == 2
-    assert (
-        err == "safe-ompl: proof.json: certificate.source: must be a mapping of keys to values, got int 3\n"
-    )
 
 
 @pytest.mark.parametrize(
@@ -336,7 +284,7 @@ def test_a_certificate_that_was_tampered_with(run: Run, folder: Path) -> None:
         ("[" * 100_000, ["bad.json: it is not JSON"]),
     ],
 )
-def test_what_is_no_certificate(run: Run, folder: Path, text: str, words: list[str]) -> None:
+def test_what_is_no_certificate(run, folder, text, words):
     (folder / "bad.json").write_text(text)
     status, out, err = run("verify", "bad.json")
     assert (status, out) == (2, "")
@@ -346,7 +294,7 @@ def test_what_is_no_certificate(run: Run, folder: Path, text: str, words: list[s
 # ------------------------------------------------------------------------------------------------- compare
 
 
-def test_compare_writes_table_and_report(run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compare_writes_table_and_report(run, folder, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     arguments = ("--planners", "RRTConnect,SafeRRTConnect", "--runs", 4, "--seed", 7, "--out", "deep/out")
     status, out, err = run("compare", "test.yaml", *arguments)
@@ -375,9 +323,7 @@ def test_compare_writes_table_and_report(run: Run, folder: Path, monkeypatch: py
         assert summary["typical_seed"] in range(7, 11)
 
 
-def test_compare_leaves_paths_as_planned_on_request(
-    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compare_leaves_paths_as_planned_on_request(run, folder, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     status, out, _ = run("compare", "test.yaml", "--planners", "RRTConnect", "--runs", 1, "--no-simplify")
     assert status == 0
@@ -388,14 +334,14 @@ def test_compare_leaves_paths_as_planned_on_request(
 
 
 @pytest.mark.usefixtures("quick_renderer")
-def test_compare_draws_pictures(run: Run, folder: Path) -> None:
+def test_compare_draws_pictures(run, folder):
     status, _, _ = run("compare", "test.yaml", "--planners", "RRTConnect,SafeRRTConnect", "--runs", 3)
     assert status == 0
     drawn = {file.name for file in (folder / "compare-test").glob("*.png")}
     assert drawn == {"profiles.png", "bands.png", "times.png", "clearances.png", "paths.png"}
 
 
-def test_compare_without_solution_is_status_1(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compare_without_solution_is_status_1(run, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     status, out, _ = run(
         "compare", "test.yaml", "--planners", "SafeRRTConnect", "--runs", 2, "--time", "1e-9"
@@ -417,15 +363,11 @@ FREE: dict[str, Any] = {
 
 
 @pytest.fixture
-def problems(folder: Path) -> Path:
+def problems(folder):
     """Return a file with two families; its joints are in another order than the robot's."""
     families = {
         "easy": [FREE, {**FREE, "index": 5, "goals": [[-0.2, -2.95]]}],
-        "bad": [
-            {**FREE, "start": [0.0, 0.0]},
-            {**FREE, "goals": [[9.0, 0.0]]},
-            {"index": 6},
-        ],
+        "bad": [{**FREE, "start": [0.0, 0.0]}, {**FREE, "goals": [[9.0, 0.0]]}, {"index": 6}],
     }
     file = folder / "problems.json"
     file.write_text(json.dumps({"robot": "arm", "joints": ["joint2", "joint1"], "problems": families}))
@@ -435,7 +377,7 @@ def problems(folder: Path) -> Path:
 ARM = ("--urdf", "arm.urdf", "--srdf", "arm.srdf", "--tip", "tool")
 
 
-def test_mbm_writes_a_line_for_each_problem(run: Run, problems: Path) -> None:
+def test_mbm_writes_a_line_for_each_problem(run, problems):
     status, out, err = run("mbm", problems, *ARM, "--families", "easy", "--seed", 2)
     records = [strict(line) for line in out.splitlines()]
     assert status == 0
@@ -449,7 +391,7 @@ def test_mbm_writes_a_line_for_each_problem(run: Run, problems: Path) -> None:
         assert record["path"][0] == [1.2, 0.2]
 
 
-def test_mbm_widens_limits_for_a_goal_slightly_outside(run: Run, problems: Path) -> None:
+def test_mbm_widens_limits_for_a_goal_slightly_outside(run, problems):
     _, out, err = run("mbm", problems, *ARM, "--families", "easy")
     first, second = (strict(line) for line in out.splitlines())
     assert first["widened_limits"] == {}
@@ -459,7 +401,7 @@ def test_mbm_widens_limits_for_a_goal_slightly_outside(run: Run, problems: Path)
     assert "joint1 to [-2.95, 2.9]" in err
 
 
-def test_mbm_goes_on_after_bad_problems(run: Run, problems: Path) -> None:
+def test_mbm_goes_on_after_bad_problems(run, problems):
     status, out, _ = run("mbm", problems, *ARM, "--json", "lines.json")
     lines = [strict(line) for line in (problems.parent / "lines.json").read_text().splitlines()]
     assert (status, out) == (1, "")
@@ -478,14 +420,14 @@ def test_mbm_goes_on_after_bad_problems(run: Run, problems: Path) -> None:
         assert all(word in line["status"] for word in words)
 
 
-def test_mbm_ends_on_ctrl_c(run: Run, problems: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mbm_ends_on_ctrl_c(run, problems, monkeypatch):
     halfway = dataclasses.replace(failure("Timeout", "SafeRRTConnect", 0, ("a",)), interrupted=True)
     monkeypatch.setattr(SafeSetup, "plan", lambda *arguments, **options: halfway)
     status, out, err = run("mbm", problems, *ARM, "--simplify")
     assert (status, out, err) == (130, "", "safe-ompl: interrupted\n")
 
 
-def test_mbm_takes_files_that_name_no_joints(run: Run, folder: Path) -> None:
+def test_mbm_takes_files_that_name_no_joints(run, folder):
     problems = [{**FREE, "start": [1.2, 0.2], "goals": goals} for goals in ([[-1, 0], [-1]], [[-2.95, 0]])]
     (folder / "nameless.json").write_text(json.dumps({"problems": {"easy": problems}}))
     status, out, _ = run("mbm", "nameless.json", *ARM)
@@ -496,7 +438,7 @@ def test_mbm_takes_files_that_name_no_joints(run: Run, folder: Path) -> None:
     assert second["widened_limits"] == {"joint1": [-2.95, 2.9]}
 
 
-def test_mbm_takes_a_range_of_problems(run: Run, problems: Path) -> None:
+def test_mbm_takes_a_range_of_problems(run, problems):
     lines = run("mbm", problems, *ARM, "--problems", "0:1", "--planner", "RRTConnect")[1].splitlines()
     assert [strict(line)["family"] for line in lines] == ["easy", "bad"]
     assert strict(lines[0])["planner"] == "RRTConnect"
@@ -505,7 +447,7 @@ def test_mbm_takes_a_range_of_problems(run: Run, problems: Path) -> None:
 # ---------------------------------------------------------------------------------------------------- lists
 
 
-def test_scenarios_lists_files_here_and_says_which_are_broken(run: Run, folder: Path) -> None:
+def test_scenarios_lists_files_here_and_says_which_are_broken(run, folder):
     (folder / "scenarios").mkdir()
     (folder / "scenarios/broken.yaml").write_text("name: [")
     status, out, _ = run("scenarios")
@@ -514,7 +456,7 @@ def test_scenarios_lists_files_here_and_says_which_are_broken(run: Run, folder: 
     assert "malformed YAML" in out
 
 
-def test_robots_lists_the_examples(run: Run) -> None:
+def test_robots_lists_the_examples(run):
     status, out, _ = run("robots")
     assert status == 0
     assert [line.split()[:2] for line in out.splitlines() if line.startswith(("panda", "ur5"))] == [
@@ -524,7 +466,7 @@ def test_robots_lists_the_examples(run: Run) -> None:
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["plan", "--help"]])
-def test_help_and_version(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_and_version(arguments, capsys):
     with pytest.raises(SystemExit) as exit_info:
         main(arguments)
     assert exit_info.value.code == 0
@@ -534,7 +476,7 @@ def test_help_and_version(arguments: list[str], capsys: pytest.CaptureFixture[st
 # ------------------------------------------------------------------------------------------------- bad input
 
 
-def assert_refused(outcome: tuple[int, str, str], *words: str) -> None:
+def assert_refused(outcome, *words):
     """Assert status 2, and one line on standard error that holds all the words."""
     status, out, err = outcome
     assert (status, out) == (2, ""), err
@@ -596,13 +538,8 @@ BAD_OPTIONS: dict[str, tuple[list[str], list[str]]] = {
     "problems backwards": (["mbm", "problems.json", *ARM, "--problems", "5:2"], ["--problems", "'5:2'"]),
     "points of no trajectory": (["plan", "test.yaml", "--rate", "100"], ["--rate", "--trajectory"]),
     "no points": (["plan", "test.yaml", "--timed", "--rate", "0"], ["--rate", "a positive number, not '0'"]),
-    "no recording": (["live", *DRIVE, "--people", "stroll:3"], ["--people", "random:N", "'stroll:3'"]),
-    "nobody at random": (["live", *DRIVE, "--people", "random:0"], ["--people", "'random:0'"]),
-    "a place of two": (["live", *DRIVE, "--place", "1,2"], ["--place", "X,Y,Z,YAW", "'1,2'"]),
     "a place nowhere": (["live", *DRIVE, "--place", "1,2,nan,0"], ["--place", "finite", "'1,2,nan,0'"]),
-    "more frames lost than there are": (["live", *DRIVE, "--drops", "2"], ["--drops", "[0, 1]", "'2'"]),
     "answers that are late": (["live", *DRIVE, "--late", "nan"], ["--late", "[0, 1]", "'nan'"]),
-    "errors that are none": (["live", *DRIVE, "--noise", "-1"], ["--noise", ">= 0", "'-1'"]),
     "slower than not at all": (
         ["live", *DRIVE, "--faster", "-1"],
         ["--faster", "a positive number, not '-1'"],
@@ -612,12 +549,12 @@ BAD_OPTIONS: dict[str, tuple[list[str], list[str]]] = {
 
 
 @pytest.mark.parametrize(("arguments", "words"), BAD_OPTIONS.values(), ids=list(BAD_OPTIONS))
-def test_bad_options(run: Run, problems: Path, arguments: list[str], words: list[str]) -> None:
+def test_bad_options(run, problems, arguments, words):
     assert_refused(run(*arguments), *words)
 
 
 @pytest.mark.parametrize(("options", "shown"), [((), False), (("-v",), True)])
-def test_messages_of_ompl_come_with_verbose(run: Run, options: tuple[str, ...], shown: bool) -> None:
+def test_messages_of_ompl_come_with_verbose(run, options, shown):
     handler = ou.OutputHandlerSTD()
     ou.useOutputHandler(handler)
     _, out, err = run("plan", "test.yaml", "--planner", "RRTConnect", *options)
@@ -627,9 +564,7 @@ def test_messages_of_ompl_come_with_verbose(run: Run, options: tuple[str, ...], 
 @pytest.mark.parametrize(
     "command", [("plan",), ("compare", "--runs", "1", "--planners", "SafeRRTConnect,SafePRM")]
 )
-def test_where_nothing_is_dangerous_danger_is_zero(
-    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
-) -> None:
+def test_where_nothing_is_dangerous_danger_is_zero(run, folder, monkeypatch, command):
     monkeypatch.setattr("safe_ompl.apps.cli.compare.missing_extra", lambda extra: "not now")
     (folder / "harmless.yaml").write_text(SCENARIO.replace(", weight: 1", ""))
     name, *options = command
@@ -641,21 +576,12 @@ def test_where_nothing_is_dangerous_danger_is_zero(
 BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
     "malformed YAML": ("start:", "start: [", ["malformed YAML", ".yaml:"]),
     "unknown key": ("time: 2.0", "tine: 2.0", ["tine", "did you mean 'time'"]),
-    "missing key": ("start: {joint1: 1.2, joint2: 0.2}\n", "", ["start", "missing"]),
-    "time limit of zero": ("time: 2.0", "time: 0", ["time", "0"]),
-    "time limit that is no number": ("time: 2.0", "time: .nan", ["time", "nan"]),
     "missing URDF": ("arm.urdf", "leg.urdf", ["robot.urdf", "leg.urdf"]),
     "start outside limits": ("joint1: 1.2", "joint1: 7", ["start", "'joint1'", "7", "[-2.9, 2.9]"]),
-    "goal outside limits": ("joint2: -0.2", "joint2: -7", ["goal", "'joint2'", "-7", "[-2.9, 2.9]"]),
     "start in collision": ("1.2, joint2: 0.2", "0, joint2: 0", ["start", "collision", "'link2'", "'person'"]),
     "goal in collision": ("-1.2, joint2: -0.2", "0, joint2: 0", ["goal", "collision", "'link2'", "'person'"]),
-    "start not a number": ("joint1: 1.2", "joint1: .nan", ["start", "joint1", "nan"]),
     "unknown joint": ("joint1: 1.2", "knee: 1.2", ["start", "'knee'", "joint1"]),
-    "missing joint": ("joint1: 1.2, ", "", ["start", "'joint1'"]),
     "negative radius": ("radius: 0.1", "radius: -0.1", ["obstacles[0]", "'person'", "radius", "-0.1"]),
-    "negative size": ("size: [0.1, 0.1", "size: [0.1, -0.1", ["obstacles[1]", "'post'", "size", "-0.1"]),
-    "name given twice": ("name: post", "name: person", ["obstacles[1].name", "'person'"]),
-    "unknown danger parameter": ("time: 2.0", "danger: {charm: 1}", ["danger", "charm"]),
     "bad danger parameter": ("time: 2.0", "danger: {aggregate: sum}", ["aggregate", "'sum'", "max"]),
     "unknown planner": ("time: 2.0", "planners: {Fly: {}}", ["planners", "'Fly'"]),
     "unknown parameter": ("time: 2.0", "planners: {SafeRRTConnect: {alfa: 1}}", ["'alfa'"]),
@@ -668,39 +594,22 @@ BAD_SCENARIOS: dict[str, tuple[str, str, list[str]]] = {
 
 
 @pytest.mark.parametrize(("old", "new", "words"), BAD_SCENARIOS.values(), ids=list(BAD_SCENARIOS))
-@pytest.mark.parametrize("command", ["plan", "compare"])
-def test_bad_scenarios(run: Run, folder: Path, command: str, old: str, new: str, words: list[str]) -> None:
+def test_bad_scenarios(run, folder, old, new, words):
     assert old in SCENARIO
     (folder / "bad.yaml").write_text(SCENARIO.replace(old, new))
+    command = "compare" if "collision" in words else "plan"
     assert_refused(run(command, "bad.yaml"), "bad.yaml", *words)
 
 
-BAD_URDFS: dict[str, tuple[str, str, list[str]]] = {
-    "malformed": ("</robot>", "", ["XML"]),
-    "missing mesh": ('<box size="0.4 0.06 0.06"/>', '<mesh filename="no.stl"/>', ["'link1'", "no.stl"]),
-    "missing package": (
-        '<box size="0.4 0.06 0.06"/>',
-        '<mesh filename="package://arm/no.stl"/>',
-        ["'link1'", "package://arm/no.stl", "package"],
-    ),
-}
-
-
-@pytest.mark.parametrize(("old", "new", "words"), BAD_URDFS.values(), ids=list(BAD_URDFS))
-def test_bad_urdfs(run: Run, folder: Path, old: str, new: str, words: list[str]) -> None:
-    (folder / "bad.urdf").write_text(URDF.replace(old, new))
-    assert_refused(run("plan", "test.yaml", "--urdf", "bad.urdf"), "bad.urdf", *words)
-
-
-def test_output_is_checked_before_planning(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def never(*arguments: Any, **options: Any) -> Iterator[None]:
+def test_output_is_checked_before_planning(run, monkeypatch):
+    def never(*arguments, **options):
         raise AssertionError("planning started")
 
     monkeypatch.setattr(SafeSetup, "plan", never)
     assert_refused(run("plan", "test.yaml", "--json", "no/x.json"), "--json")
 
 
-def test_checking_an_output_file_leaves_it_alone(run: Run, folder: Path) -> None:
+def test_checking_an_output_file_leaves_it_alone(run, folder):
     (folder / "old.json").write_text("precious")
     assert_refused(run("plan", "nowhere", "--json", "old.json"), "nowhere")
     assert_refused(run("plan", "nowhere", "--json", "new.json"), "nowhere")
@@ -708,9 +617,7 @@ def test_checking_an_output_file_leaves_it_alone(run: Run, folder: Path) -> None
     assert not (folder / "new.json").exists()
 
 
-def test_pictures_without_the_extra_are_refused_with_advice(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_without_the_extra_are_refused_with_advice(run, monkeypatch):
     monkeypatch.setitem(output.EXTRAS, "plots", ("no_such_module", "pictures"))
     assert_refused(
         run("plan", "test.yaml", "--plot", "x.png"), "--plot", "no_such_module", "safe-ompl[plots]"

@@ -4,12 +4,11 @@ import json
 
 import pytest
 
-from safe_ompl.apps.cli.program import main
-from safe_ompl.common.errors import InputError
-from safe_ompl.io.files import load
-from safe_ompl.planning.from_scenario import plan, setup_scenario
-from safe_ompl.scene.constraints import MovingObstacles, PathLimits
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import InputError, Scenario, load, plan
+from safe_ompl.apps import main
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import MovingObstacles, find_scenario
+from safe_ompl.scene.constraints import PathLimits
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from safe_ompl import Scenario
-from safe_ompl.apps.cli.program import main
+from safe_ompl.apps import main
 
 SCARA = """
 <robot name="scara">

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from safe_ompl.apps.cli.program import main
-from safe_ompl.common.errors import InputError
-from safe_ompl.robot.spec import RobotSpec
+from safe_ompl import InputError
+from safe_ompl.apps import main
+from safe_ompl.robot import RobotSpec
 
 SRDF = """<robot name="twin_arm">
   <group name="left_arm"><chain base_link="torso" tip_link="left_hand"/></group>

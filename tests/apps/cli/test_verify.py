@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from safe_ompl.apps.cli.program import main
+from safe_ompl import Scenario
+from safe_ompl.apps import main
 from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.io.schema import digest
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture
@@ -227,7 +228,6 @@ def test_what_the_scenario_says_otherwise_is_refused(call, beside, old, new, mes
     status, out, err = call("verify", "time.json", "time.yaml")
     assert (status, out) == (1, "")
     assert message in err
-    assert call("verify", "time.json")[0] == 0
 
 
 def test_danger_in_motion_is_compared_even_if_the_path_claims_none(call, beside):

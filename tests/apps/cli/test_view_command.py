@@ -8,8 +8,8 @@ import json
 import pytest
 
 from safe_ompl import Box, Obstacle, Scenario
-from safe_ompl.apps.cli.program import main
-from safe_ompl.scene.scenario import find_scenario
+from safe_ompl.apps import main
+from safe_ompl.scene import find_scenario
 
 pytest.importorskip("viser")
 

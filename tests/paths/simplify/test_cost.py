@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.paths.simplify.cost import DangerDensity, Expansion, PathCost, reference_danger
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CollisionChecker, DangerField, InputError, Scene
+from safe_ompl.paths.cost import DangerDensity, Expansion, PathCost, reference_danger
 
 
 class Plane:

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from test_cost import Density, Plane
 
-from safe_ompl.paths.simplify.cost import PathCost
-from safe_ompl.paths.simplify.descent import BlockChain, Descent
-from safe_ompl.paths.simplify.edges import divided, refined, with_way_points
+from safe_ompl.paths.cost import PathCost
+from safe_ompl.paths.descent import BestPath, Descent, _shortened
+from safe_ompl.paths.kernels import factored, solved
+from safe_ompl.paths.measures import divided, refined, with_way_points
 
 # In the half-plane with density 1/y cheapest paths are arcs of circles about points of the x axis, and the cost
 # between two points is arcosh(1 + distance²/(2 y₁ y₂)) (Poincaré).
 HYPERBOLIC = Density(
-    lambda Q: 1 / Q[:, 1] - 1,
-    lambda Q: np.stack([np.zeros(len(Q)), -1 / Q[:, 1] ** 2], axis=1),
+    lambda Q: 1 / Q[:, 1] - 1, lambda Q: np.stack([np.zeros(len(Q)), -1 / Q[:, 1] ** 2], axis=1)
 )
 
 
@@ -76,21 +76,6 @@ def test_where_there_is_nothing_to_gain_no_step_is_taken():
     assert not Descent(PathCost(Plane(), []), path, Fixed()).step()
 
 
-def test_block_chains_solve_what_the_whole_matrix_solves(rng):
-    factor = rng.normal(size=(4, 3, 3))
-    blocks = factor @ factor.transpose(0, 2, 1) + 8 * np.eye(3)
-    beside = rng.normal(size=(3, 3, 3))
-    whole = np.zeros((12, 12))
-    for k in range(4):
-        whole[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = blocks[k]
-    for k in range(3):
-        whole[3 * k : 3 * k + 3, 3 * k + 3 : 3 * k + 6] = beside[k]
-        whole[3 * k + 3 : 3 * k + 6, 3 * k : 3 * k + 3] = beside[k].T
-    right = rng.normal(size=(4, 3))
-    found = BlockChain(blocks, beside, np.ones(4, dtype=bool)).solve(right)
-    np.testing.assert_allclose(found.ravel(), np.linalg.solve(whole, right.ravel()), atol=1e-12)
-
-
 # ---------------------------------------------------------------------------------------------------------- division
 
 
@@ -115,3 +100,70 @@ def test_way_points_at_given_places_unless_others_are_near():
     found = with_way_points(path, np.array([0.5, 0.995, 1.75]), 0.01)
     np.testing.assert_allclose(found, [[0, 0], [0.5, 0], [1, 0], [1, 0.75], [1, 1]])
     np.testing.assert_array_equal(with_way_points(path, np.zeros(0), 0.01), path)
+
+
+# ----------------------------------------------------------- cholesky's factor of a chain of blocks against numpy's
+
+
+@pytest.mark.parametrize(("count", "n"), [(1, 3), (2, 1), (5, 3), (12, 7)])
+def test_it_solves_what_the_whole_matrix_solves(rng, count, n):
+    factor = rng.normal(size=(count, n, n))
+    blocks = factor @ factor.transpose(0, 2, 1) + 8 * np.eye(n)
+    beside = rng.normal(size=(count - 1, n, n))
+    whole = np.zeros((count * n, count * n))
+    for k in range(count):
+        whole[k * n : (k + 1) * n, k * n : (k + 1) * n] = blocks[k]
+    for k in range(count - 1):
+        whole[k * n : (k + 1) * n, (k + 1) * n : (k + 2) * n] = beside[k]
+        whole[(k + 1) * n : (k + 2) * n, k * n : (k + 1) * n] = beside[k].T
+    whole += max(0.0, 1.0 - np.linalg.eigvalsh(whole).min()) * np.eye(count * n)
+    blocks = np.array([whole[k * n : (k + 1) * n, k * n : (k + 1) * n] for k in range(count)])
+    right = rng.normal(size=count * n)
+    np.testing.assert_allclose(
+        solved(factored(blocks, beside), right), np.linalg.solve(whole, right), atol=1e-10
+    )
+
+
+# -------------------------------------------------------------------------------------------- rounds of the descent
+
+
+def test_a_step_that_fails_is_shortened_to_where_the_parabola_has_its_minimum():
+    slope, bend = -3.0, 8.0  # of −3 t + 8 t², whose minimum is at 3/16
+    assert _shortened(slope, slope + bend) == pytest.approx(3 / 16)
+    assert _shortened(-1.0, 0.0) == 0.5
+    for far in (1e6, np.inf, np.nan):
+        assert _shortened(-1.0, far) == 0.1
+
+
+# ---------------------------------------------------------------------------------------------------- the best path
+
+
+GIVEN, FIRST, SECOND = np.zeros((2, 3)), np.ones((2, 3)), 2 * np.ones((2, 3))
+
+
+def best_path(told):
+    best = BestPath(GIVEN, lambda path, cost: told.append(cost))
+    best.ceiling = 10.0
+    return best
+
+
+def test_paths_are_taken_while_j_is_not_above_that_of_the_given_one():
+    told = []
+    best = best_path(told)
+    assert not best.take(FIRST, 11.0)
+    assert best.path is GIVEN
+    assert best.take(FIRST, 9.0)
+    assert not best.take(SECOND, np.nan)
+    assert best.path is FIRST
+    assert best.take(SECOND, 9.5)
+    assert told == [9.0, 9.5]
+
+
+def test_a_path_that_turns_out_to_be_dearer_than_the_given_one_is_taken_back():
+    best = best_path([])
+    best.take(FIRST, 9.0)
+    assert best.confirm(9.0)
+    best.take(SECOND, 8.0)
+    assert not best.is_confirmed
+    assert not best.confirm(10.5)
+    assert best.path is FIRST

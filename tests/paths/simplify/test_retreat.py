@@ -7,17 +7,9 @@ import pinocchio as pin
 import pytest
 from ompl import util as ou
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Cylinder
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.paths.simplify.descent import FeasibleSet
-from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.shortcuts import RETREAT_STEP, _step, retreat
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, CollisionChecker, Cylinder, DangerField, Obstacle, Pose, Robot, SafeSetup, Scene
+from safe_ompl.paths.cost import ObstacleCost
+from safe_ompl.paths.edges import RETREAT_STEP, FeasibleSet, retreat
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 GRASP = np.array([0.6, 0.5, 0.0, -1.8, 0.0, 2.3, 0.8])
@@ -95,21 +87,6 @@ def test_simplified_paths_are_as_clear_and_as_safe_as_their_ends(setup, seed):
     assert after.danger.max <= 1.001 * setup.field.value(GRASP)
 
 
-@pytest.mark.parametrize("rank", [0, 2, 4])
-def test_a_step_is_the_best_of_its_length(rng, rank):
-    gradient, vectors = rng.normal(size=4), rng.normal(size=(rank, 4))
-    curvature = 30.0 * vectors.T @ vectors
-
-    def model(s):
-        return s @ gradient + 0.5 * np.einsum("...i,ij,...j->...", s, curvature, s)
-
-    step = _step(gradient, curvature)
-    others = rng.normal(size=(2000, 4))
-    others *= np.linalg.norm(step) / np.linalg.norm(others, axis=1, keepdims=True)
-    assert np.linalg.norm(step) == pytest.approx(RETREAT_STEP, rel=1e-5)
-    assert model(step) <= model(others).min()
-
-
 def test_where_no_joint_changes_what_is_near_there_is_no_way_out():
     """A stretched planar arm below a plate, which stays as near as it is, points at what is in danger."""
     robot = Robot.from_urdf(PLANAR2, tip="tip")
@@ -121,12 +98,6 @@ def test_where_no_joint_changes_what_is_near_there_is_no_way_out():
     assert not field.gradient(stretched).any()
     np.testing.assert_array_equal(
         retreat(stretched, nearness, field, FeasibleSet(robot), lambda: False), [stretched]
-    )
-
-
-def test_told_to_stop_there_is_none(setup, panda, nearness):
-    np.testing.assert_array_equal(
-        retreat(GRASP, nearness, setup.field, FeasibleSet(panda), lambda: True), [GRASP]
     )
 
 

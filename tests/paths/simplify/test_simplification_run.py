@@ -6,22 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Capsule, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.paths.simplify.edges import EdgeProofs
-from safe_ompl.paths.simplify.obstacle_cost import ObstacleCost
-from safe_ompl.paths.simplify.run import SimplificationRun, unrolled
-from safe_ompl.paths.simplify.shortcuts import shortcut
-from safe_ompl.paths.simplify.simplifier import Simplifier
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.robot.ik import Place
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Capsule, CertifiedMotion, CollisionChecker, DangerField, Obstacle, Pose, Sphere
+from safe_ompl.paths import Simplifier, unrolled
+from safe_ompl.paths.cost import ObstacleCost
+from safe_ompl.paths.edges import EdgeProofs, shortcut
+from safe_ompl.paths.simplifier import SimplificationRun
+from safe_ompl.planning import setup_scenario
+from safe_ompl.robot import Place, Robot
+from safe_ompl.scene import Scenario, Scene, find_scenario
 
 PLANAR2 = Path(__file__).parents[3] / "scenarios" / "robots" / "planar2.urdf"
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])

@@ -2,16 +2,9 @@
 
 import pytest
 
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
-from safe_ompl.people.skeletons import TrackedBody, find_skeleton
-from safe_ompl.people.tracking import Tracker
-from safe_ompl.scene.people import People
-from safe_ompl.scene.scene import Scene
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import time_path
+from safe_ompl import Box, Obstacle, People, Pose, RateLimits, Replanner, Scene, Sphere, Tracker, time_path
+from safe_ompl.people import TrackedBody, find_skeleton
+from safe_ompl.people.replanning import ReplanningOptions
 
 PANDA_ACCELERATIONS = [15, 7.5, 10, 12.5, 15, 20, 20]
 WAYS = [

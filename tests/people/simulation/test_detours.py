@@ -7,19 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.people.replanning.command import Doing
-from safe_ompl.people.replanning.guarded_path import GuardedPath, PathLimits, RobotBodies
-from safe_ompl.people.replanning.replanner import Replanner
-from safe_ompl.people.replanning.roadmap import Budget, PeopleNow, Roadmap
-from safe_ompl.scene.scene import Scene
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import time_path
+from safe_ompl import CertifiedMotion, CollisionChecker, InputError, RateLimits, Replanner, Scene, time_path
+from safe_ompl.geometry import Box, Obstacle, Pose
+from safe_ompl.people.replanning import Doing, GuardedPath, PathLimits, PeopleNow, Roadmap, RobotBodies
+from safe_ompl.people.replanning.detours import Budget
 
 FAR = {}, {"ball": Pose((3.0, 0.0, 0.0))}
 BARRED = {}, {"ball": Pose((0.55, 0.0, 0.45))}

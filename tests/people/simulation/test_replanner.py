@@ -8,16 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.person import STANDING
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.people.reach import AccelerationReach, IntersectedReach, SpeedReach
-from safe_ompl.people.replanning.command import Doing
-from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
-from safe_ompl.people.simulation.contact_monitor import limb_solids
-from safe_ompl.scene.people import People
-from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.timing import time_path
+from safe_ompl import InputError, People, Pose, RateLimits, Replanner, UnknownNameError, time_path
+from safe_ompl.geometry import STANDING
+from safe_ompl.people import AccelerationReach, IntersectedReach, SpeedReach
+from safe_ompl.people.replanning import Doing, ReplanningOptions
+from safe_ompl.people.simulation import limb_solids
 
 FAR = (3.0, 0.0, 0.0)
 

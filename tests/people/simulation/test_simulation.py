@@ -5,20 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from safe_ompl.apps.cli.program import command_line, main
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.person import STANDING
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.io.robot_document import built_robot
-from safe_ompl.io.scene_document import built_scene
-from safe_ompl.io.ticks import read_ticks
-from safe_ompl.people.recordings import Recording
-from safe_ompl.people.simulation.contact_monitor import ContactMonitor, limb_solids
-from safe_ompl.people.simulation.movers import Drifting, Playback
-from safe_ompl.people.simulation.simulation import Faults, Simulation
-from safe_ompl.people.skeletons import KEYPOINTS, find_skeleton
-from safe_ompl.people.tracking import Tracker
-from safe_ompl.scene.scenario import find_scenario
+from safe_ompl import InputError, Pose, Tracker
+from safe_ompl.apps import main
+from safe_ompl.apps.cli.program import command_line
+from safe_ompl.geometry import STANDING
+from safe_ompl.io import built_robot, built_scene, read_ticks
+from safe_ompl.people import KEYPOINTS, Recording, find_skeleton
+from safe_ompl.people.simulation import ContactMonitor, Drifting, Faults, Playback, Simulation, limb_solids
+from safe_ompl.scene import find_scenario
 
 RECORDING = find_skeleton("recording12")
 
@@ -334,11 +328,12 @@ def test_a_scenarios_limits_reach_the_replanner(tmp_path):
     ]
     options = command_line().parse_args(words)
     job = options.prepare(options)
-    assert job.replanner.people.clearance == 0.04
-    kept = job.replanner.motion.separation.min_clearance
+    replanner = job.keywords["replanner"]
+    assert replanner.people.clearance == 0.04
+    kept = replanner.motion.separation.min_clearance
     assert (kept.distance, kept.obstacles) == (0.04, ("table",))
-    assert job.replanner.surroundings.objects["parcel"].speed == 0.1
-    assert "parcel" not in job.replanner.still.names
+    assert replanner.surroundings.objects["parcel"].speed == 0.1
+    assert "parcel" not in replanner.still.names
     assert job() == 0
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["contacts_while_moving"] == 0
 
@@ -349,4 +344,5 @@ def test_limits_of_danger_hold_for_what_stands_still_and_are_said_not_to_for_who
     assert "max_danger counts obstacles that stand still only" in " ".join(capsys.readouterr().err.split())
     options = command_line().parse_args(["live", *words, "--movers", "1"])
     job = options.prepare(options)
-    assert [limit.limit for limit in job.replanner.motion.limits] == [50.0]
+    replanner = job.keywords["replanner"]
+    assert [limit.limit for limit in replanner.motion.limits] == [50.0]

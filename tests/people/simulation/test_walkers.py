@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.geometry.person import STANDING
-from safe_ompl.people.simulation.movers import ALL_KEYPOINTS, Walker
-from safe_ompl.people.skeletons import TrackedBody, find_skeleton
-from safe_ompl.people.tracking import PersonTrack, Tracker
-from safe_ompl.scene.people import People
+from safe_ompl import InputError, People, Tracker
+from safe_ompl.geometry import STANDING
+from safe_ompl.people import TrackedBody, find_skeleton
+from safe_ompl.people.simulation import ALL_KEYPOINTS, Walker
+from safe_ompl.people.tracking import PersonTrack
 
 CENTRE = np.array([0.2, -0.1, -0.75])
 SLOW_HAND = People(speed=1.6, speeds={"left_hand": 0.4})

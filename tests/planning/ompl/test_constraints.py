@@ -6,20 +6,27 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import Verdict
-from safe_ompl.collision.separation import TOUCHING_ONLY, Separation
-from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
-from safe_ompl.common.errors import UnknownNameError
-from safe_ompl.danger.certified import DangerLimit
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.ompl.constraints import ConfigurationCheck, Constraints, SampledValidity
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
-from safe_ompl.scene.scene import Scene
+from safe_ompl import (
+    CertifiedMotionValidator,
+    CollisionChecker,
+    CollisionFreeValidity,
+    Constraints,
+    TipBounds,
+    ToolOrientation,
+    Verdict,
+)
+from safe_ompl.collision import TOUCHING_ONLY, Separation
+from safe_ompl.common import UnknownNameError
+from safe_ompl.danger import DangerField, DangerLimit
+from safe_ompl.geometry import Obstacle, Pose, Sphere
+from safe_ompl.planning.ompl import (
+    ConfigurationCheck,
+    SampledValidity,
+    ScratchState,
+    StateBridge,
+    joint_space,
+)
+from safe_ompl.scene import Scene
 
 START = np.array([0.8, -1.6, 1.2, -1.2, -1.57, 0.0])
 DOWN = (0.0, 0.0, -1.0)

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import Verdict
-from safe_ompl.common.counts import Counts
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
+from safe_ompl import CertifiedMotionValidator, CollisionChecker, CollisionFreeValidity, Verdict
+from safe_ompl.common import Counts
+from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space
 
 
 class Setting:

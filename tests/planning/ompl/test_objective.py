@@ -7,13 +7,10 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.objective import DangerObjective, PeakDangerObjective, StateCost
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import DangerField, DangerObjective, InputError, PeakDangerObjective, Scenario, make_planner
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.ompl import ScratchState, StateBridge, StateCost, joint_space
+from safe_ompl.scene import find_scenario
 
 
 class Squares(ob.OptimizationObjective):
@@ -65,15 +62,6 @@ def test_cost_of_a_motion_is_the_integral_of_the_danger(setting, rng):
         assert cost == pytest.approx(exact, rel=1e-3)
         assert objective.motionCost(second.set(q2), first.set(q1)).value() == pytest.approx(cost)
     assert objective.motionCost(first.set(q1), second.set(q1)).value() == 0
-
-
-def test_ompl_gives_the_objective_back(setting):
-    si, field, _ = setting
-    objective = DangerObjective(si, field)
-    problem = ob.ProblemDefinition(si)
-    problem.setOptimizationObjective(objective)
-    assert problem.getOptimizationObjective() is objective
-    assert "danger" in objective.getDescription()
 
 
 def test_ompl_sums_it_over_a_path(setting, rng):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CollisionFreeValidity
+from safe_ompl import CollisionChecker, CollisionFreeValidity
+from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space
 
 
 class Setting:
@@ -58,8 +57,8 @@ def test_not_a_number_is_never_valid(setting, rng):
     for i in range(len(q)):
         for bad in (np.nan, np.inf, -np.inf):
             state = setting.scratch.set(q)
-            setting.bridge.view(state)[i] = bad  # past the bridge, which would wrap it
-            setting.si.getStateSpace().deserialize(state, setting.bridge._memory.own[1])
+            reals = [*q[:i], bad, *q[i + 1 :]]  # past the bridge, which would wrap it
+            setting.si.getStateSpace().copyFromReals(state, reals)
             assert setting.si.isValid(state) is False
 
 

@@ -3,22 +3,17 @@
 import numpy as np
 import pytest
 
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scenario import Scenario, find_scenario
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, Obstacle, Pose, SafeSetup, Scenario, Scene
+from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture(scope="package")
-def planar2() -> Robot:
+def planar2():
     return Scenario.load(find_scenario("planar2")).build_robot()
 
 
 @pytest.fixture(scope="package")
-def arm_between_walls(planar2: Robot) -> SafeSetup:
+def arm_between_walls(planar2):
     """Return an arm between two walls from the base to beyond its reach: the goal lies behind one of them."""
     reach = 1.2 * float(np.linalg.norm(planar2.tip_pose(np.zeros(planar2.n)).translation))
     walls = [

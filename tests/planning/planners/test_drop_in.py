@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from itertools import pairwise
 from math import cos, hypot, sin
-from typing import Any
 
 import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.prm import SafePRM
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import SafePRM, SafeRRTConnect, SafeSetup, Scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 PLANNERS = [SafeRRTConnect, SafePRM]
 
 
-def bounds(n: int, low: float, high: float) -> Any:
+def bounds(n, low, high):
     box = ob.RealVectorBounds(n)
     box.setLow(low)
     box.setHigh(high)
     return box
 
 
-def state_at(space: Any, values: list[float]) -> Any:
+def state_at(space, values):
     state = space.allocState()
     space.copyFromReals(state, values)
     return state
@@ -38,21 +34,21 @@ def state_at(space: Any, values: list[float]) -> Any:
 class StateCosts(ob.OptimizationObjective):
     """A cost of states, and of motions the mean of their ends times the length."""
 
-    def __init__(self, si: Any, cost: Callable[[Any], float]) -> None:
+    def __init__(self, si, cost):
         super().__init__(si)
         self._space, self._cost = si.getStateSpace(), cost
         self.asked = 0
 
-    def stateCost(self, state: Any) -> Any:
+    def stateCost(self, state):
         self.asked += 1
         return ob.Cost(self._cost(state))
 
-    def motionCost(self, start: Any, end: Any) -> Any:
+    def motionCost(self, start, end):
         ends = self._cost(start) + self._cost(end)
         return ob.Cost(ends / 2 * self._space.distance(start, end))
 
 
-def solved(setup: Any, planner: Any, seconds: float = 10.0) -> Any:
+def solved(setup, planner, seconds=10.0):
     planner.setSeed(1)
     setup.setPlanner(planner)
     assert setup.solve(seconds).getStatus() == ob.PlannerStatus.EXACT_SOLUTION
@@ -64,12 +60,12 @@ def solved(setup: Any, planner: Any, seconds: float = 10.0) -> Any:
 # ------------------------------------------------------------------------- a point in the plane (OptimalPlanning)
 
 
-def disc_clearance(state: Any) -> float:
+def disc_clearance(state):
     """Distance from the disc in the middle of the unit square, as in OMPL's demo."""
     return hypot(state[0] - 0.5, state[1] - 0.5) - 0.25
 
 
-def point_setup() -> Any:
+def point_setup():
     space = ob.RealVectorStateSpace(2)
     space.setBounds(bounds(2, 0.0, 1.0))
     setup = og.SimpleSetup(space)
@@ -79,14 +75,14 @@ def point_setup() -> Any:
     return setup
 
 
-def least_clearance(path: Any) -> float:
+def least_clearance(path):
     rows = np.array([path.getState(i)[0:2] for i in range(path.getStateCount())])
     along = np.vstack([a + t * (b - a) for a, b in pairwise(rows) for t in np.linspace(0, 1, 20)[:, None]])
     return float(np.mean(np.hypot(*(along - 0.5).T) - 0.25))
 
 
 @pytest.mark.parametrize("kind", PLANNERS)
-def test_a_point_that_keeps_clear_of_a_disc(kind: Any) -> None:
+def test_a_point_that_keeps_clear_of_a_disc(kind):
     clear = []
     for danger in (False, True):
         found = []
@@ -113,12 +109,12 @@ def test_a_point_that_keeps_clear_of_a_disc(kind: Any) -> None:
 LINKS = 6
 
 
-def joints_of_chain(state: Any, n: int) -> np.ndarray:
+def joints_of_chain(state, n):
     angles = np.cumsum(state[0:n])
     return np.vstack([[0.0, 0.0], np.cumsum(np.stack([np.cos(angles), np.sin(angles)], axis=1), axis=0) / n])
 
 
-def chain_is_free(points: np.ndarray) -> bool:
+def chain_is_free(points):
     """Whether the chain crosses neither itself nor the walls of a horn, as in OMPL's demo."""
     walls = [((0.35, 0.12), (1.0, 0.4)), ((0.35, -0.12), (1.0, -0.4))]
     links = list(pairwise(points.tolist()))
@@ -130,8 +126,8 @@ def chain_is_free(points: np.ndarray) -> bool:
     return True
 
 
-def crosses(one: Any, other: Any) -> bool:
-    def side(p: Any, q: Any, r: Any) -> float:
+def crosses(one, other):
+    def side(p, q, r):
         return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
 
     return (side(*one, other[0]) > 0) != (side(*one, other[1]) > 0) and (side(*other, one[0]) > 0) != (
@@ -140,14 +136,14 @@ def crosses(one: Any, other: Any) -> bool:
 
 
 @pytest.mark.parametrize("kind", PLANNERS)
-def test_a_planar_chain(kind: Any) -> None:
+def test_a_planar_chain(kind):
     space = ob.CompoundStateSpace()
     for _ in range(LINKS):
         space.addSubspace(ob.SO2StateSpace(), 1.0)
     setup = og.SimpleSetup(space)
     angles = [0.0] * LINKS
 
-    def points(state: Any) -> np.ndarray:
+    def points(state):
         angles[:] = [state[k].value for k in range(LINKS)]
         return joints_of_chain(angles, LINKS)
 
@@ -167,7 +163,7 @@ def test_a_planar_chain(kind: Any) -> None:
 # -------------------------------------------------------------------- a rigid body in the plane (RigidBodyPlanning)
 
 
-def corners(state: Any) -> list[tuple[float, float]]:
+def corners(state):
     """Return points on a bar of 0.8 by 0.1, which fits through the gap in one direction only."""
     c, s = cos(state.getYaw()), sin(state.getYaw())
     return [
@@ -177,11 +173,11 @@ def corners(state: Any) -> list[tuple[float, float]]:
     ]
 
 
-def body_is_free(state: Any) -> bool:
+def body_is_free(state):
     return all(abs(x) > 0.05 or abs(y) < 0.25 for x, y in corners(state))
 
 
-def body_setup() -> Any:
+def body_setup():
     space = ob.SE2StateSpace()
     space.setBounds(bounds(2, -2.0, 2.0))
     setup = og.SimpleSetup(space)
@@ -192,7 +188,7 @@ def body_setup() -> Any:
 
 
 @pytest.mark.parametrize("kind", PLANNERS)
-def test_a_rigid_body_turns_to_pass_a_gap(kind: Any) -> None:
+def test_a_rigid_body_turns_to_pass_a_gap(kind):
     setup = body_setup()
     space = setup.getStateSpace()
     setup.setStartAndGoalStates(state_at(space, [-1.0, 0.0, 1.57]), state_at(space, [1.0, 0.5, 1.57]))
@@ -206,7 +202,7 @@ def test_a_rigid_body_turns_to_pass_a_gap(kind: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", PLANNERS)
-def test_without_an_objective_it_says_so(kind: Any, caplog: pytest.LogCaptureFixture) -> None:
+def test_without_an_objective_it_says_so(kind, caplog):
     setup = point_setup()
     with caplog.at_level(logging.INFO):
         solved(setup, kind(setup.getSpaceInformation()))
@@ -214,11 +210,11 @@ def test_without_an_objective_it_says_so(kind: Any, caplog: pytest.LogCaptureFix
 
 
 @pytest.mark.parametrize("kind", PLANNERS)
-def test_the_users_motion_validator_is_asked(kind: Any) -> None:
+def test_the_users_motion_validator_is_asked(kind):
     class NeverDown(ob.MotionValidator):
         asked = 0
 
-        def checkMotion(self, start: Any, end: Any) -> bool:
+        def checkMotion(self, start, end):
             NeverDown.asked += 1
             return bool(end[1] >= start[1] - 1e-9)
 
@@ -236,27 +232,27 @@ def test_the_users_motion_validator_is_asked(kind: Any) -> None:
 class Anywhere(ob.GoalSampleableRegion):
     """The right edge of the square, point after point."""
 
-    def __init__(self, si: Any) -> None:
+    def __init__(self, si):
         super().__init__(si)
         self.setThreshold(1e-6)
         self._rng = np.random.default_rng(0)
 
-    def distanceGoal(self, state: Any) -> float:
+    def distanceGoal(self, state):
         return 1.0 - state[0]
 
-    def maxSampleCount(self) -> int:
+    def maxSampleCount(self):
         return 1000
 
-    def couldSample(self) -> bool:
+    def couldSample(self):
         return True
 
-    def sampleGoal(self, state: Any) -> None:
+    def sampleGoal(self, state):
         state[0:2] = [1.0, float(self._rng.random())]
 
 
 @pytest.mark.parametrize("kind", PLANNERS)
 @pytest.mark.parametrize("goal", ["state", "states", "region"])
-def test_goals_and_several_starts(kind: Any, goal: str) -> None:
+def test_goals_and_several_starts(kind, goal):
     setup = point_setup()
     space, si = setup.getStateSpace(), setup.getSpaceInformation()
     setup.clearStartStates()
@@ -280,7 +276,7 @@ def test_goals_and_several_starts(kind: Any, goal: str) -> None:
 
 @pytest.mark.parametrize("planner", ["SafeRRTConnect", "SafePRM", "BubblePlanner"])
 @pytest.mark.parametrize("goal", ["place", "configurations"])
-def test_a_robots_goals(planner: str, goal: str) -> None:
+def test_a_robots_goals(planner, goal):
     scenario = Scenario.load(find_scenario("planar3"))
     setup: SafeSetup = setup_scenario(scenario)
     start, end = scenario.start_configuration(setup.robot), scenario.goal_configurations(setup.robot)[0]

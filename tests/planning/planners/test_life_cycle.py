@@ -7,27 +7,26 @@ import multiprocessing
 import pickle
 import threading
 import weakref
-from typing import Any
 
 import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import util as ou
 
-from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import SafeSetup, Scenario, make_planner, planner_names
+from safe_ompl.planning.planners import is_ours, needs_place
+from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 SAFE = [name for name in OURS if not name.startswith("Classic")]
 MOTION = np.array([0.4, 0.2, -0.15])  # short enough for every planner to find in no time
 
 
-def load() -> Scenario:
+def load():
     return Scenario.load(find_scenario("planar3"))
 
 
-def build(planner: str, scenario: Scenario | None = None) -> SafeSetup:
+def build(planner, scenario=None):
     scenario = scenario or load()
     setup = SafeSetup(scenario.build_robot(), scenario.scene)
     start = scenario.start_configuration(setup.robot)
@@ -39,14 +38,14 @@ def build(planner: str, scenario: Scenario | None = None) -> SafeSetup:
     return setup
 
 
-def solved(setup: SafeSetup) -> np.ndarray:
+def solved(setup):
     assert setup.solve(10.0).getStatus() == ob.PlannerStatus.EXACT_SOLUTION
     path = setup.solution()
     assert setup.report(path).certified
     return path
 
 
-def with_planner(name: str, seed: int = 0) -> tuple[SafeSetup, Any]:
+def with_planner(name, seed=0):
     setup = build(name)
     planner = make_planner(name, setup.getSpaceInformation())
     planner.setSeed(seed)
@@ -54,15 +53,15 @@ def with_planner(name: str, seed: int = 0) -> tuple[SafeSetup, Any]:
     return setup, planner
 
 
-def rows(graph: Any) -> set[bytes]:
+def rows(graph):
     return {q.tobytes() for q in graph.configurations}
 
 
-def path_of(planner: str, seed: int, scenario: Scenario | None = None) -> np.ndarray:
+def path_of(planner, seed, scenario=None):
     return build(planner, scenario).plan(planner, time=20.0, seed=seed).path
 
 
-def send_path(pipe: Any, planner: str, seed: int) -> None:
+def send_path(pipe, planner, seed):
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     pipe.send(path_of(planner, seed))
 
@@ -71,7 +70,7 @@ def send_path(pipe: Any, planner: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_solving_again_goes_on_with_what_there_is(name: str) -> None:
+def test_solving_again_goes_on_with_what_there_is(name):
     setup, planner = with_planner(name)
     solved(setup)
     before = rows(planner.plannerGraph())
@@ -80,7 +79,7 @@ def test_solving_again_goes_on_with_what_there_is(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_clear_forgets(name: str) -> None:
+def test_clear_forgets(name):
     setup, planner = with_planner(name)
     solved(setup)
     setup.clear()
@@ -91,7 +90,7 @@ def test_clear_forgets(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_after_clear_query_the_query_is_taken_again(name: str) -> None:
+def test_after_clear_query_the_query_is_taken_again(name):
     setup, planner = with_planner(name)
     solved(setup)
     planner.clearQuery()
@@ -100,7 +99,7 @@ def test_after_clear_query_the_query_is_taken_again(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_another_problem(name: str) -> None:
+def test_another_problem(name):
     setup, _ = with_planner(name)
     solved(setup)
     start = load().start_configuration(setup.robot) + np.array([0.05, 0.05, 0.0])
@@ -119,8 +118,8 @@ def test_another_problem(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OURS)
-@pytest.mark.parametrize("first", ["planner", "setup", "both"])
-def test_any_order_of_ends(name: str, first: str) -> None:
+@pytest.mark.parametrize("first", ["planner", "setup"])
+def test_any_order_of_ends(name, first):
     setup, planner = with_planner(name)
     path = solved(setup)
     if first == "planner":
@@ -128,22 +127,20 @@ def test_any_order_of_ends(name: str, first: str) -> None:
         gc.collect()
         solved(setup)
         del setup
-    elif first == "setup":
+    else:
         del setup
         gc.collect()
         assert len(planner.plannerGraph().configurations)
         planner.clear()
         del planner
-    else:
-        del planner, setup
     gc.collect()
     assert len(path) >= 2
 
 
 @pytest.mark.parametrize("name", [*OURS, "TRRT", "BiTRRT", "GradienTRRT"])
-def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name: str) -> None:
+def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name):
     planner = make_planner(name, build(name).getSpaceInformation())
-    part = weakref.ref(planner._problem)
+    part = weakref.ref(planner.counts)
     gc.disable()
     try:
         del planner
@@ -156,7 +153,7 @@ def test_a_planner_is_freed_as_soon_as_nobody_holds_it(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_in_any_order_and_in_two_setups_at_once(name: str) -> None:
+def test_in_any_order_and_in_two_setups_at_once(name):
     one, other = build(name), build(name)
     first = [setup.plan(name, time=20.0, seed=seed).path for setup, seed in ((one, 1), (other, 2), (one, 3))]
     again = [setup.plan(name, time=20.0, seed=seed).path for setup, seed in ((other, 3), (one, 2), (one, 1))]
@@ -165,11 +162,11 @@ def test_in_any_order_and_in_two_setups_at_once(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SAFE)
-def test_in_threads(name: str) -> None:
+def test_in_threads(name):
     expected = [path_of(name, seed) for seed in (1, 2)]
     found: dict[int, np.ndarray] = {}
 
-    def work(seed: int) -> None:
+    def work(seed):
         found[seed] = path_of(name, seed)
 
     threads = [threading.Thread(target=work, args=(seed,)) for seed in (1, 2)]
@@ -182,15 +179,15 @@ def test_in_threads(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SAFE)
-def test_in_a_process_that_is_forked(name: str) -> None:
+def test_in_a_process_that_is_forked(name):
     np.testing.assert_array_equal(path_in_process("fork", name), path_of(name, 4))
 
 
-def test_in_a_process_that_is_spawned() -> None:
+def test_in_a_process_that_is_spawned():
     np.testing.assert_array_equal(path_in_process("spawn", "SafePRM"), path_of("SafePRM", 4))
 
 
-def path_in_process(method: str, name: str) -> np.ndarray:
+def path_in_process(method, name):
     context = multiprocessing.get_context(method)
     ours, theirs = context.Pipe()
     process = context.Process(target=send_path, args=(theirs, name, 4))
@@ -203,16 +200,10 @@ def path_in_process(method: str, name: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SAFE)
-def test_from_a_problem_that_was_pickled(name: str) -> None:
+def test_from_a_problem_that_was_pickled(name):
     scenario = load()
     travelled = pickle.loads(pickle.dumps(scenario))
     np.testing.assert_array_equal(path_of(name, 5, travelled), path_of(name, 5, scenario))
     robot, scene = (pickle.loads(pickle.dumps(part)) for part in (scenario.build_robot(), scenario.scene))
     assert robot.joint_names == scenario.build_robot().joint_names
     assert scene == scenario.scene
-
-
-@pytest.mark.parametrize("name", OURS)
-def test_the_seed_is_in_the_report(name: str) -> None:
-    result = build(name).plan(name, time=20.0, seed=77)
-    assert result.seed == result.as_dict()["seed"] == 77

@@ -6,14 +6,11 @@ import math
 import pytest
 from plane import PlaneProblem
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.base import SafePlanner
-from safe_ompl.planning.planners.parameters import FormerNames, Parameter, camel_case, parameters_of
-from safe_ompl.planning.planners.prm import SafePRM
-from safe_ompl.planning.planners.registry import make_planner, planner_names
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import InputError, SafePRM, SafeRRTConnect, UnknownNameError, make_planner, planner_names
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners import Parameter, SafePlanner
+from safe_ompl.planning.planners.parameters import FormerNames, camel_case, parameters_of
+from safe_ompl.scene import Scenario, find_scenario
 
 
 class Part:
@@ -31,7 +28,7 @@ class Declared(SafePlanner):
     """
 
     share = Parameter(0.5, "A share.", at_most=1)
-    length = Parameter(2.0, "A length.", unit="m", above=0, kept_in="_part.length")
+    length = Parameter(2.0, "A length.", unit="m", above=0, kept_in="part.length")
     limit = Parameter(math.inf, "A limit.", above=0)
     turns = Parameter(3, "A number of turns.", at_least=1)
     works = Parameter(True, "Whether it works.")
@@ -43,7 +40,7 @@ class Declared(SafePlanner):
         return self.shape.upper()
 
     def _make_parts(self):
-        self._part = Part()
+        self.part = Part()
 
     def _forget(self):
         pass
@@ -75,8 +72,8 @@ def test_defaults_keywords_setters_and_attributes_are_one_value(si):
 
 def test_a_part_may_keep_the_value(si):
     planner = Declared(si, length=4)
-    assert planner._part.length == planner.length == 4.0
-    planner._part.length = 6.0
+    assert planner.part.length == planner.length == 4.0
+    planner.part.length = 6.0
     assert planner.getLength() == 6.0
 
 

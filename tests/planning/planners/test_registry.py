@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from ompl import base as ob
 
+from safe_ompl import InputError, Scenario, UnknownNameError, WorkspaceGoal, make_planner, planner_names
 from safe_ompl.apps.cli.options import parameter
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.goals import WorkspaceGoal
-from safe_ompl.planning.planners.registry import accepts, is_ours, make_planner, needs_place, planner_names
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners import accepts, is_ours, needs_place
+from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 PRINTED = [name for name in planner_names() if name.startswith("Paper")]
@@ -85,10 +84,7 @@ def test_the_seed_is_not_among_the_known_parameters(si):
     assert "seed" not in str(error.value)
 
 
-BOOLEANS = [
-    ("SafeRRTConnect", "short_steps"),
-    ("SafeJTRRT", "transpose"),
-]
+BOOLEANS = [("SafeRRTConnect", "short_steps"), ("SafeJTRRT", "transpose")]
 
 
 @pytest.mark.parametrize(("name", "key"), BOOLEANS)
@@ -117,3 +113,11 @@ def test_the_command_line_reads_booleans(text, value):
 def test_nonsense_on_the_command_line_is_refused_with_the_parameters_name(si, name, key):
     with pytest.raises(InputError, match=key):
         make_planner(name, si, dict([parameter(f"{key}=maybe")]))
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_the_printed_forms_have_no_parameters_that_are_ours(si, name):
+    ours = ("slide", "nearest_fraction", "clearance", "threshold_rise", "danger_decay", "short_steps")
+    for key in (*ours, "random_starts"):
+        with pytest.raises(UnknownNameError, match=f"unknown parameter of {name} {key!r}"):
+            make_planner(name, si, {key: 0.5})

@@ -5,15 +5,15 @@ import resource
 import numpy as np
 import pytest
 
-from safe_ompl.planning.planners.registry import is_ours, needs_place, planner_names
-from safe_ompl.planning.safe_setup import SafeSetup
+from safe_ompl import SafeSetup, planner_names
+from safe_ompl.planning.planners import is_ours, needs_place
 
 OURS = [name for name in planner_names() if is_ours(name)]
-BASELINES = ["TRRT", "BiTRRT", "GradienTRRT"]
-LIMIT = 0.4  # [s]
+BASELINES = ["TRRT", "BiTRRT", "GradienTRRT", "HRRT"]
+LIMIT = 0.25  # [s]
 
 
-def megabytes() -> float:
+def megabytes():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 

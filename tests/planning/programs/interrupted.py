@@ -4,11 +4,12 @@ import sys
 
 from ompl import util as ou
 
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import Scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 
-def main(name: str) -> None:
+def main(name):
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     setup = setup_scenario(Scenario.load(find_scenario("planar3")))
     setup.plan(name, time=0.3)

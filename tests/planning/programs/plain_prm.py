@@ -4,10 +4,10 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
+from safe_ompl import CertifiedMotionValidator, CollisionFreeValidity
 from safe_ompl.apps.cli.options import load_scenario
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.states import StateBridge, joint_space
-from safe_ompl.planning.ompl.validity import CertifiedMotionValidator, CollisionFreeValidity
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.ompl import StateBridge, joint_space
 
 ours = setup_scenario(load_scenario("planar2"))
 setup = og.SimpleSetup(joint_space(ours.robot))

@@ -5,8 +5,7 @@ import pickle
 
 import pytest
 
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.robot.robot import Robot
+from safe_ompl import InputError, Robot, UnknownNameError
 
 LEFT, RIGHT = ("left_shoulder", "left_elbow"), ("right_shoulder", "right_slide", "right_turn")
 SRDF = """<robot name="twin_arm">
@@ -97,11 +96,6 @@ def test_named_states_can_be_the_posture(build):
 
 def test_named_states_of_several_groups(build):
     assert build().named("home") == {"left_elbow": 0.5, "right_shoulder": -0.4, "right_slide": 0.2}
-
-
-def test_a_configuration_is_named_as_before(build):
-    robot = build(tip="left_hand")
-    assert robot.named(robot.lower) == dict(zip(robot.joint_names, robot.lower, strict=True))
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,7 @@ import coal
 import numpy as np
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import Box, CollisionChecker, InputError, Obstacle, Pose, Robot, Scene, UnknownNameError
 
 BOX = '<box size="0.3 0.05 0.05"/>'
 SHAPE = f'<origin xyz="0.2 0 0"/><geometry>{BOX}</geometry>'

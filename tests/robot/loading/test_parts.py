@@ -6,16 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl.collision.checker import CollisionChecker
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.common.errors import InputError, UnknownNameError
-from safe_ompl.danger.field import DangerField
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.fingerprint import robot_hash
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
+from safe_ompl import CertifiedMotion, CollisionChecker, DangerField, InputError, Scene, UnknownNameError
+from safe_ompl.geometry import Box, Obstacle, Pose, Sphere
+from safe_ompl.robot import Robot, robot_hash
 
 BASE = Pose.from_rpy((0.5, -0.3, 0.8), (0.2, -0.1, 1.2))
 ROOM = ((-1.0, 1.0), (-0.5, 2.0))
@@ -232,14 +225,6 @@ def test_pairs_of_each_and_all_between(cell, panda, ur5):
 
 def test_motions_in_a_cell_of_two(cell, plain_check, rng):
     assert_no_free_motion_collides(cell, Scene(), plain_check, rng, 150, 3)
-
-
-def test_arms_approach_each_other_no_faster_than_said(cell, plain_check, rng):
-    checker, plain = CollisionChecker(cell, Scene()), plain_check(cell, Scene())
-    for start, end in random_edges(cell, rng, 60, 0.1):
-        before, after = plain.distances(start), plain.distances(end)
-        apart = (before > 0) & (after > 0)
-        assert (np.abs(after - before) <= checker.pair_radii @ np.abs(end - start) + 2e-5)[apart].all()
 
 
 def test_danger_of_both_arms(cell):

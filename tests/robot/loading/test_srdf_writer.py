@@ -3,14 +3,11 @@
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
-import pytest
 from self_pairs import self_pairs
 
-from safe_ompl.apps.cli.program import main
-from safe_ompl.robot.loading.packages import find_example, robots_folder
-from safe_ompl.robot.loading.srdf import disabled_links
-from safe_ompl.robot.loading.urdf import UrdfFile
-from safe_ompl.robot.robot import Robot
+from safe_ompl import Robot
+from safe_ompl.apps import main
+from safe_ompl.robot.loading import UrdfFile, disabled_links, find_example, robots_folder
 
 
 def test_round_trip(data_folder, tmp_path, capsys):
@@ -23,10 +20,10 @@ def test_round_trip(data_folder, tmp_path, capsys):
     assert self_pairs(with_srdf) == self_pairs(Robot.from_urdf(data_folder / "twin_arm.urdf"))
 
 
-@pytest.mark.parametrize("name", ["ur10", "so101"])
-def test_round_trip_of_robots_whose_links_always_touch(robot_named, tmp_path, name, capsys):
+def test_round_trip_of_a_robot_whose_links_always_touch(robot_named, tmp_path, capsys):
+    name = "so101"
     urdf, srdf = robots_folder() / find_example(name).urdf, tmp_path / "found.srdf"
-    options = ["--package-dir", str(robots_folder().parents[1])]
+    options = ["--package-dir", str(robots_folder().parents[1]), "--samples", "1000"]
     assert main(["srdf", str(urdf), "-o", str(srdf), *options]) == 0
     reasons = [tag.get("reason") for tag in ElementTree.parse(srdf).iter("disable_collisions")]
     assert "Adjacent" in reasons

@@ -2,9 +2,8 @@
 
 import pytest
 
-from safe_ompl.common.errors import InputError
-from safe_ompl.robot.robot import Robot
-from safe_ompl.robot.spec import RobotSpec
+from safe_ompl import InputError, Robot
+from safe_ompl.robot import RobotSpec
 
 XACRO = '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
 

@@ -8,18 +8,13 @@ import numpy as np
 import pytest
 
 from safe_ompl import Box, InputError, Obstacle, People, Person, Pose, RateLimits, SafeSetup, Scene, load
-from safe_ompl.apps.cli.program import main
-from safe_ompl.geometry.person import STANDING
-from safe_ompl.io.files import marked, strict_json
-from safe_ompl.io.motions import TimedMotion
-from safe_ompl.io.robot_document import carried_robot
-from safe_ompl.io.scene_document import carried_scene
+from safe_ompl.apps import main
+from safe_ompl.geometry import STANDING
+from safe_ompl.io import TimedMotion, carried_robot, carried_scene, marked, strict_json
+from safe_ompl.view import ViewerContent, read_recording, save_animation
 from safe_ompl.view.browser.layers import FieldSlice
-from safe_ompl.view.content import ViewerContent
-from safe_ompl.view.pictures.animation import save_animation
-from safe_ompl.view.pictures.bodies import SHIRT
-from safe_ompl.view.plots.paths import plot_speeds
-from safe_ompl.view.recordings import read_recording
+from safe_ompl.view.pictures.surface import SHIRT
+from safe_ompl.view.plots import plot_speeds
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
 TICK = 0.1
@@ -197,7 +192,7 @@ def test_recordings_that_cannot_be_read_are_refused(recording, tmp_path, capsys)
 @pytest.mark.parametrize("ending", [".webp", ".gif"])
 def test_an_animation_moves(motion, tmp_path, ending, monkeypatch):
     image = pytest.importorskip("PIL.Image")
-    monkeypatch.setattr("safe_ompl.view.pictures.animation.FEWEST_FRAMES", 3)
+    monkeypatch.setattr("safe_ompl.view.pictures.path.FEWEST_FRAMES", 3)
     file = tmp_path / f"animation{ending}"
     save_animation(ViewerContent.of_motions([motion]), file, rate=1.0)
     moving = image.open(file)
@@ -223,7 +218,7 @@ def test_in_the_animation_of_a_recording_people_and_things_move(recording, tmp_p
         return np.zeros((8, 8, 3))
 
     monkeypatch.setattr("safe_ompl.view.pictures.rasteriser.Renderer.render", render)
-    monkeypatch.setattr("safe_ompl.view.pictures.animation.FEWEST_FRAMES", 10)
+    monkeypatch.setattr("safe_ompl.view.pictures.path.FEWEST_FRAMES", 10)
     content = read_recording(recording)
     save_animation(content, tmp_path / "drive.webp", rate=10.0)
     places = [place for place, _ in drawn]

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from safe_ompl import Box, Obstacle, Pose, Robot, Scene
-from safe_ompl.geometry.person import STANDING
-from safe_ompl.io.motions import TimedMotion
-from safe_ompl.view.browser.view import save_page
-from safe_ompl.view.content import Movers, ViewerContent
+from safe_ompl.geometry import STANDING
+from safe_ompl.io import TimedMotion
+from safe_ompl.view import ViewerContent, save_page
+from safe_ompl.view.content import Movers
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 OPTIONS = (

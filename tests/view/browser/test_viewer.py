@@ -9,8 +9,8 @@ import pytest
 
 import safe_ompl
 from safe_ompl import Box, InputError, Obstacle, Person, PlanResult, Pose, SafeSetup, Scene, certificate
-from safe_ompl.view.annotations import Nearest, Proof
-from safe_ompl.view.content import ViewerContent
+from safe_ompl.view import ViewerContent
+from safe_ompl.view.content import Nearest, Proof
 from safe_ompl.view.style import level_colours
 
 START, GOAL = [0.4, -1.2, 1.2, -1.0, -1.57, 0.0], [-0.8, -1.0, 1.0, -1.0, -1.57, 0.0]
@@ -122,7 +122,7 @@ def view(result):
 
 
 def test_sliders_and_play_bar_move_the_robots(view):
-    from safe_ompl.view.browser.controls import Controls
+    from safe_ompl.view.browser.view import Controls
 
     controls = Controls(view)
     controls.go_to(0.5)  # as when it plays
@@ -138,7 +138,7 @@ def test_sliders_and_play_bar_move_the_robots(view):
 
 
 def test_playing_goes_on_by_itself(view):
-    from safe_ompl.view.browser.controls import Controls
+    from safe_ompl.view.browser.view import Controls
 
     now = 100.0
     controls = Controls(view, clock=lambda: now)

@@ -1,9 +1,5 @@
 """Pictures of robots: what they show, where they are taken from, and what they refuse."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -12,21 +8,21 @@ pytest.importorskip("matplotlib")
 import coal
 from matplotlib.image import imread
 
-from safe_ompl.common.errors import InputError
+from safe_ompl import Box, InputError, Obstacle, Person, Pose, Robot, Scene, Sphere
 from safe_ompl.geometry import surfaces
-from safe_ompl.geometry.basic import Box, Sphere
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.person import Person
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.robot.robot import Robot
-from safe_ompl.scene.scene import Scene
-from safe_ompl.view.pictures.bodies import RobotBody, obstacle_surfaces
+from safe_ompl.view import DrawnPath, render_comparison, render_path, save_png
 from safe_ompl.view.pictures.camera import Camera, in_picture
-from safe_ompl.view.pictures.path import DrawnPath, choose_camera, moments, render_path
+from safe_ompl.view.pictures.path import choose_camera, moments
 from safe_ompl.view.pictures.rasteriser import FLOOR_VALUE, Renderer, ZBuffer, tone_mapped
-from safe_ompl.view.pictures.results import render_comparison, save_png
 from safe_ompl.view.pictures.scene import DrawnScene
-from safe_ompl.view.pictures.surface import ColouredSurface, Surface, tessellate, tube
+from safe_ompl.view.pictures.surface import (
+    ColouredSurface,
+    RobotBody,
+    Surface,
+    obstacle_surfaces,
+    tessellate,
+    tube,
+)
 
 SMALL = (96, 72)
 ARM = """
@@ -49,23 +45,23 @@ PATH = np.array([[-1.2, 0.3], [-0.4, 1.0], [0.9, 0.5]])
 
 
 @pytest.fixture(scope="module")
-def planar(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+def planar(tmp_path_factory):
     return _arm(tmp_path_factory, "0 0 1")
 
 
 @pytest.fixture(scope="module")
-def upright(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+def upright(tmp_path_factory):
     return _arm(tmp_path_factory, "0 1 0")
 
 
-def _arm(folders: pytest.TempPathFactory, axis: str) -> Robot:
+def _arm(folders, axis):
     file = folders.mktemp("arm") / "arm.urdf"
     file.write_text(ARM.format(axis=axis))
     return Robot.from_urdf(file, tip="tip")
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene():
     return Scene(
         (
             Obstacle("box", Box((0.1, 0.1, 0.1)), Pose((0.6, 0.6, 0.0))),
@@ -77,7 +73,7 @@ def scene() -> Scene:
 # ---------------------------------------------------------------------------------------------- triangles
 
 
-def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+def _volume(vertices, faces):
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
@@ -92,11 +88,11 @@ def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
         (coal.Cone(0.5, 3.0), np.pi / 4),
     ],
 )
-def test_tessellated_shapes_are_closed_and_face_outwards(shape: Any, volume: float) -> None:
+def test_tessellated_shapes_are_closed_and_face_outwards(shape, volume):
     assert _volume(*tessellate(shape)) == pytest.approx(volume, rel=0.03)
 
 
-def test_a_mesh_keeps_its_triangles() -> None:
+def test_a_mesh_keeps_its_triangles():
     vertices, faces = surfaces.box_triangles(np.array([1.0, 2.0, 3.0]))
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(len(faces), len(vertices))
@@ -108,26 +104,26 @@ def test_a_mesh_keeps_its_triangles() -> None:
     assert _volume(*tessellate(mesh.convex)) == pytest.approx(6.0)
 
 
-def test_unknown_geometry_is_named() -> None:
+def test_unknown_geometry_is_named():
     with pytest.raises(InputError, match=r"Halfspace.*known: mesh"):
         tessellate(coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0))
 
 
-def test_normals_are_smooth_on_a_ball_and_flat_on_a_box() -> None:
+def test_normals_are_smooth_on_a_ball_and_flat_on_a_box():
     ball = Surface.from_triangles(*tessellate(coal.Sphere(1.0)))
     assert np.einsum("ij,ij->i", ball.vertices, ball.normals).min() > 0.99
     box = Surface.from_triangles(*tessellate(coal.Box(1.0, 1.0, 1.0)))
     assert np.abs(box.normals).max(axis=1) == pytest.approx(1.0)
 
 
-def test_simplified_surfaces_stay_within_a_cell() -> None:
+def test_simplified_surfaces_stay_within_a_cell():
     ball = Surface.from_triangles(*tessellate(coal.Sphere(1.0)))
     coarse = ball.simplified(0.2)
     assert 0 < len(coarse.faces) < len(ball.faces)
     assert _volume(coarse.vertices, coarse.faces) == pytest.approx(4.19, rel=0.1)
 
 
-def test_a_tube_keeps_its_radius_round_a_corner() -> None:
+def test_a_tube_keeps_its_radius_round_a_corner():
     bend = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]])
     vertices, _ = tube(bend, 0.1)
     gaps = np.linalg.norm(vertices[:, None] - bend[None], axis=2).min(axis=1)
@@ -138,7 +134,7 @@ def test_a_tube_keeps_its_radius_round_a_corner() -> None:
 # ------------------------------------------------------------------------------------------------- camera
 
 
-def test_the_camera_holds_all_points_tightly() -> None:
+def test_the_camera_holds_all_points_tightly():
     points = np.random.default_rng(0).normal(size=(50, 3))
     camera = Camera.framing(points, 0.7, 0.4, (150, 100), margin=0.05)
     places = camera.project(points) / (1.5, 1.0)
@@ -146,23 +142,23 @@ def test_the_camera_holds_all_points_tightly() -> None:
 
 
 @pytest.mark.parametrize("points", [np.empty((0, 3)), np.array([[0.0, np.nan, 0.0]])])
-def test_a_camera_without_points_says_so(points: np.ndarray) -> None:
+def test_a_camera_without_points_says_so(points):
     with pytest.raises(InputError, match="finite points"):
         Camera.framing(points, 0.0, 0.5, SMALL)
 
 
-def test_a_level_arm_is_seen_from_above(planar: Robot, scene: Scene) -> None:
+def test_a_level_arm_is_seen_from_above(planar, scene):
     camera = choose_camera(planar, scene, {"a": PATH})
     assert camera.eye[2] - camera.target[2] == pytest.approx(np.linalg.norm(camera.eye - camera.target))
 
 
-def test_the_camera_goes_where_a_wall_does_not_hide_the_arm(upright: Robot) -> None:
+def test_the_camera_goes_where_a_wall_does_not_hide_the_arm(upright):
     wall = Obstacle("wall", Box((2.0, 0.05, 2.0)), Pose((0.3, -0.5, 0.3)))
     camera = choose_camera(upright, Scene((wall,)), {"a": PATH})
     assert camera.eye[1] > 0.0
 
 
-def test_azimuth_and_elevation_can_be_given(upright: Robot, scene: Scene) -> None:
+def test_azimuth_and_elevation_can_be_given(upright, scene):
     camera = choose_camera(upright, scene, {"a": PATH}, azimuth=0.5, elevation=0.3)
     back = camera.eye - camera.target
     assert np.arctan2(back[1], back[0]) == pytest.approx(0.5)
@@ -172,18 +168,18 @@ def test_azimuth_and_elevation_can_be_given(upright: Robot, scene: Scene) -> Non
 # ------------------------------------------------------------------------------------------------ renderer
 
 
-def _ball(radius: float, at: tuple[float, float, float]) -> Surface:
+def _ball(radius, at):
     return Surface.from_triangles(*tessellate(coal.Sphere(radius))).moved(np.eye(3), np.array(at))
 
 
-def test_development_keeps_order_and_range() -> None:
+def test_development_keeps_order_and_range():
     values = tone_mapped(np.linspace(0.0, 5.0, 200))
     assert (np.diff(values) >= 0).all()
     assert values[0] == 0.0
     assert values[-1] <= 1.0
 
 
-def test_a_z_buffer_keeps_what_is_nearest() -> None:
+def test_a_z_buffer_keeps_what_is_nearest():
     points = np.array([[0.0, 0, 1], [9, 0, 1], [0, 9, 1], [2.0, 2, 3], [6, 2, 3], [2, 6, 1]])
     faces = np.array([(0, 1, 2), (3, 4, 5)])
     buffer = ZBuffer.of(points, faces, (10, 8))
@@ -196,7 +192,7 @@ def test_a_z_buffer_keeps_what_is_nearest() -> None:
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_a_z_buffer_does_not_care_which_way_triangles_turn(turned: bool) -> None:
+def test_a_z_buffer_does_not_care_which_way_triangles_turn(turned):
     points = np.random.default_rng(0).uniform(-5, 45, (60, 3))
     faces = np.arange(60).reshape(20, 3)
     buffer = ZBuffer.of(points, faces[:, ::-1] if turned else faces, (40, 30))
@@ -212,19 +208,19 @@ def test_a_z_buffer_does_not_care_which_way_triangles_turn(turned: bool) -> None
     np.testing.assert_allclose(buffer.nearness, best, rtol=1e-4)
 
 
-def test_what_is_behind_the_camera_is_not_drawn() -> None:
+def test_what_is_behind_the_camera_is_not_drawn():
     camera = Camera.framing(np.eye(3), 0.3, 0.5, SMALL)
     behind = _ball(0.3, tuple(camera.eye + (camera.eye - camera.target)))
     buffer = ZBuffer.of(in_picture(camera, behind.vertices, SMALL), behind.faces, SMALL)
     assert (buffer.faces == -1).all()
 
 
-def test_the_empty_floor_has_its_value_everywhere() -> None:
+def test_the_empty_floor_has_its_value_everywhere():
     image = Renderer(0.0, Camera.framing(np.eye(3), 0.3, 0.5, SMALL), SMALL).render([])
     assert image == pytest.approx(FLOOR_VALUE, abs=1e-6)
 
 
-def test_layers_show_the_body_where_nothing_hides_it() -> None:
+def test_layers_show_the_body_where_nothing_hides_it():
     camera = Camera.framing(_ball(1.0, (0, 0, 0)).vertices, 0.0, 0.0, SMALL)
     renderer = Renderer(-1.0, camera, SMALL)
     body = _ball(0.5, (0, 0, 0))
@@ -236,7 +232,7 @@ def test_layers_show_the_body_where_nothing_hides_it() -> None:
     assert hidden[36, 48] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_a_shadow_falls_on_the_floor_away_from_the_light() -> None:
+def test_a_shadow_falls_on_the_floor_away_from_the_light():
     ball = ColouredSurface(_ball(0.3, (0, 0, 1.0)), (0.5, 0.5, 0.5))
     camera = Camera.framing(np.array([(-1.5, -1.5, 0), (1.5, 1.5, 1.5)]), 0.0, 1.2, SMALL)
     renderer = Renderer(0.0, camera, SMALL)
@@ -248,7 +244,7 @@ def test_a_shadow_falls_on_the_floor_away_from_the_light() -> None:
         assert bool(image[row, column].mean() < 0.8 * FLOOR_VALUE) is dark
 
 
-def test_the_camera_does_not_stand_behind_the_back_of_a_person(upright: Robot) -> None:
+def test_the_camera_does_not_stand_behind_the_back_of_a_person(upright):
     person = Obstacle("person", Person(), Pose((1.1, 0.0, -0.9)), weight=1.0)
     camera = choose_camera(upright, Scene((person,)), {"a": PATH})
     assert camera.eye[0] - camera.target[0] < 0.3 * np.linalg.norm(camera.eye - camera.target)
@@ -257,27 +253,27 @@ def test_the_camera_does_not_stand_behind_the_back_of_a_person(upright: Robot) -
 # -------------------------------------------------------------------------------------------- robot and scene
 
 
-def test_a_person_wears_the_colour_of_the_obstacle() -> None:
+def test_a_person_wears_the_colour_of_the_obstacle():
     colours = {thing.colour for thing in obstacle_surfaces(Obstacle("p", Person(), color=(0.1, 0.2, 0.3)))}
     assert (0.1, 0.2, 0.3) in colours
     assert len(colours) >= 4  # skin, hair, trousers and shoes besides
 
 
-def test_the_lowest_wide_slab_is_the_floor(planar: Robot) -> None:
+def test_the_lowest_wide_slab_is_the_floor(planar):
     slab = Obstacle("ground", Box((9.0, 9.0, 0.02)), Pose((0.0, 0.0, -0.5)))
     drawn = DrawnScene(planar, Scene((slab,)), [PATH])
     assert drawn.floor == pytest.approx(-0.49)
     assert [thing.colour for thing in drawn.surroundings] == [(0.62, 0.63, 0.65)]  # a pedestal alone
 
 
-def test_postures_leave_out_what_has_not_moved(planar: Robot) -> None:
+def test_postures_leave_out_what_has_not_moved(planar):
     body = RobotBody(planar)
     whole, moved = body.posed(PATH[0]), body.posed(PATH[0] + (0.0, 0.4), moved_from=PATH[0])
     assert 0 < len(moved.faces) < len(whole.faces)
     assert not len(body.posed(PATH[0], moved_from=PATH[0]).faces)
 
 
-def test_a_robot_without_geometry_is_drawn_by_its_skeleton(tmp_path: Any) -> None:
+def test_a_robot_without_geometry_is_drawn_by_its_skeleton(tmp_path):
     import re
 
     file = tmp_path / "bare.urdf"
@@ -292,16 +288,14 @@ def test_a_robot_without_geometry_is_drawn_by_its_skeleton(tmp_path: Any) -> Non
     ("count", "closest", "expected"),
     [(3, None, [0.25, 0.5, 0.75]), (3, 0.6, [0.25, 0.6, 0.75]), (0, 0.6, []), (1, 0.0, [0.0])],
 )
-def test_the_closest_moment_is_among_those_shown(
-    count: int, closest: float | None, expected: list[float]
-) -> None:
+def test_the_closest_moment_is_among_those_shown(count, closest, expected):
     assert moments(count, closest).tolist() == pytest.approx(expected)
 
 
 # --------------------------------------------------------------------------------------------------- pictures
 
 
-def test_the_robot_shows_in_the_picture(planar: Robot, scene: Scene) -> None:
+def test_the_robot_shows_in_the_picture(planar, scene):
     camera = choose_camera(planar, scene, {"a": PATH})
     drawn = render_path(planar, scene, PATH, size=SMALL, camera=camera, ghosts=1)
     drawn_scene = DrawnScene(planar, scene, [PATH])
@@ -314,7 +308,7 @@ def test_the_robot_shows_in_the_picture(planar: Robot, scene: Scene) -> None:
     assert blue.any()  # goal and trace have the accent colour
 
 
-def test_the_planned_path_is_a_thinner_line_than_the_simplified_one(planar: Robot) -> None:
+def test_the_planned_path_is_a_thinner_line_than_the_simplified_one(planar):
     around = np.array([PATH[0], [2.0, -1.0], PATH[-1]])
     camera = choose_camera(planar, Scene(), {"a": PATH, "b": around})
     views = [
@@ -325,7 +319,7 @@ def test_the_planned_path_is_a_thinner_line_than_the_simplified_one(planar: Robo
     assert 20 < thin < 0.7 * bold
 
 
-def test_a_ghost_tints_the_picture(planar: Robot) -> None:
+def test_a_ghost_tints_the_picture(planar):
     scene = Scene()
     plain, ghostly = (
         render_path(planar, scene, PATH, size=SMALL, ghosts=count, danger_points=True) for count in (0, 2)
@@ -333,7 +327,7 @@ def test_a_ghost_tints_the_picture(planar: Robot) -> None:
     assert 0.01 < (np.abs(plain.astype(int) - ghostly).max(axis=2) > 10).mean() < 0.4
 
 
-def test_danger_points_are_red(planar: Robot, scene: Scene) -> None:
+def test_danger_points_are_red(planar, scene):
     drawn, plain = (
         render_path(planar, scene, PATH, size=(240, 180), ghosts=0, danger_points=shown)
         for shown in (True, False)
@@ -342,12 +336,12 @@ def test_danger_points_are_red(planar: Robot, scene: Scene) -> None:
     assert redder.any()
 
 
-def test_the_same_picture_comes_out_twice(planar: Robot, scene: Scene) -> None:
+def test_the_same_picture_comes_out_twice(planar, scene):
     first, second = (render_path(planar, scene, PATH, size=SMALL, ghosts=1) for _ in range(2))
     assert np.array_equal(first, second)
 
 
-def test_a_comparison_is_saved_with_a_panel_per_planner(planar: Robot, scene: Scene, tmp_path: Any) -> None:
+def test_a_comparison_is_saved_with_a_panel_per_planner(planar, scene, tmp_path):
     file = tmp_path / "new" / "paths.png"
     render_comparison(
         planar,
@@ -367,7 +361,7 @@ def test_a_comparison_is_saved_with_a_panel_per_planner(planar: Robot, scene: Sc
     assert ((right[..., 2] - right[..., 0]) > 0.3).any()
 
 
-def test_pictures_are_saved_as_they_are(tmp_path: Any) -> None:
+def test_pictures_are_saved_as_they_are(tmp_path):
     image = np.random.default_rng(0).integers(0, 255, (5, 7, 3), dtype=np.uint8)
     save_png(image, tmp_path / "sub" / "a.png")
     assert np.array_equal(np.round(255 * imread(tmp_path / "sub" / "a.png"))[..., :3], image)
@@ -384,22 +378,22 @@ def test_pictures_are_saved_as_they_are(tmp_path: Any) -> None:
         (np.array([[0.0, np.nan]]), "finite"),
     ],
 )
-def test_a_path_that_cannot_be_drawn_says_why(planar: Robot, path: np.ndarray, message: str) -> None:
+def test_a_path_that_cannot_be_drawn_says_why(planar, path, message):
     with pytest.raises(InputError, match=message):
         render_path(planar, Scene(), path, size=SMALL)
 
 
-def test_a_picture_needs_pixels(planar: Robot) -> None:
+def test_a_picture_needs_pixels(planar):
     with pytest.raises(InputError, match="at least 1 pixel"):
         render_path(planar, Scene(), PATH, size=(0, 72))
 
 
-def test_a_comparison_needs_paths(planar: Robot, tmp_path: Any) -> None:
+def test_a_comparison_needs_paths(planar, tmp_path):
     with pytest.raises(InputError, match="no path to draw"):
         render_comparison(planar, Scene(), {}, tmp_path / "a.png")
 
 
-def test_one_picture_of_a_real_robot() -> None:
+def test_one_picture_of_a_real_robot():
     robot = Robot.from_example("ur5")
     person = Obstacle("person", Person(), Pose((0.9, 0.0, -0.8)))
     path = np.array([[0.0, -1.2, 1.5, -1.8, -1.57, 0.0], [1.0, -1.2, 1.5, -1.8, -1.57, 0.0]])
@@ -408,7 +402,7 @@ def test_one_picture_of_a_real_robot() -> None:
     assert ColouredSurface(_ball(1.0, (0, 0, 0)), (1.0, 0.0, 0.0)).glossy is False
 
 
-def test_links_without_visual_shapes_are_drawn_as_they_collide(tmp_path) -> None:
+def test_links_without_visual_shapes_are_drawn_as_they_collide(tmp_path):
     box = "<geometry><box size='0.2 0.1 0.1'/></geometry>"
     joint = "<axis xyz='0 0 1'/><limit lower='-1' upper='1' velocity='1' effort='1'/>"
     file = tmp_path / "arm.urdf"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from math import inf, isfinite, sqrt
 
+import numpy as np
+
+from safe_ompl.collision import CertifiedMotion, PairSet
 from safe_ompl.common import FloatArray
-from safe_ompl.planning.planners.parts.danger import DangerWeight
-from safe_ompl.planning.planners.parts.problem import PlanningProblem
+from safe_ompl.planning.planners.parts.problem import DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Trees
 
 _SHARE = 0.8  # of what start and goal keep; with all of it no motion could leave them
@@ -21,36 +23,45 @@ _PENALTY_FALL = 0.3  # share of the margin that remains after each penalty
 WORTHWHILE = 0.02  # [m]; where start and goal keep less, penalties cost time and lead nowhere else
 
 
+class ClearanceCache:
+    """Lower bounds of the clearance from obstacles, computed once for each configuration.
+
+    The first margin that is asked for should be the largest: bounds are only as tight as that margin needs them.
+    """
+
+    def __init__(self) -> None:
+        # Pairs, their revision, and how good bounds are [m].
+        self._source: tuple[PairSet, int, float] | None = None
+        self._bounds: dict[bytes, float] = {}
+
+    def keeps(self, motion: CertifiedMotion, q: FloatArray, margin: float) -> bool:
+        """Return whether the robot is proven to keep a margin [m] from obstacles at `q: (n,)`."""
+        bound = self._bound(motion.checker.pairs, q, margin)
+        return bound >= margin if isfinite(bound) else motion.is_free(q, q, margin)
+
+    def _bound(self, pairs: PairSet, q: FloatArray, enough: float) -> float:
+        known = self._source
+        if known is None or known[:2] != (pairs, pairs.revision) or known[2] < enough:
+            self._source, self._bounds = (pairs, pairs.revision, enough), {}
+        key = q.tobytes()
+        if key not in self._bounds:
+            bounds = pairs.bounds.of(q[None], np.flatnonzero(pairs.meets_obstacle), enough)
+            self._bounds[key] = float(bounds.min(initial=inf))
+        return self._bounds[key]
+
+
 class Margin:
     """The clearance that motions should keep: nearly what start and goal keep, but no more than the largest.
 
     The danger field accounts for dangerous obstacles only, so a way around them could graze all others. The margin is
-    proven by the same queries as that a motion is free, and is in force while danger has weight.
-
-    Parameters
-    ----------
-    problem : PlanningProblem
-        Says which motions are free, and which keep a margin.
-    danger : DangerWeight
-        The danger with its weight.
-    least : float
-        [m]; where start and goal keep less there is no margin.
-
-    Attributes
-    ----------
-    largest : float
-        [m]; 0 for no margin.
-    level : float or None
-        The margin [m] at present; None before start and goal were examined.
-    allowed : float
-        The margin [m] that start and goal allow; 0 before they were examined.
+    proven by the same queries as that a motion is free, while danger has weight. `largest`, `level`, the margin at
+    present, and `allowed`, what start and goal allow, are in metres; before these were examined there is no level.
     """
 
     def __init__(self, problem: PlanningProblem, danger: DangerWeight, least: float = _LEAST) -> None:
-        self._problem = problem
-        self._danger = danger
-        self._least = least
+        self._problem, self._danger, self._least = problem, danger, least
         self.largest = 0.0
+        self._clearances = ClearanceCache()
         self.reset()
 
     def reset(self) -> None:
@@ -86,7 +97,7 @@ class Margin:
         """
 
         def is_allowed(margin: float) -> bool:
-            return all(any(self._problem.keeps(q, margin / _SHARE) for q in Q) for Q in ends)
+            return all(any(self._keeps(q, margin / _SHARE) for q in Q) for Q in ends)
 
         if is_allowed(self.largest):
             return self.largest
@@ -98,18 +109,17 @@ class Margin:
             low, high = (middle, high) if is_allowed(middle) else (low, middle)
         return low
 
+    def _keeps(self, q: FloatArray, margin: float) -> bool:
+        """Return whether the robot is proven to keep a margin [m] from obstacles at `q: (n,)`."""
+        motion = self._problem.certified_motion
+        return motion is not None and self._clearances.keeps(motion, q, margin)
+
     def _take(self, level: float) -> None:
         self.level = level if level >= self._least else 0.0
 
 
 class AdaptiveMargin(Margin):
-    """The margin of trees: motions that do not keep it are refused, and the refusals lower it.
-
-    Parameters
-    ----------
-    problem, danger, least
-        As for `Margin`.
-    """
+    """The margin of trees: motions that do not keep it are refused, and the refusals lower it."""
 
     def reset(self) -> None:
         """Begin anew."""
@@ -145,11 +155,6 @@ class PenaltyMargin(Margin):
 
     So no way is closed, and the search takes a wider way where there is one that is not much longer. There is no margin
     where start and goal keep less than 25 mm: no way between them can do better.
-
-    Parameters
-    ----------
-    problem, danger
-        As for `Margin`.
     """
 
     def __init__(self, problem: PlanningProblem, danger: DangerWeight) -> None:

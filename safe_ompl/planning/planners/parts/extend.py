@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
 from safe_ompl.common import FloatArray
 from safe_ompl.planning.ompl import StateBridge
-from safe_ompl.planning.planners.parts.danger import AdaptiveThreshold, DangerWeight
-from safe_ompl.planning.planners.parts.problem import PlanningProblem
+from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
 
 _RARE = 4  # refusals for obstacles to one for danger: from there on proofs go first
@@ -43,24 +44,12 @@ class TangentialDescent:
     """Moves a way point down the gradient of the danger, at right angles to its way.
 
     This is the null-space motion of the paper's JT-RRT (§4.3) for a straight motion in joint space: what the way leaves
-    free turns the links from danger. It acts where α > 0 and the objective offers gradients.
-
-    Parameters
-    ----------
-    bridge : StateBridge
-        The space.
-    danger : DangerWeight
-        What to descend from.
-
-    Attributes
-    ----------
-    share : float
-        Largest sideways motion, as a fraction of a planner's range.
+    free turns the links from danger. It acts where α > 0 and the objective offers gradients. The sideways motion is at
+    most a `share` of the planner's range.
     """
 
     def __init__(self, bridge: StateBridge, danger: DangerWeight) -> None:
-        self._bridge = bridge
-        self._danger = danger
+        self._bridge, self._danger = bridge, danger
         self.share = 0.0
 
     @property
@@ -90,36 +79,15 @@ class TangentialDescent:
         return self._bridge.inside(q - (reach * min(1.0, steepness) / steepness) * slope)
 
 
+@dataclass(eq=False)
 class SafeStep:
-    """EXTEND of the safe RRTs (§4.3, §4.4): a step with a tangential descent, below a threshold on danger.
+    """EXTEND of the safe RRTs (§4.3, §4.4): a step with a tangential descent, below a threshold on danger."""
 
-    Parameters
-    ----------
-    bridge : StateBridge
-        The space.
-    danger : DangerWeight
-        The danger of new nodes.
-    descent : TangentialDescent
-        Moves the end of a step sideways.
-    threshold : AdaptiveThreshold
-        Refuses nodes that are too dangerous.
-    is_free : callable
-        Whether the motion between two configurations (n,) is free.
-    """
-
-    def __init__(
-        self,
-        bridge: StateBridge,
-        danger: DangerWeight,
-        descent: TangentialDescent,
-        threshold: AdaptiveThreshold,
-        is_free: Callable[[FloatArray, FloatArray], bool],
-    ) -> None:
-        self._bridge = bridge
-        self._danger = danger
-        self._descent = descent
-        self._threshold = threshold
-        self._is_free = is_free
+    bridge: StateBridge
+    danger: DangerWeight
+    descent: TangentialDescent
+    threshold: AdaptiveThreshold
+    is_free: Callable[[FloatArray, FloatArray], bool]
 
     def extend(
         self, trees: Trees, tree: Tree, old: int, target: FloatArray, step: float
@@ -130,23 +98,23 @@ class SafeStep:
         held to the threshold: they are configurations that the path needs.
         """
         q_old = tree.configurations[old]
-        delta = self._bridge.difference(q_old, target)
+        delta = self.bridge.difference(q_old, target)
         length = float(np.sqrt(delta @ delta))
         if length <= step:
-            if not self._is_free(*tree.as_driven(q_old, target)):
+            if not self.is_free(*tree.as_driven(q_old, target)):
                 return Extension.TRAPPED, old
             return Extension.REACHED, trees.add(tree, target, old)
         straight = q_old + (step / length) * delta
         # The reach of the descent shrinks as the target comes near, so that every step comes nearer to it.
-        reach = self._descent.share * min(step, length - step)
-        moved = self._descent.moved(straight, delta / length, reach, lambda: tree.gradient(old))
+        reach = self.descent.share * min(step, length - step)
+        moved = self.descent.moved(straight, delta / length, reach, lambda: tree.gradient(old))
         for q_new in (straight,) if moved is None else (moved, straight):
             # A proof costs as much as a danger. It waits, unless dangers refuse little: refusals lower the margin.
             proof_first = trees.blocked > _RARE * trees.dangerous
             if proof_first and not self._is_unblocked(trees, tree, q_old, q_new):
                 continue
             cost, gradient = self._examined(q_new)
-            if not self._threshold.tolerates(cost, tree, old, trees):
+            if not self.threshold.tolerates(cost, tree, old, trees):
                 trees.dangerous += 1
                 break
             if proof_first or self._is_unblocked(trees, tree, q_old, q_new):
@@ -155,17 +123,17 @@ class SafeStep:
 
     def _is_unblocked(self, trees: Trees, tree: Tree, q_old: FloatArray, q_new: FloatArray) -> bool:
         """Return whether a step of a tree is free; count it where it is not."""
-        free = self._is_free(*tree.as_driven(q_old, q_new))
+        free = self.is_free(*tree.as_driven(q_old, q_new))
         trees.blocked += not free
         return free
 
     def _examined(self, q: FloatArray) -> tuple[float, FloatArray | None]:
         """Return the danger of a candidate, and the gradient that a step from it will need; NaN if not needed."""
-        if not self._threshold.acts:
+        if not self.threshold.acts:
             return np.nan, None
-        if self._descent.acts:
-            return self._danger.cost.value_and_gradient(q)
-        return float(self._danger.cost.values(q[None])[0]), None
+        if self.descent.acts:
+            return self.danger.cost.value_and_gradient(q)
+        return float(self.danger.cost.values(q[None])[0]), None
 
 
 class ShortSteps:
@@ -173,23 +141,10 @@ class ShortSteps:
 
     Short steps lead out of narrow places; elsewhere they would double the checks and make for paths that graze
     obstacles. So while danger has weight only nodes whose last step was trapped, too, get one.
-
-    Parameters
-    ----------
-    bridge : StateBridge
-        The space.
-    danger : DangerWeight
-        The danger with its weight.
-
-    Attributes
-    ----------
-    allowed : bool
-        Whether shorter steps are tried at all.
     """
 
     def __init__(self, bridge: StateBridge, danger: DangerWeight) -> None:
-        self._bridge = bridge
-        self._danger = danger
+        self._bridge, self._danger = bridge, danger
         self.allowed = True
 
     def help(self, tree: Tree, node: int) -> bool:
@@ -206,3 +161,65 @@ class ShortSteps:
         length = float(np.sqrt(delta @ delta))
         step = _SHORTEST ** rng.random() * min(length, step)
         return self._bridge.inside(q + (step / length) * delta) if length else q
+
+
+_POINTS = 8  # at which the danger of a straight motion is evaluated
+
+
+class ElasticBand:
+    """Treats paths as elastic bands (Quinlan 1994); every new motion is checked."""
+
+    def __init__(self, problem: PlanningProblem, danger: DangerWeight, descent: TangentialDescent) -> None:
+        self._problem, self._danger, self._descent = problem, danger, descent
+
+    def settled(self, path: FloatArray, step: float, ptc: Any, margin: float = 0.0) -> FloatArray:
+        """Return a path (N, n) contracted where that is as safe, then bent away from danger.
+
+        New motions keep a margin [m] from obstacles; those longer than twice the planner's range `step` [rad] are bent.
+        """
+        band = [path[0]]
+        at = 0
+        while at < len(path) - 1:
+            at = self._farthest(path, at, ptc, margin)
+            band += [*self.bent(band[-1], path[at], step, ptc, margin), path[at]]
+        return np.array(band)
+
+    def bent(
+        self, start: FloatArray, end: FloatArray, step: float, ptc: Any, margin: float = 0.0
+    ) -> list[FloatArray]:
+        """Return way points between two configurations (n,): the middle, moved sideways, and those of the halves.
+
+        Motions no longer than twice the range `step` stay straight, and so do those whose halves would not be free, or
+        not keep a margin [m].
+        """
+        delta = self._problem.bridge.difference(start, end)
+        length = float(np.sqrt(delta @ delta))
+        if not self._descent.acts or length <= 2 * step or ptc():
+            return []
+        middle = self._descent.moved(start + delta / 2, delta / length, self._descent.share * step)
+        is_free = self._problem.motion_is_free
+        if middle is None or not (is_free(start, middle, margin) and is_free(middle, end, margin)):
+            return []
+        halves = ((start, middle), (middle, end))
+        before, after = (self.bent(*half, step, ptc, margin) for half in halves)
+        return [*before, middle, *after]
+
+    def _farthest(self, path: FloatArray, at: int, ptc: Any, margin: float) -> int:
+        """Return the way point to which a straight motion from way point `at`, as safe and free, leads the farthest."""
+        end = len(path) - 1
+        while end > at + 1 and not ptc():
+            is_as_safe = self._is_as_safe(path[at : end + 1])
+            if is_as_safe and self._problem.motion_is_free(path[at], path[end], margin):
+                return end
+            end = (at + end) // 2
+        return at + 1
+
+    def _is_as_safe(self, path: FloatArray) -> bool:
+        """Return whether the straight motion between the ends of a path (N, n) is no more dangerous on an average."""
+        if not self._danger.weight:
+            return True
+        bridge = self._problem.bridge
+        t = np.linspace(0.0, 1.0, _POINTS)[:, None]
+        straight = path[0] + t * bridge.difference(path[0], path[-1])
+        costs = self._danger.cost.values(np.vstack([bridge.wrapped(straight), path]))
+        return bool(costs[:_POINTS].mean() <= costs[_POINTS:].mean())

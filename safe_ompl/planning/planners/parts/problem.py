@@ -1,44 +1,33 @@
-"""The planning problem on arrays: valid configurations, free motions, their danger, and the goals."""
+"""The planning problem on arrays, and danger in a planner's decisions: weight, decay, choice of nodes, thresholds."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import inf, isfinite
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from safe_ompl.collision import CertifiedMotion, PairSet
+from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import FloatArray
 from safe_ompl.danger import DangerLimit
 from safe_ompl.planning.ompl import CertifiedMotionValidator, ScratchState, StateBridge, StateCost
+from safe_ompl.planning.planners.parts.tree import Tree, Trees
 
-_FIRST_GOALS = 100  # taken before planning begins
+_SHARPNESS = 4  # of the decay: easy problems are solved before danger loses weight
+_REFUSALS = 8  # of nodes that are too dangerous before the threshold rises
 
 
 class PlanningProblem:
     """A space with its validity checker, motion validator and cost, asked with arrays instead of OMPL's states.
 
-    Parameters
-    ----------
-    si : ob.SpaceInformation
-        Any space of real vectors and SO(2) parts, with any validity checker and motion validator.
-
-    Attributes
-    ----------
-    bridge : StateBridge
-        The space.
-    cost : StateCost
-        Cost of configurations: the danger.
-    limit : DangerLimit or None
-        What a planner requires on top of the validity checker.
+    The space is one of real vectors and SO(2) parts. The cost is the danger, and `limit` what a planner requires on top
+    of the validity checker.
     """
 
     def __init__(self, si: Any) -> None:
         self.bridge = StateBridge(si.getStateSpace())
         self._si = si
         self._from, self._to = ScratchState(self.bridge), ScratchState(self.bridge)
-        self._clearances = ClearanceCache()
         self.take(None, None)
 
     def take(self, objective: Any, limit: DangerLimit | None) -> None:
@@ -66,7 +55,7 @@ class PlanningProblem:
         With a margin [m], also whether it keeps that distance from obstacles, where a `CertifiedMotion` can prove it.
         A `CertifiedMotion` is asked directly: the detour by OMPL's states would cost a sixth of a check.
         """
-        motion = self._certified
+        motion = self.certified_motion
         if motion is not None:
             within = self.bridge.holds(start) and self.bridge.holds(end)
             free = within and motion.is_free(start, end, margin)
@@ -74,13 +63,8 @@ class PlanningProblem:
             free = self._si.checkMotion(self._from.set(start), self._to.set(end))
         return free and (self.limit is None or self.limit.allows_motion(start, end))
 
-    def keeps(self, q: FloatArray, margin: float) -> bool:
-        """Return whether the robot is proven to keep a margin [m] from obstacles at `q: (n,)`."""
-        motion = self._certified
-        return motion is not None and self._clearances.keeps(motion, q, margin)
-
     @property
-    def _certified(self) -> CertifiedMotion | None:
+    def certified_motion(self) -> CertifiedMotion | None:
         """What proves motions; None where the problem's motion validator is another one."""
         validator = self._si.getMotionValidator()
         return validator.motion if type(validator) is CertifiedMotionValidator else None
@@ -94,67 +78,153 @@ class PlanningProblem:
         return self._from.set(q)
 
 
-class ClearanceCache:
-    """Lower bounds of the clearance from obstacles, computed once for each configuration.
+class DangerWeight:
+    """The danger of configurations with its weight, by which planners compare it with lengths.
 
-    The first margin that is asked for should be the largest: bounds are only as tight as that margin needs them.
+    `alpha` is relative to the usual slope of the danger; 0 plans classically. `scale` in [0, 1] is a factor of it, see
+    `DangerDecay`.
     """
 
-    def __init__(self) -> None:
-        # Pairs, their revision, and how good bounds are [m].
-        self._source: tuple[PairSet, int, float] | None = None
-        self._bounds: dict[bytes, float] = {}
+    def __init__(self, problem: PlanningProblem) -> None:
+        self._problem = problem
+        self.alpha = 1.0
+        self.scale = 1.0
 
-    def keeps(self, motion: CertifiedMotion, q: FloatArray, margin: float) -> bool:
-        """Return whether the robot is proven to keep a margin [m] from obstacles at `q: (n,)`."""
-        bound = self._bound(motion.checker.pairs, q, margin)
-        return bound >= margin if isfinite(bound) else motion.is_free(q, q, margin)
+    @property
+    def cost(self) -> StateCost:
+        """The danger of configurations."""
+        return self._problem.cost
 
-    def _bound(self, pairs: PairSet, q: FloatArray, enough: float) -> float:
-        known = self._source
-        if known is None or known[:2] != (pairs, pairs.revision) or known[2] < enough:
-            self._source, self._bounds = (pairs, pairs.revision, enough), {}
-        key = q.tobytes()
-        if key not in self._bounds:
-            bounds = pairs.bounds.of(q[None], np.flatnonzero(pairs.meets_obstacle), enough)
-            self._bounds[key] = float(bounds.min(initial=inf))
-        return self._bounds[key]
+    @property
+    def slope(self) -> float:
+        """The usual slope of the danger [danger/rad]; 0 where there is none."""
+        return self._problem.slope
+
+    @property
+    def weight(self) -> float:
+        """The weight of danger at present, in length per danger; 0 where danger is ignored."""
+        alpha = self.alpha * self.scale
+        if not alpha:  # the slope need not be known
+            return 0.0
+        return alpha / self.slope if self.slope else 0.0
+
+    def in_metres(self, costs: FloatArray, rates: FloatArray) -> FloatArray:
+        """Return dangers (K,) as lengths [m], by their usual slope and on a logarithmic scale; 0 without a slope.
+
+        `rates: (n,)` is how far a unit of each joint moves the arm [m/rad].
+        """
+        usual, slope = self.cost.usual_value, self.slope
+        if not (usual > 0 and slope > 0):
+            return costs * 0.0
+        metres = float(np.sqrt(np.mean(rates**2))) / slope
+        scaled: FloatArray = metres * usual * np.log1p(costs / usual)
+        return scaled
+
+    def prepare(self) -> None:
+        """Measure the slope if it will be needed, so that planning need not."""
+        if self.alpha:
+            _ = self.slope
 
 
-def first_goals(inputs: Any, goal: Any, ptc: Any) -> Iterator[Any]:
-    """Yield the goal states that a problem offers before planning: all there are, up to a hundred.
+class DangerDecay:
+    """Lowers the weight of danger the longer no path is found, so that weighing danger never costs a solution.
 
-    Where there is none yet, this waits for the first until `ptc` fires.
-
-    Parameters
-    ----------
-    inputs : ob.PlannerInputStates
-        The planner's; each state that it yields is valid until the next one.
-    goal : ob.GoalSampleableRegion
-        The goal.
-    ptc : ob.PlannerTerminationCondition
-        When to stop.
+    After t turns the scale of the danger is 1/(1 + (t/`half_life`)⁴): nearly 1 at first, 1/2 after `half_life` turns,
+    and 1/100 after three times as many. Easy problems are planned with the whole weight; in hard ones danger costs
+    about `half_life` turns. With a half-life of 0 there is no decay.
     """
-    if not goal.maxSampleCount():
-        yield inputs.nextGoal(ptc)
-    for _ in range(_FIRST_GOALS):
-        if ptc() or not inputs.haveMoreGoalStates():
-            return
-        yield inputs.nextGoal()
+
+    def __init__(self, danger: DangerWeight) -> None:
+        self._danger = danger
+        self.half_life = 0.0
+        self._turns = 0
+
+    def reset(self) -> None:
+        """Begin anew, with the whole weight."""
+        self._turns = 0
+        self._danger.scale = 1.0
+
+    def turn(self, rng: np.random.Generator) -> None:
+        """Begin a turn in which danger has its whole weight or, by chance, none."""
+        if self._acts:
+            self._danger.scale = float(rng.random() < self._share)
+            self._turns += 1
+
+    def fade(self) -> None:
+        """Begin a turn in which danger has a little less weight than in the one before."""
+        if self._acts:
+            self._danger.scale = self._share
+            self._turns += 1
+
+    @property
+    def _acts(self) -> bool:
+        return self.half_life > 0 and self._danger.alpha > 0 and not self._danger.cost.is_zero
+
+    @property
+    def _share(self) -> float:
+        return 1.0 / (1.0 + (self._turns / self.half_life) ** _SHARPNESS)
 
 
-def later_goals(inputs: Any, nodes: int) -> Iterator[Any]:
-    """Yield another goal state, or none; this never waits.
+class SafeSelection:
+    """Chooses the node to extend: near and safe, or in a share `nearest_fraction` of the choices the nearest."""
 
-    Goals that are taken while planning stay fewer than half of the nodes, as in OMPL: a region may have goals without
-    end.
+    def __init__(self, danger: DangerWeight) -> None:
+        self._danger = danger
+        self.nearest_fraction = 0.0
 
-    Parameters
-    ----------
-    inputs : ob.PlannerInputStates
-        The planner's.
-    nodes : int
-        How many nodes there are.
+    def best(self, tree: Tree, q: FloatArray, rng: np.random.Generator) -> int:
+        """Return argmin of ρ(node, q) + α·CDF(node)."""
+        ignore_danger = self.nearest_fraction > 0 and rng.random() < self.nearest_fraction
+        return tree.best(q, 0.0 if ignore_danger else self._danger.weight)
+
+
+class AdaptiveThreshold:
+    """The paper's CDF_Threshold, made adaptive.
+
+    Its `level` begins with the danger that start or goal force upon every path, and after eight refusals it rises by a
+    share, `rise`, so that no passage stays closed. It acts while danger has weight.
     """
-    if 2 * inputs.getSampledGoalsCount() < nodes:
-        yield inputs.nextGoal()
+
+    def __init__(self, danger: DangerWeight) -> None:
+        self._danger = danger
+        self.rise = 0.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self.level, self._refusals = 0.0, 0
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is a threshold."""
+        return self.rise > 0 and self._danger.weight > 0
+
+    def tolerates(self, cost: float, tree: Tree, old: int, trees: Trees) -> bool:
+        """Return whether a danger is no larger than the threshold, or than that of node `old` of a tree."""
+        if not self.acts:
+            return True
+        if not self.level:
+            self.level = trees.forced_cost()
+        if cost <= max(self.level, tree.costs[old]):
+            return True
+        self._refusals += 1
+        if self._refusals % _REFUSALS == 0:
+            self.level *= 1 + self.rise
+        return False
+
+
+class FixedThreshold:
+    """A threshold on the danger at the end of a motion, which may be exceeded where the start is more dangerous."""
+
+    def __init__(self, problem: PlanningProblem, is_free: Callable[[FloatArray, FloatArray], bool]) -> None:
+        self._problem, self._is_free = problem, is_free
+        self.level = np.inf
+
+    def motion_is_free(self, start: FloatArray, end: FloatArray) -> bool:
+        """Return whether a motion is free, and its end less dangerous than the threshold or than its start."""
+        if not self._is_free(start, end):
+            return False
+        if np.isinf(self.level):
+            return True
+        before, after = self._problem.cost.values(np.array([start, end]))
+        return bool(after < max(self.level, before))

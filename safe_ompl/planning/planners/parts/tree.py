@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+import logging
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from xml.etree import ElementTree as Xml
 
 import numpy as np
+from ompl import base as ob
 
 from safe_ompl.common import BoolArray, Counts, FloatArray, IntArray
 from safe_ompl.planning.ompl import StateBridge, StateCost
-from safe_ompl.planning.planners import kernels as kernel
-from safe_ompl.planning.planners.graphs.planner_graph import two_trees
+from safe_ompl.planning.planners.parts import kernels as kernel
 
 _FEW = 400  # nodes that a scan is through with before a search in the tree is
 _NOTHING: FloatArray = np.empty(0)
@@ -18,10 +21,7 @@ _NOTHING: FloatArray = np.empty(0)
 class NearestNode:
     """Finds argmin ρ(node, q) + α·cost(node), of equal ones the first, among nodes that are only ever added.
 
-    Parameters
-    ----------
-    wraps : ndarray of bool, shape (n,)
-        Coordinates in which ρ, else Euclidean, goes the short way round.
+    ρ is Euclidean, but for coordinates that wrap, `wraps: (n,)`, which go the short way round.
     """
 
     def __init__(self, wraps: BoolArray) -> None:
@@ -31,21 +31,10 @@ class NearestNode:
         self._lowest: FloatArray = _NOTHING
         self._known = self._priced = self._deepest = 0
 
-    def __repr__(self) -> str:
-        return f"NearestNode({self._wraps.tolist()})"
-
     def find(self, rows: FloatArray, q: FloatArray, alpha: float = 0.0, costs: FloatArray = _NOTHING) -> int:
-        """Return the node; 0 where there are none.
+        """Return the node for `q: (n,)` and α ≥ 0; 0 where there are none.
 
-        Parameters
-        ----------
-        rows : ndarray, shape (N, n)
-            The nodes, C-contiguous: those of the last call, and others.
-        q : ndarray, shape (n,)
-        alpha : float
-            α ≥ 0.
-        costs : ndarray, shape (N,), optional
-            What α multiplies; the costs of nodes do not change.
+        `rows: (N, n)`, C-contiguous, and their costs (N,) are those of the last call, and others.
         """
         q = np.require(q, np.float64, ["C", "W"])
         if len(rows) <= _FEW:
@@ -76,6 +65,18 @@ def _grown(array: Any, capacity: int) -> Any:
 
 
 ROOT = -1
+Graph: TypeAlias = tuple[FloatArray, IntArray, IntArray, IntArray]
+
+
+def branch(parents: IntArray, node: int) -> list[int]:
+    """Return the nodes from the root to `node`, where `parents: (N,)` are the indices of the nodes' parents."""
+    nodes = []
+    while node != ROOT:
+        nodes.append(node)
+        node = int(parents[node])
+    return nodes[::-1]
+
+
 _LARGE = 64  # nodes; easy problems are solved before a tree has more
 _IN_A_ROW = 8  # turns of a tree that lags before the other has one
 
@@ -83,27 +84,13 @@ _IN_A_ROW = 8  # turns of a tree that lags before the other has one
 class Tree:
     """Configurations as rows of one array, each with the index of its parent.
 
-    Costs are evaluated when they are first asked for, all new nodes in one batch.
-
-    Parameters
-    ----------
-    bridge : StateBridge
-        The space; gives the metric ρ, Euclidean with wrapping.
-    cost : StateCost
-        Cost of configurations.
-    from_start : bool
-        Whether the tree grows from the start (edges are driven away from the root) or from the goal.
-
-    Attributes
-    ----------
-    trapped : set of int
-        Nodes whose last step was trapped.
+    Costs are evaluated when they are first asked for, all new nodes in one batch. The metric ρ is Euclidean with
+    wrapping. Edges of a tree `from_start` are driven away from the root, else towards it. `trapped` are the nodes whose
+    last step was trapped.
     """
 
     def __init__(self, bridge: StateBridge, cost: StateCost, *, from_start: bool = True) -> None:
-        self.from_start = from_start
-        self._bridge = bridge
-        self._cost = cost
+        self.from_start, self._bridge, self._cost = from_start, bridge, cost
         self._rows: FloatArray = np.empty((64, bridge.n))
         self._parents: IntArray = np.empty(64, dtype=np.intp)
         self._costs: FloatArray = np.full(64, np.nan)  # NaN: not evaluated yet
@@ -165,6 +152,14 @@ class Tree:
         self._size += 1
         return self._size - 1
 
+    def add_root(self, q: FloatArray) -> None:
+        """Add a start or goal configuration (n,)."""
+        self.add(q)
+
+    def nodes(self) -> tuple[FloatArray, IntArray]:
+        """Return configurations and parents."""
+        return self.configurations, self.parents
+
     def distances(self, q: FloatArray) -> FloatArray:
         """Return ρ (N,) from every node to `q: (n,)` [rad or m]."""
         delta = self._bridge.difference(self.configurations, q)
@@ -183,11 +178,7 @@ class Tree:
 
     def branch(self, node: int) -> FloatArray:
         """Return the configurations (k, n) from the root to `node`."""
-        indices = []
-        while node != ROOT:
-            indices.append(node)
-            node = int(self._parents[node])
-        return self.configurations[indices[::-1]]
+        return self.configurations[branch(self._parents, node)]
 
     def _grow(self) -> None:
         capacity = 2 * len(self._rows)
@@ -196,39 +187,33 @@ class Tree:
         self._costs = np.concatenate([self._costs, np.full_like(self._costs, np.nan)])
 
 
-class Trees:
-    """Two trees that are to meet.
+class SearchTree(Protocol):
+    """One of two trees that are to meet."""
 
-    Parameters
-    ----------
-    bridge : StateBridge
-        The space.
-    cost : StateCost
-        Cost of configurations.
-    counts : Counts
-        Counts the nodes that are added.
+    def __len__(self) -> int: ...
+    def add_root(self, q: FloatArray) -> None:
+        """Add a start or goal configuration (n,)."""
 
-    Attributes
-    ----------
-    start, goal : Tree
-        The trees.
-    blocked, dangerous : int
-        How many candidates for nodes were refused because the step to them is not free, and as too dangerous.
-    """
+    def nodes(self) -> tuple[FloatArray, IntArray]:
+        """Return the configurations (N, n), and for each the index of its parent, negative for roots."""
 
-    def __init__(self, bridge: StateBridge, cost: StateCost, counts: Counts) -> None:
-        self.start = Tree(bridge, cost, from_start=True)
-        self.goal = Tree(bridge, cost, from_start=False)
-        self.blocked = self.dangerous = 0
-        self._counts = counts
+
+AnyTree = TypeVar("AnyTree", bound=SearchTree)
+
+
+class TwoTrees(Generic[AnyTree]):
+    """What a planner builds from starts and goals: two trees that are to meet."""
+
+    def __init__(self, start: AnyTree, goal: AnyTree) -> None:
+        self.start, self.goal = start, goal
 
     def add_start(self, q: FloatArray) -> None:
-        """Take a start configuration (n,)."""
-        self.start.add(q)
+        """Take a valid start configuration (n,)."""
+        self.start.add_root(q)
 
     def add_goal(self, q: FloatArray) -> None:
-        """Take a goal configuration (n,)."""
-        self.goal.add(q)
+        """Take a valid goal configuration (n,)."""
+        self.goal.add_root(q)
 
     @property
     def has_starts(self) -> bool:
@@ -240,13 +225,25 @@ class Trees:
         """Whether there is a goal."""
         return len(self.goal) > 0
 
+    def graph(self) -> Graph:
+        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
+        return two_trees(self.start.nodes(), self.goal.nodes())
+
+
+class Trees(TwoTrees[Tree]):
+    """Two trees that are to meet.
+
+    `blocked` and `dangerous` say how many candidates for nodes were refused because the step to them is not free, and
+    as too dangerous.
+    """
+
+    def __init__(self, bridge: StateBridge, cost: StateCost, counts: Counts) -> None:
+        super().__init__(Tree(bridge, cost, from_start=True), Tree(bridge, cost, from_start=False))
+        self.blocked = self.dangerous = 0
+        self._counts = counts
+
     def add(
-        self,
-        tree: Tree,
-        q: FloatArray,
-        parent: int,
-        cost: float = np.nan,
-        gradient: FloatArray | None = None,
+        self, tree: Tree, q: FloatArray, parent: int, cost: float = np.nan, gradient: FloatArray | None = None
     ) -> int:
         """Add a node to one of the trees, as `Tree.add`, and count it."""
         self._counts.nodes += 1
@@ -262,10 +259,6 @@ class Trees:
         """Return the cost that no path can avoid: of the cheapest start or the cheapest goal, whichever is dearer."""
         roots = (tree.costs[tree.parents == ROOT] for tree in (self.start, self.goal))
         return max(float(costs.min()) for costs in roots if len(costs))
-
-    def graph(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """Return vertices (N, n), edges (E, 2) in the direction of driving, and which vertices are starts and goals."""
-        return two_trees(*((tree.configurations, tree.parents) for tree in (self.start, self.goal)))
 
 
 class TreeSchedule:
@@ -290,3 +283,101 @@ class TreeSchedule:
             return True
         self._in_a_row = 1
         return False
+
+
+_log = logging.getLogger(__name__)
+
+_COLUMNS = (
+    ("coords", "node", "string"),
+    ("danger", "node", "double"),
+    ("start", "node", "boolean"),
+    ("goal", "node", "boolean"),
+    ("weight", "edge", "double"),
+)
+
+
+@dataclass(frozen=True)
+class PlannerGraph:
+    """The vertices and edges that a planner holds.
+
+    `configurations: (N, n)` [rad or m] have the danger `costs: (N,)`, zero without objective. `edges: (E, 2)` are
+    motions that are free, each from one vertex to another in the direction in which it is driven, with their `lengths:
+    (E,)`; `starts` and `goals` are vertices.
+    """
+
+    configurations: FloatArray
+    costs: FloatArray
+    edges: IntArray
+    lengths: FloatArray
+    starts: IntArray
+    goals: IntArray
+
+    def fill(self, data: Any, bridge: StateBridge) -> None:
+        """Append the graph to an `ob.PlannerData`, which gets copies of the states; vertices keep their order."""
+        starts, goals = set(self.starts.tolist()), set(self.goals.tolist())
+        states: list[Any] = []
+        numbers = []
+        for k, q in enumerate(self.configurations):
+            vertex = ob.PlannerDataVertex(_new_state(data, bridge, states))
+            bridge.write(q, states[-1])
+            add = data.addStartVertex if k in starts else data.addGoalVertex if k in goals else data.addVertex
+            numbers.append(add(vertex))
+        for start, end in self.edges.tolist():
+            data.addEdge(numbers[start], numbers[end])
+        data.decoupleFromPlanner()  # it holds pointers to our states until then
+
+    def graphml(self) -> str:
+        """Return the graph as GraphML: coordinates, danger and marks of vertices, lengths of edges."""
+        root = Xml.Element("graphml", xmlns="http://graphml.graphdrawing.org/xmlns")
+        for name, kind, type_ in _COLUMNS:
+            attributes = {"attr.name": name, "attr.type": type_}
+            Xml.SubElement(root, "key", {"id": name, "for": kind, **attributes})
+        graph = Xml.SubElement(root, "graph", id="G", edgedefault="directed")
+        starts, goals = set(self.starts.tolist()), set(self.goals.tolist())
+        for k, (q, cost) in enumerate(zip(self.configurations.tolist(), self.costs.tolist(), strict=True)):
+            node = Xml.SubElement(graph, "node", id=f"n{k}")
+            marks = (str(k in marked).lower() for marked in (starts, goals))
+            for (name, _, _), text in zip(_COLUMNS, (",".join(map(str, q)), str(cost), *marks), strict=False):
+                Xml.SubElement(node, "data", key=name).text = text
+        for k, ((start, end), length) in enumerate(
+            zip(self.edges.tolist(), self.lengths.tolist(), strict=True)
+        ):
+            edge = Xml.SubElement(graph, "edge", id=f"e{k}", source=f"n{start}", target=f"n{end}")
+            Xml.SubElement(edge, "data", key="weight").text = str(length)
+        Xml.indent(root)
+        return Xml.tostring(root, encoding="unicode", xml_declaration=True)
+
+
+def _new_state(data: Any, bridge: StateBridge, states: list[Any]) -> Any:
+    """Append to `states`, and return, a state that `data` does not take for one it knows.
+
+    It knows states by their addresses, and does not forget those that were freed when it was cleared.
+    """
+    while True:
+        states.append(bridge.space.allocState())
+        if not data.vertexExists(ob.PlannerDataVertex(states[-1])):
+            return states[-1]
+
+
+def two_trees(from_start: tuple[FloatArray, IntArray], from_goal: tuple[FloatArray, IntArray]) -> Graph:
+    """Return vertices, edges in the direction of driving, starts and goals of two trees, given by nodes and parents.
+
+    A configuration of both, where they have met, is one vertex.
+    """
+    (there, parents), (back, followers) = from_start, from_goal
+    known = {q.tobytes(): k for k, q in enumerate(there)}
+    numbers = np.empty(len(back), dtype=np.intp)
+    new: list[int] = []
+    for k, q in enumerate(back):
+        numbers[k] = known.get(q.tobytes(), len(there) + len(new))
+        if numbers[k] >= len(there):
+            new.append(k)
+    forward, backward = np.flatnonzero(parents >= 0), np.flatnonzero(followers >= 0)
+    edges = np.concatenate(
+        [
+            np.stack([parents[forward], forward], axis=1),
+            np.stack([numbers[backward], numbers[followers[backward]]], axis=1),
+        ]
+    )
+    starts, goals = np.flatnonzero(parents < 0), np.unique(numbers[followers < 0])
+    return np.concatenate([there, back[new]]), edges, starts, goals

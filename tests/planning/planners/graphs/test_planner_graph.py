@@ -1,7 +1,5 @@
 """What planners have built, as OMPL's planner data and as GraphML."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from xml.etree import ElementTree
 
@@ -10,31 +8,29 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.graphs.planner_graph import PlannerGraph, two_trees
-from safe_ompl.planning.planners.registry import is_ours, make_planner, needs_place, planner_names
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.run import planner_data
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import SafeRRTConnect, Scenario, make_planner, planner_data, planner_names
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.planners import is_ours, needs_place
+from safe_ompl.planning.planners.parts.tree import two_trees
+from safe_ompl.scene import find_scenario
 
 OURS = [name for name in planner_names() if is_ours(name)]
 MARK = "{http://graphml.graphdrawing.org/xmlns}"
 
 
 @pytest.fixture(scope="module")
-def setup() -> SafeSetup:
+def setup():
     return setup_scenario(Scenario.load(find_scenario("planar3")))
 
 
-def graph_of(setup: SafeSetup, name: str) -> tuple[PlannerGraph, np.ndarray]:
+def graph_of(setup, name):
     """Plan, whether or not that succeeds in time."""
     result = setup.plan(name, time=20.0, seed=1)
     return setup.getPlanner().plannerGraph(), result.path
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_vertices_danger_edges_and_marks(setup: SafeSetup, name: str) -> None:
+def test_vertices_danger_edges_and_marks(setup, name):
     graph, path = graph_of(setup, name)
     assert len(graph.configurations) >= 2
     assert len(graph.costs) == len(graph.configurations)
@@ -52,14 +48,14 @@ def test_vertices_danger_edges_and_marks(setup: SafeSetup, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in OURS if "RRTConnect" in name])
-def test_the_path_is_in_the_graph_of_a_tree(setup: SafeSetup, name: str) -> None:
+def test_the_path_is_in_the_graph_of_a_tree(setup, name):
     graph, path = graph_of(setup, name)
     edges = {tuple(map(bytes, ends)) for ends in graph.configurations[graph.edges]}
     assert {(bytes(start), bytes(end)) for start, end in pairwise(path)} <= edges
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_ompls_planner_data(setup: SafeSetup, name: str) -> None:
+def test_ompls_planner_data(setup, name):
     graph, _ = graph_of(setup, name)
     data = ob.PlannerData(setup.getSpaceInformation())
     for _ in range(2):  # filling it anew forgets what was there
@@ -74,14 +70,14 @@ def test_ompls_planner_data(setup: SafeSetup, name: str) -> None:
     assert data.printGraphML().count("<node") == len(graph.configurations)
 
 
-def test_data_of_ompls_own_planners(setup: SafeSetup) -> None:
+def test_data_of_ompls_own_planners(setup):
     setup.plan("RRTConnect", time=5.0)
     data = ob.PlannerData(setup.getSpaceInformation())
     setup.getPlannerData(data)
     assert data.numVertices() > 2
 
 
-def test_graphml(setup: SafeSetup) -> None:
+def test_graphml(setup):
     graph, _ = graph_of(setup, "SafePRM")
     root = ElementTree.fromstring(graph.graphml().encode())
     nodes, edges = root.findall(f".//{MARK}node"), root.findall(f".//{MARK}edge")
@@ -100,7 +96,7 @@ def test_graphml(setup: SafeSetup) -> None:
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_nothing_built_yet(setup: SafeSetup, name: str) -> None:
+def test_nothing_built_yet(setup, name):
     planner = make_planner(name, setup.getSpaceInformation())
     graph = planner.plannerGraph()
     assert (len(graph.configurations), len(graph.edges), len(graph.starts), len(graph.goals)) == (0, 0, 0, 0)
@@ -110,7 +106,7 @@ def test_nothing_built_yet(setup: SafeSetup, name: str) -> None:
     assert needs_place(name) or "<graph " in graph.graphml()
 
 
-def test_two_trees_that_meet_share_a_vertex() -> None:
+def test_two_trees_that_meet_share_a_vertex():
     there = np.array([[0.0], [1.0]]), np.array([-1, 0])
     back = np.array([[3.0], [2.0], [1.0]]), np.array([-1, 0, 1])
     vertices, edges, starts, goals = two_trees(there, back)
@@ -120,9 +116,7 @@ def test_two_trees_that_meet_share_a_vertex() -> None:
     np.testing.assert_array_equal(goals, [2])
 
 
-def test_where_ompl_asks_in_vain_one_warning_says_so(
-    setup: SafeSetup, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_where_ompl_asks_in_vain_one_warning_says_so(setup, caplog):
     planner = SafeRRTConnect(setup.getSpaceInformation())
     plain = og.SimpleSetup(setup.getSpaceInformation())
     plain.setPlanner(planner)

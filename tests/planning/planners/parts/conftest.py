@@ -1,19 +1,16 @@
 """Planning problems on which parts of planners are tested alone."""
 
-from __future__ import annotations
-
 import pytest
 from plane import PlaneProblem, SlopedHotSpot
 
-from safe_ompl.planning.from_scenario import setup_scenario
+from safe_ompl import SafeRRTConnect, Scenario
+from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.planners.parts.problem import PlanningProblem
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.planning.safe_setup import SafeSetup
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture
-def plane() -> PlanningProblem:
+def plane():
     """Return a point in an empty plane with a sloped hot spot."""
     si = PlaneProblem(SafeRRTConnect).si
     problem = PlanningProblem(si)
@@ -22,12 +19,12 @@ def plane() -> PlanningProblem:
 
 
 @pytest.fixture(scope="package")
-def shelf() -> SafeSetup:
+def shelf():
     return setup_scenario(Scenario.load(find_scenario("panda_shelf")))
 
 
 @pytest.fixture
-def shelf_problem(shelf: SafeSetup) -> PlanningProblem:
+def shelf_problem(shelf):
     problem = PlanningProblem(shelf.getSpaceInformation())
     problem.take(shelf.getProblemDefinition().getOptimizationObjective(), None)
     return problem

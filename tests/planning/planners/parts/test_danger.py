@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.counts import Counts
-from safe_ompl.planning.planners.parts.danger import (
+from safe_ompl.common import Counts
+from safe_ompl.planning.planners.parts.problem import (
     AdaptiveThreshold,
     DangerDecay,
     DangerWeight,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from plane import PlaneProblem, wall_with_a_gap
 
-from safe_ompl.common.counts import Counts
-from safe_ompl.planning.planners.parts.danger import AdaptiveThreshold, DangerWeight
+from safe_ompl import SafeRRTConnect, Scenario
+from safe_ompl.common import Counts
 from safe_ompl.planning.planners.parts.extend import (
     Extension,
     SafeStep,
@@ -15,10 +15,9 @@ from safe_ompl.planning.planners.parts.extend import (
     TangentialDescent,
     straight_extension,
 )
-from safe_ompl.planning.planners.parts.problem import PlanningProblem
+from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
-from safe_ompl.planning.planners.rrt_connect import SafeRRTConnect
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.scene import find_scenario
 
 
 @pytest.fixture

@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_ompl import CollisionChecker, Robot, SafeSetup, Scene
-from safe_ompl.collision.motion import CertifiedMotion
-from safe_ompl.geometry.basic import Box
-from safe_ompl.geometry.obstacle import Obstacle
-from safe_ompl.geometry.pose import Pose
-from safe_ompl.planning.planners.parts.problem import ClearanceCache, PlanningProblem
+from safe_ompl import Box, CertifiedMotion, CollisionChecker, Obstacle, Pose, Robot, SafeSetup, Scene
+from safe_ompl.planning.planners.parts.clearance import ClearanceCache
+from safe_ompl.planning.planners.parts.problem import PlanningProblem
 
 ENOUGH = 0.06  # [m]
 

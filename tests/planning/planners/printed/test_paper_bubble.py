@@ -6,12 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from safe_ompl.collision.broad_phase import DISTANCE_ERROR
-from safe_ompl.collision.bubbles import Bubble, diamond_meetings, reach_along
-from safe_ompl.common.errors import UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import Scenario, UnknownNameError, make_planner
+from safe_ompl.collision import DISTANCE_ERROR, Bubble
+from safe_ompl.collision.bubbles import diamond_meetings, reach_along
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import find_scenario
 
 
 @cache
@@ -137,12 +136,6 @@ def test_k_max_ends_the_search(arm):
     result = arm.plan("PaperSafeBubble", time=30.0, parameters={"alpha": 0.1, "beta": 2.0, "iterations": 4})
     assert result.path is None
     assert result.counts.nodes == 4
-
-
-@pytest.mark.parametrize("key", ["slide", "nearest_fraction", "clearance"])
-def test_it_has_no_parameters_that_are_ours(arm, key):
-    with pytest.raises(UnknownNameError, match=f"unknown parameter of PaperSafeBubble {key!r}"):
-        make_planner("PaperSafeBubble", arm.getSpaceInformation(), {key: 0.5})
 
 
 def test_it_has_the_papers_shapes_only(arm):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import UnknownNameError
+from safe_ompl import Scenario
 from safe_ompl.danger.link_field import vector_field
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.ompl import ScratchState, StateBridge
+from safe_ompl.scene import find_scenario
 
 RANGE, STEP, D_THRESHOLD = 0.5, 0.1, 0.01
 PARAMETERS = {"range": RANGE, "step": STEP, "goal_bias": 0.3}
@@ -108,7 +108,7 @@ def problem(arm):
     return scenario.start_configuration(arm.robot), np.array(scenario.goal.position)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("alpha", [0.1, 0.5])
 def test_safe_jt_rrt_is_the_papers(arm, seed, alpha):
     given = {**PARAMETERS, "alpha": alpha, "null_space_gain": 0.002, "gain": 0.2}
@@ -117,7 +117,7 @@ def test_safe_jt_rrt_is_the_papers(arm, seed, alpha):
     np.testing.assert_allclose(result.path, literal.plan(*problem(arm)), atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_cdf_threshold_is_the_papers(arm, seed):
     q_s, x_g = problem(arm)
     threshold = 1.5 * arm.field.value(q_s)
@@ -127,7 +127,7 @@ def test_cdf_threshold_is_the_papers(arm, seed):
     np.testing.assert_allclose(result.path, literal.plan(q_s, x_g), atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_jt_rrt_is_vande_weghes(arm, seed):
     result = arm.plan("PaperJTRRT", time=20.0, seed=seed, parameters={**PARAMETERS, "gain": 0.3})
     literal = Transcription(arm, seed, alpha=0.0, k1=0.0, k2=0.3, p_g=0.3, transpose=True)
@@ -146,9 +146,3 @@ def test_the_null_space_motion_makes_a_difference(arm):
         for k1 in (0.0, 0.01)
     ]
     assert paths[0].shape != paths[1].shape or not np.allclose(*paths)
-
-
-@pytest.mark.parametrize("key", ["slide", "nearest_fraction", "threshold_rise", "random_starts"])
-def test_it_has_no_parameters_that_are_ours(arm, key):
-    with pytest.raises(UnknownNameError, match=f"unknown parameter of PaperSafeJTRRT {key!r}"):
-        arm.plan("PaperSafeJTRRT", parameters={key: 0.5})

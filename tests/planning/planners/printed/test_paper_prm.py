@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from safe_ompl.common.errors import UnknownNameError
-from safe_ompl.planning.from_scenario import setup_scenario
-from safe_ompl.planning.ompl.states import ScratchState, StateBridge
-from safe_ompl.planning.planners.graphs.roadmap_search import LocalPlanner
-from safe_ompl.planning.planners.registry import make_planner
-from safe_ompl.scene.scenario import Scenario, find_scenario
+from safe_ompl import Scenario, make_planner
+from safe_ompl.planning import setup_scenario
+from safe_ompl.planning.ompl import ScratchState, StateBridge
+from safe_ompl.planning.planners.parts.roadmap import LocalPlanner
+from safe_ompl.scene import find_scenario
 
 N, K = 120, 8
 
@@ -87,7 +86,7 @@ def ends_of(arm):
     return scenario.start_configuration(arm.robot), scenario.goal_configurations(arm.robot)[0]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("alpha", [0.1, 1.0])
 def test_safe_prm_is_the_papers(arm, seed, alpha):
     literal = Transcription(arm, alpha, seed)
@@ -96,7 +95,7 @@ def test_safe_prm_is_the_papers(arm, seed, alpha):
     np.testing.assert_allclose(result.path, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_prm_is_the_papers_without_danger(arm, seed):
     result = planned(arm, "PaperPRM", seed)
     np.testing.assert_allclose(result.path, Transcription(arm, 0.0, seed).plan(*ends_of(arm)), atol=1e-12)
@@ -117,12 +116,3 @@ def test_too_few_samples_end_in_failure(arm):
     result = planned(arm, "PaperPRM", 0, samples=1, neighbors=1)
     assert result.path is None
     assert planned(arm, "ClassicPRM", 0, samples=1, neighbors=1)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("slide", 0.5), ("danger_decay", 2.0), ("clearance", 0.05)],
-)
-def test_it_has_no_parameters_that_are_ours(arm, key, value):
-    with pytest.raises(UnknownNameError, match=f"unknown parameter of PaperSafePRM {key!r}"):
-        planned(arm, "PaperSafePRM", 0, **{key: value})

@@ -1,0 +1,334 @@
+"""Plain checks of distances, speeds and limits of the tool, for the verifier of certificates.
+
+One pair of bodies at a time by `coal.distance`, and a bound of how far the two can approach each other. Let the joints
+move by Δ from a configuration, the one nearest to the base first. When joint i moves, the bodies beyond it still hang
+on it as they did before, so that no point of a body moves more than its distance from the joint's axis, times |Δ_i|;
+if it slides, more than |Δ_i|. The sum over the joints that move one body of a pair but not the other bounds the
+approach.
+
+At the centre of an interval of the curve the velocity x′ of a point, by arc length, is the sum of what the joints add;
+no point of a body is faster than its fastest corner. Away from it x′ changes by no more than ‖x″‖ allows: with joint
+j nearer to the base than joint k, ‖∂²x/∂q_j∂q_k‖ is no more than R_k if k turns, 1 if it slides, and 0 where j slides.
+R_k is the length of the chain from joint k to the farthest point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Iterator
+from math import acos, sqrt
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.certificates.claims import Certificate, Tool
+from safe_ompl.certificates.verifier.motion import PlainMotion, PlainPiece
+from safe_ompl.common import FloatArray
+from safe_ompl.io import schema
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+
+class Separations:
+    """Distances of bodies and obstacles by `names`, pair by pair, how far these can approach, what they must keep."""
+
+    def __init__(self, robot: Robot, scene: Scene, claims: Certificate) -> None:
+        self._robot, self._data = robot, robot.shared.model.createData()
+        self._links = list(robot.shared.collision_model.geometryObjects)
+        self._points = [corners(link.geometry) for link in self._links]
+        self._movers = [joints_below(robot, int(link.parentJoint)) for link in self._links]
+        self._obstacles = [
+            (
+                f"{schema.OBSTACLE}{name}",
+                obstacle.name,
+                shape,
+                coal.Transform3s(place.rotation, place.translation),
+            )
+            for obstacle in scene
+            for name, shape, place in obstacle.geometries()
+        ]
+        self._own = [
+            (int(pair.first), int(pair.second)) for pair in robot.shared.collision_model.collisionPairs
+        ]
+        self._axes = robot.shared.chain.axes
+        self._request = coal.DistanceRequest()
+        self._required = [
+            [claims.required(plain_name(link.name), name) for _, name, _, _ in self._obstacles]
+            for link in self._links
+        ]
+        moving = [link.name for link in self._links if link.parentJoint != 0]
+        self.names = [(self._links[a].name, self._links[b].name) for a, b in self._own]
+        self.names += [(link, name) for name, _, _, _ in self._obstacles for link in moving]
+
+    def examined(
+        self, q: FloatArray, steps: FloatArray, only: Container[tuple[str, str]] | None = None
+    ) -> Iterator[tuple[tuple[str, str], float, float, float]]:
+        """For each pair, or some: names, distance at `q`, how far it can approach in `steps`, what it must keep."""
+        robot, links = self._robot, self._links
+        steps = robot.coupling.reach(steps)
+        pin.forwardKinematics(robot.shared.model, self._data, robot.pinocchio_configuration(q))
+        places = [self._data.oMi[int(link.parentJoint)] * link.placement for link in links]
+        poses = [coal.Transform3s(place.rotation, place.translation) for place in places]
+        radii = self._radii(places)
+        for a, b in self._own:
+            if only is not None and (links[a].name, links[b].name) not in only:
+                continue
+            apart = self._distance(links[a].geometry, poses[a], links[b].geometry, poses[b])
+            only_a = [i for i in self._movers[a] if i not in self._movers[b]]
+            only_b = [i for i in self._movers[b] if i not in self._movers[a]]
+            approach = sum(radii[a][i] * steps[i] for i in only_a) + sum(
+                radii[b][i] * steps[i] for i in only_b
+            )
+            yield (links[a].name, links[b].name), apart, float(approach), 0.0
+        for k, link in enumerate(links):
+            if link.parentJoint == 0:
+                continue
+            approach = float(sum(radii[k][i] * steps[i] for i in self._movers[k]))
+            for (name, _, shape, pose), required in zip(self._obstacles, self._required[k], strict=True):
+                if only is not None and (link.name, name) not in only:
+                    continue
+                apart = self._distance(link.geometry, poses[k], shape, pose)
+                yield (link.name, name), apart, approach, required
+
+    def _distance(self, shape: Any, pose: Any, other: Any, other_pose: Any) -> float:
+        # A result that is used twice keeps the smaller distance of the two, or overwrites it: never share one.
+        result = coal.DistanceResult()
+        return float(coal.distance(shape, pose, other, other_pose, self._request, result))
+
+    def _radii(self, places: list[pin.SE3]) -> FloatArray:
+        """Return how far each body's farthest point is from the axes of the joints that move it; 1 if one slides."""
+        joints = list(self._data.oMi)[1:]
+        axes = np.array([joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)])
+        origins = np.array([joint.translation for joint in joints])
+        radii = np.zeros((len(places), len(self._axes)))
+        for k, ((points, pad), place, by) in enumerate(zip(self._points, places, self._movers, strict=True)):
+            arms = (points @ place.rotation.T + place.translation)[:, None, :] - origins[by]
+            across = arms - (arms * axes[by]).sum(axis=2)[:, :, None] * axes[by]
+            radii[k, by] = np.sqrt((across * across).sum(axis=2).max(axis=0)) + pad
+        return np.where(self._robot.joint_prismatic, 1.0, radii)
+
+
+def plain_name(name: str) -> str:
+    """Return the name of the link or obstacle that a body belongs to."""
+    return name.removeprefix(schema.OBSTACLE) if name.startswith(schema.OBSTACLE) else name.rsplit("_", 1)[0]
+
+
+def joints_below(robot: Robot, joint: int) -> list[int]:
+    """Return the joints, counted from 0, between a joint of Pinocchio's and the base, itself included."""
+    found = []
+    while joint != 0:
+        found.append(joint - 1)
+        joint = int(robot.shared.model.parents[joint])
+    return found
+
+
+def corners(shape: coal.CollisionGeometry) -> tuple[FloatArray, float]:
+    """Return points, and a radius, such that the balls around the points have the shape in their convex hull."""
+    if isinstance(shape, coal.Sphere):
+        return np.zeros((1, 3)), float(shape.radius)
+    if isinstance(shape, coal.Capsule):
+        return np.array([[0, 0, -shape.halfLength], [0, 0, shape.halfLength]]), float(shape.radius)
+    if isinstance(shape, coal.ConvexBase):
+        return np.array(shape.points(), dtype=float).reshape(-1, 3), 0.0
+    if isinstance(shape, coal.BVHModelBase):
+        return np.array(shape.vertices(), dtype=float).reshape(-1, 3), 0.0
+    shape.computeLocalAABB()
+    low, high = np.ravel(shape.aabb_local.min_), np.ravel(shape.aabb_local.max_)
+    return np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    ), 0.0
+
+
+_ROUNDING = 1e-9  # relative
+_SMALLEST = 1e-7  # [rad] intervals that are not divided any more
+_PARTS = 4  # of a cell, for the bounds over whole cells
+
+
+class _Body(NamedTuple):
+    """Points in the frame of a joint, the radius of the balls about them, and the joints below, deepest first."""
+
+    points: FloatArray
+    pad: float
+    carrier: int
+    movers: list[int]
+
+
+class PlainSpeeds:
+    """The largest speeds of the tip, or of every body and the tip."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._model, self._data = robot.shared.model, robot.shared.model.createData()
+        self._axes = robot.shared.chain.axes
+        frame = self._model.frames[robot.tip_frame]
+        self._tip = self._body(np.array(frame.placement.translation)[None], 0.0, int(frame.parentJoint))
+        self._all = [self._tip]
+        for link in robot.shared.collision_model.geometryObjects:
+            points, pad = corners(link.geometry)
+            place = link.placement
+            points = points @ place.rotation.T + place.translation
+            self._all.append(self._body(points, pad, int(link.parentJoint)))
+        self._all = [body for body in self._all if body.movers]
+
+    def _body(self, points: FloatArray, pad: float, carrier: int) -> _Body:
+        return _Body(points, pad, carrier, joints_below(self._robot, carrier))
+
+    def exceeded(self, motion: PlainMotion, limit: float, *, tool: bool) -> float | None:
+        """Return where on the curve [rad] the tip, or any body, is not proven to keep to a speed [m/s]; else None."""
+        bodies = [self._tip] if tool else self._all
+        for j, rate in enumerate(motion.fastest.tolist()):
+            start = motion.starts[motion.of[j]]
+            piece = motion.pieces[motion.of[j]]
+            waiting = [(float(motion.edges[j]) - start, float(motion.edges[j + 1]) - start)]
+            while waiting:
+                first, last = waiting.pop()
+                middle, half = (first + last) / 2, (last - first) / 2
+                exact, bound = self._bounds(piece, middle, half, bodies)
+                if bound * rate <= limit * (1 + _ROUNDING):
+                    continue
+                if exact * rate > limit * (1 + _ROUNDING) or half < _SMALLEST:
+                    return start + middle
+                waiting += [(first, middle), (middle, last)]
+        return None
+
+    def bounds(self, motion: PlainMotion) -> FloatArray:
+        """Return bounds (C,) of the speed of all points by arc length in the cells of a motion [m/rad]."""
+        found = np.zeros(len(motion.of))
+        for j, number in enumerate(motion.of):
+            edges = np.linspace(motion.edges[j], motion.edges[j + 1], _PARTS + 1) - motion.starts[number]
+            half = (edges[1] - edges[0]) / 2
+            for middle in (edges[1:] + edges[:-1]) / 2:
+                bound = self._bounds(motion.pieces[number], float(middle), float(half), self._all)[1]
+                found[j] = max(found[j], bound)
+        return found
+
+    def _bounds(
+        self, piece: PlainPiece, middle: float, half: float, bodies: list[_Body]
+    ) -> tuple[float, float]:
+        """Return the largest ‖x′‖ at the middle of an interval, and a bound of it throughout."""
+        robot = self._robot
+        q, coupling = piece.at(middle), robot.coupling
+        pin.forwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
+        turns, drifts = self._joint_motions(coupling.motions(piece.slope(middle)))
+        steps = coupling.reach(piece.steps(1.0))
+        slid = np.abs(coupling.values(q)) + half * steps
+        exact = bound = 0.0
+        for body in bodies:
+            here = self._speed(body, turns, drifts)
+            exact, bound = max(exact, here), max(bound, here + half * self._bend(body, steps, piece, slid))
+        return exact, bound
+
+    def _joint_motions(self, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what each joint (m, 3) adds to the motion of what it carries: x moves with turn × x + drift."""
+        joints = list(self._data.oMi)[1:]
+        axes = [joint.rotation @ axis for joint, axis in zip(joints, self._axes, strict=True)]
+        motions = rates[:, None] * np.array(axes)
+        sliding = self._robot.joint_prismatic[:, None]
+        about = np.cross(np.array([joint.translation for joint in joints]), motions)
+        return np.where(sliding, 0.0, motions), np.where(sliding, motions, about)
+
+    def _speed(self, body: _Body, turns: FloatArray, drifts: FloatArray) -> float:
+        place = self._data.oMi[body.carrier]
+        turning, drift = turns[body.movers].sum(axis=0), drifts[body.movers].sum(axis=0)
+        points = body.points @ place.rotation.T + place.translation
+        velocity = np.cross(turning, points) + drift
+        return float(np.linalg.norm(velocity, axis=1).max() + body.pad * np.linalg.norm(turning))
+
+    def _bend(self, body: _Body, steps: FloatArray, piece: PlainPiece, slid: FloatArray) -> float:
+        """Return a bound of ‖x″‖ of the points of a body, by arc length."""
+        length = float(np.linalg.norm(body.points, axis=1).max()) + body.pad
+        bends = self._robot.coupling.reach(piece.bends)
+        return bend_bound(self._robot, body.movers, length, steps, bends, slid)
+
+
+def bend_bound(
+    robot: Robot, movers: list[int], length: float, steps: FloatArray, bends: FloatArray, slid: FloatArray
+) -> float:
+    """Return a bound of ‖x″‖ of points, by arc length.
+
+    Parameters
+    ----------
+    movers : list of int
+        The joints that move the points, deepest first.
+    length : float
+        How far the points are from the origin of the first of them at most [m].
+    steps, bends, slid : ndarray, shape (m,)
+        Bounds of |q′| and |q″| of the joints of the model, and how far sliding joints are out at most [m].
+    """
+    sliding = robot.joint_prismatic
+    beneath = float(sum(steps[i] for i in movers if not sliding[i]))
+    found = 0.0
+    for i in movers:
+        radius, own = (1.0, 0.0) if sliding[i] else (length, float(steps[i]))
+        beneath -= own
+        found += radius * float(steps[i] * (2 * beneath + own) + bends[i])
+        length += float(np.linalg.norm(robot.shared.model.jointPlacements[i + 1].translation))
+        length += float(slid[i]) if sliding[i] else 0.0
+    return found
+
+
+_LEAST_TURN = 1e-5  # [rad or m] intervals in which the tool moves less are not divided any more
+_TOOL_ROUNDING = 1e-7  # [rad or m], that of the arc cosine included
+
+
+class PlainTool:
+    """Angle and position of the tip that are claimed, and how far they can change."""
+
+    def __init__(self, robot: Robot, claim: Tool) -> None:
+        self._robot, self._claim = robot, claim
+        self._model = robot.shared.model
+        self._data = self._model.createData()
+        carrier = int(self._model.frames[robot.tip_frame].parentJoint)
+        moving = set(self._model.supports[carrier])
+        self._moves = np.array([joint in moving for joint in range(1, self._model.njoints)])
+
+    def exceeded(self, start: FloatArray, delta: FloatArray) -> tuple[float, str] | None:
+        """Return where on an edge, and which limit is not proven to be kept; else None."""
+        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta))
+
+    def exceeded_along(
+        self, place: Callable[[float], FloatArray], steps: FloatArray
+    ) -> tuple[float, str] | None:
+        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`."""
+        waiting = [(0.5, 0.5)]
+        while waiting:
+            centre, half = waiting.pop()
+            for name, excess, change in self._excesses(place(centre), half * steps):
+                if excess + change <= _TOOL_ROUNDING:
+                    continue
+                if excess > _TOOL_ROUNDING or change < _LEAST_TURN:
+                    return centre, name
+                waiting += [(centre + half / 2, half / 2), (centre - half / 2, half / 2)]
+                break
+        return None
+
+    def _excesses(self, q: FloatArray, steps: FloatArray) -> list[tuple[str, float, float]]:
+        """Return for each limit its name, by how much it is exceeded at `q`, and how much that can change."""
+        robot, claim = self._robot, self._claim
+        pin.framesForwardKinematics(self._model, self._data, robot.pinocchio_configuration(q))
+        tip = self._data.oMf[robot.tip_frame]
+        reach = robot.coupling.reach(steps) * self._moves
+        found = []
+        if claim.orientation is not None:
+            axis, direction = claim.orientation.axis, claim.orientation.direction
+            cosine = (tip.rotation @ axis) @ direction / sqrt((axis @ axis) * (direction @ direction))
+            angle = acos(min(1.0, max(-1.0, float(cosine))))
+            turned = float(reach[~robot.joint_prismatic].sum())
+            found.append(("orientation", angle - claim.orientation.angle, turned))
+        if claim.position is not None:
+            bounds = claim.position.items()
+            here = dict(zip("xyz", tip.translation, strict=True))
+            outside = max(max(low - here[key], here[key] - high) for key, (low, high) in bounds)
+            found.append(("position", float(outside), self._moved(tip.translation, reach)))
+        return found
+
+    def _moved(self, point: FloatArray, reach: FloatArray) -> float:
+        """Return how far [m] the tip can move while the model's joints move by up to `reach`."""
+        moved = 0.0
+        axes = self._robot.shared.chain.axes
+        for i in np.flatnonzero(reach):
+            joint = self._data.oMi[int(i) + 1]
+            arm = np.cross(joint.rotation @ axes[i], point - joint.translation)
+            moved += float(reach[i]) * (1.0 if self._robot.joint_prismatic[i] else sqrt(float(arm @ arm)))
+        return moved

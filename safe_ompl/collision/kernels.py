@@ -1,0 +1,378 @@
+"""Compiled loops over many pairs of bodies: near boxes, lower bounds of distances, proofs of motions, hinge costs.
+
+On the edge q(t) = q₁ + tΔ the bodies of pair p approach each other at the rate W_p = Σ_i R_pi·|Δ_i|, and must keep
+c_p + t·g_p, g_p ≥ 0. If at t their distance is at least d_p, the pair keeps what it must in [t − s, t + s] for every
+
+    s ≤ (d_p − c_p − t·g_p)/(W_p + g_p).
+
+A curve q(t) = Σ_k c_k t^k is Σ_k a_k x^k at t + x. It is within |x| v_i of q(t), v_i = Σ_k≥1 |a_k,i| h^(k−1),
+while |x| ≤ h: v takes the place of |Δ| in W_p, for intervals of half-length h at most. An edge is a curve of degree 1.
+
+The smallest s of all pairs is proven. Three bounds of d_p are tried in turn, each only where the one before would make
+s smaller: that of the balls about the bodies, that of the ball about one and the box about the other, and that of the
+supports of the bodies themselves along an axis (`geometry.kernels.convex`). The axis is at first the way from the box
+to the ball, and is kept for the next place on the edge; nothing is kept from one edge to the next, so that an edge is
+always decided alike.
+
+R_pi is a constant at first. Where that would make s smaller it is also bounded at q(t): no point of a body is farther
+from the axis of joint i than the centre of its ball is, plus the radius.
+"""
+
+from __future__ import annotations
+
+from math import inf, isfinite, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
+from safe_ompl.geometry.kernels import (
+    POSE,
+    Records,
+    Shapes,
+    begin_axis,
+    distance_bounds,
+    from_box,
+    place_bodies,
+)
+from safe_ompl.robot.kernels import joint_frames, place_joints
+
+_ROUNDING = 1e-12  # of the length of an interval, and of rates
+
+
+@compiled
+def near_boxes(
+    places: FloatArray, boxes: FloatArray, pairs: IntArray, margins: FloatArray, near: IntArray
+) -> int:
+    """Write which of the pairs (P, 2) may be no farther apart than their margins (P,) [m]; return how many they are.
+
+    Two boxes are apart if their shadows on some axis are. Looked at are the axes of the world, and of both boxes.
+    `places: (G, 12)` is the rotation of each box, column by column, and where its frame is [m]; `boxes: (G, 6)` its
+    centre and half its sides in that frame [m]. One with sides that are infinite, or no numbers, is near all. `near:
+    (P,)` takes the indices of these pairs, in order.
+    """
+    G, number = len(boxes), 0
+    centres, halves, gap = np.empty((G, 3)), np.empty((G, 3)), np.empty(3)
+    for g in range(G):
+        for x in range(3):
+            centre, half = places[g, 9 + x], 0.0
+            for axis in range(3):
+                centre += places[g, 3 * axis + x] * boxes[g, axis]
+                half += abs(places[g, 3 * axis + x]) * boxes[g, 3 + axis]
+            centres[g, x], halves[g, x] = centre, half
+    for p in range(len(pairs)):
+        a, b, margin, apart = pairs[p, 0], pairs[p, 1], margins[p], False
+        for x in range(3):
+            gap[x] = centres[b, x] - centres[a, x]
+            if abs(gap[x]) > halves[a, x] + halves[b, x] + margin:
+                apart = True
+                break
+        for turn in range(0 if apart else 6):
+            axis = turn % 3
+            own, other = (a, b) if turn < 3 else (b, a)
+            nx, ny, nz = places[own, 3 * axis], places[own, 3 * axis + 1], places[own, 3 * axis + 2]
+            shadows = boxes[own, 3 + axis] + margin
+            for k in range(3):
+                along = (
+                    nx * places[other, 3 * k] + ny * places[other, 3 * k + 1] + nz * places[other, 3 * k + 2]
+                )
+                shadows += abs(along) * boxes[other, 3 + k]
+            if abs(nx * gap[0] + ny * gap[1] + nz * gap[2]) > shadows:
+                apart = True
+                break
+        if not apart:
+            near[number] = p
+            number += 1
+    return number
+
+
+@compiled
+def pair_bounds(
+    joints: Any, shapes: Shapes, pairs: IntArray, values: FloatArray, enough: float, bounds: FloatArray
+) -> None:
+    """Write lower bounds (B, K) of the distances of pairs (K, 2) [m] at `values: (B, m)` of the joints.
+
+    The bound of the balls about both bodies comes first, then that of the box about one and the ball about the other,
+    then that along an axis (`geometry.kernels.convex`), which is kept for the next configuration. What is `enough` [m]
+    is not improved any more. The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`).
+    """
+    m, bodies = values.shape[1], shapes.bodies
+    poses, simplex = np.empty(len(bodies), POSE), np.empty((4, 3))
+    axes, known = np.empty((len(pairs), 3)), np.zeros(len(pairs), np.bool_)
+    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    for row in range(len(values)):
+        place_joints(joints, values[row], rotations, origins, joint_axes)
+        if row == 0:
+            place_bodies(bodies, poses, rotations, origins, False)
+        place_bodies(bodies, poses, rotations, origins, True)
+        for p in range(len(pairs)):
+            A, B = pairs[p, 0], pairs[p, 1]
+            a, b = poses[A].centre, poses[B].centre
+            x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+            lower = sqrt(x * x + y * y + z * z) - bodies[A].reach - bodies[B].reach
+            if lower < enough:
+                u, v, w = from_box(bodies[B], poses[B], a)
+                lower = max(lower, sqrt(u * u + v * v + w * w) - bodies[A].reach)
+                if lower < enough:
+                    if not known[p]:
+                        begin_axis(axes[p], u, v, w, x, y, z)
+                        known[p] = True
+                    found, _ = distance_bounds(shapes, poses, A, B, axes[p], simplex, enough, enough)
+                    lower = max(lower, found)
+            bounds[row, p] = lower if lower == lower else -inf
+
+
+class Pairs(NamedTuple):
+    """Pairs of bodies: `bodies` (P, 2), their constant radii R (P, m), and which joints move each body, (G, m)."""
+
+    bodies: IntArray
+    radii: FloatArray
+    moved: BoolArray
+
+
+class _Place(NamedTuple):
+    """Where things are at one place of an edge: poses (G,) of bodies, origins (m, 3) and axes (m, 3) of joints."""
+
+    poses: Records
+    origins: FloatArray
+    axes: FloatArray
+
+
+class _Motion(NamedTuple):
+    """Speeds v (m,) of the joints about a place, rates W (P,), growth g (P,) or none, and what is required, (P,)."""
+
+    speeds: FloatArray
+    rates: FloatArray
+    growth: FloatArray
+    required: FloatArray
+
+
+class _Axes(NamedTuple):
+    """Separating axes (P, 3), which of them are known (P,), and room for a simplex (4, 3)."""
+
+    axes: FloatArray
+    known: BoolArray
+    simplex: FloatArray
+
+
+@part
+def _rate_here(
+    p: int, pairs: Pairs, bodies: Records, place: _Place, joints: Any, speeds: FloatArray
+) -> float:
+    """Return W_p for motions that start here, with radii no larger than the constant ones."""
+    rate, origins, axes = 0.0, place.origins, place.axes
+    for i in range(len(speeds)):
+        radius = pairs.radii[p, i]
+        if radius == 0.0 or speeds[i] == 0.0:
+            continue
+        if not joints[i].slides:
+            g = pairs.bodies[p, 0] if pairs.moved[pairs.bodies[p, 0], i] else pairs.bodies[p, 1]
+            at = place.poses[g].centre
+            x, y, z = at[0] - origins[i, 0], at[1] - origins[i, 1], at[2] - origins[i, 2]
+            a, b, c = axes[i, 0], axes[i, 1], axes[i, 2]
+            u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
+            radius = min(radius, sqrt(u * u + v * v + w * w) + bodies[g].reach)
+        rate += radius * speeds[i]
+    return rate * (1.0 + _ROUNDING)
+
+
+@part
+def _half_length(
+    joints: Any,
+    shapes: Shapes,
+    pairs: Pairs,
+    motion: _Motion,
+    place: _Place,
+    search: _Axes,
+    most: float,
+    first: int,
+) -> tuple[float, int]:
+    """Return the half-length ≤ `most` that is proven about a place, and the pair that bounds it.
+
+    The half-length is 0 where that pair cannot be told from one that is too near. The pair `first` is looked at before
+    the others.
+    """
+    bodies, poses, required = shapes.bodies, place.poses, motion.required
+    axes, known = search.axes, search.known
+    half, bounding = most, first
+    for n in range(len(motion.rates)):
+        p = first if n == 0 else (n - 1 if n <= first else n)
+        A, B = pairs.bodies[p, 0], pairs.bodies[p, 1]
+        enough = required[p] + half * motion.rates[p]
+        a, b = poses[A].centre, poses[B].centre
+        x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+        far = enough + bodies[A].reach + bodies[B].reach
+        if x * x + y * y + z * z >= far * far:
+            continue
+        u, v, w = from_box(bodies[B], poses[B], a)
+        lower = sqrt(u * u + v * v + w * w) - bodies[A].reach
+        if lower >= enough:
+            continue
+        i, j, k = from_box(bodies[A], poses[A], b)
+        other = sqrt(i * i + j * j + k * k) - bodies[B].reach
+        if other >= enough:
+            continue
+        rate = _rate_here(p, pairs, bodies, place, joints, motion.speeds)
+        if len(motion.growth):
+            rate += motion.growth[p]
+        enough = required[p] + half * rate
+        if other > lower:
+            lower, u, v, w = other, -i, -j, -k
+        if lower >= enough:
+            continue
+        if not known[p]:
+            begin_axis(axes[p], u, v, w, x, y, z)
+        found, _ = distance_bounds(shapes, poses, A, B, axes[p], search.simplex, enough, required[p])
+        known[p] = True
+        lower = max(lower, found)
+        if lower >= enough:
+            continue
+        bounding = p
+        if not lower > required[p]:
+            return 0.0, p
+        half = (lower - required[p]) / rate
+    return half, bounding
+
+
+@part
+def _curve_at(curve: FloatArray, t: float, half: float, there: FloatArray, speeds: FloatArray) -> None:
+    """Write the joints at t, and bounds of how fast they leave them while no farther than `half` from t."""
+    degree = len(curve) - 1
+    taylor = np.empty(degree + 1)
+    for i in range(curve.shape[1]):
+        for k in range(degree + 1):
+            taylor[k] = curve[k, i]
+        for k in range(degree):
+            for j in range(degree - 1, k - 1, -1):
+                taylor[j] += t * taylor[j + 1]
+        there[i] = taylor[0]
+        speed = 0.0
+        for k in range(degree, 0, -1):
+            speed = abs(taylor[k]) + half * speed
+        speeds[i] = speed
+
+
+@compiled
+def prove_curve(
+    joints: Any,
+    bodies: Records,
+    starts: IntArray,
+    vertices: FloatArray,
+    pairs: Pairs,
+    curve: FloatArray,
+    required: FloatArray,
+    growth: FloatArray,
+    least: float,
+    left: FloatArray,
+) -> tuple[int, float, int]:
+    """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
+
+    The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`), the bodies as in `Shapes`, which would take
+    Python a microsecond more to hand over. Of pair p (P,) is required c_p with all allowances, and g_p more, `growth`,
+    which is empty where nothing grows. Intervals in whose halves no two bodies approach each other by more than `least`
+    [m] are given up. Those that are not proven are written to `left: (M, 2)`; more than M cannot wait. (An array that
+    is returned would be made by Python code, where a Ctrl-C becomes a SystemError.)
+
+    Returns
+    -------
+    number : int
+        How many these are; none: the motion is proven.
+    at : float
+        Where some pair cannot be told from one that is too near, or −1.
+    places : int
+        At how many places of the motion the bounds were looked at.
+    """
+    P, m = pairs.radii.shape
+    shapes = Shapes(bodies, starts, vertices)
+    speeds, rates, widest = np.empty(m), np.empty(P), 0.0
+    there, rotations = np.empty(m), np.empty((m, 3, 3))
+    here = _Motion(speeds, rates, growth, required.copy())
+    place = _Place(np.empty(len(bodies), POSE), np.empty((m, 3)), np.empty((m, 3)))
+    search = _Axes(np.empty((P, 3)), np.zeros(P, np.bool_), np.empty((4, 3)))
+    left[0, 0], left[0, 1] = 0.0, 1.0
+    number, places, first = 1, 0, 0
+    while number > 0:
+        low, high = left[number - 1, 0], left[number - 1, 1]
+        t, most = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + _ROUNDING)
+        _curve_at(curve, t, most, there, speeds)
+        for i in range(m):
+            if not isfinite(there[i]):
+                return number, -1.0, places
+        if places == 0 or len(curve) > 2:
+            widest = 0.0
+            for p in range(P):
+                rates[p] = 0.0
+                for i in range(m):
+                    rates[p] += pairs.radii[p, i] * speeds[i]
+                rates[p] += growth[p] if len(growth) else 0.0
+                widest = max(widest, rates[p])
+        for p in range(len(growth)):
+            here.required[p] = required[p] + t * growth[p]
+        place_joints(joints, there, rotations, place.origins, place.axes)
+        if places == 0:
+            place_bodies(bodies, place.poses, rotations, place.origins, False)
+        place_bodies(bodies, place.poses, rotations, place.origins, True)
+        half, first = _half_length(joints, shapes, pairs, here, place, search, most, first)
+        places += 1
+        if half >= most:
+            number -= 1
+        elif half * widest < least or number == len(left):
+            return number, -1.0 if half > 0.0 else t, places
+        else:
+            left[number - 1, 0], left[number - 1, 1] = t + half, high
+            left[number, 0], left[number, 1] = low, t - half
+            number += 1
+    return 0, -1.0, places
+
+
+@compiled
+def hinge_costs(
+    joints: Any,
+    values: FloatArray,
+    rows: IntArray,
+    carriers: IntArray,
+    points: FloatArray,
+    normals: FloatArray,
+    offsets: FloatArray,
+    hinges: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,), its gradients (B, m), and vectors v (C, m): it bends like Σ vvᵀ.
+
+    d_c = x·n_c − b_c of C points of bodies, carried by joints with Pinocchio's numbers, at `values[rows[c]]`.
+
+    The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`) with `values: (B, m)`; `rows` and `carriers`
+    (C,), `points` and `normals` (C, 3) in the frame of the joint and in the world, `offsets: (C,)` b, and
+    `hinges: (H, 2)` D > 0 and w. As in CHOMP and TrajOpt.
+    """
+    costs, gradients = np.zeros(len(values)), np.zeros(values.shape)
+    bends, place = np.zeros((len(rows), len(joints))), np.empty(3)
+    rotation, origin, axis = joint_frames(joints, values)
+    for c in range(len(rows)):
+        b, i, p, normal = rows[c], carriers[c] - 1, points[c], normals[c]
+        distance = -offsets[c]
+        for x in range(3):
+            place[x] = p[x]
+            if i >= 0:
+                frame = rotation[b, i]
+                place[x] = origin[b, i, x] + frame[x, 0] * p[0] + frame[x, 1] * p[1] + frame[x, 2] * p[2]
+            distance += place[x] * normal[x]
+        rate, bend = 0.0, 0.0
+        for h in range(len(hinges)):
+            reach, weight = hinges[h, 0], hinges[h, 1]
+            lack = 1.0 - distance / reach
+            if lack > 0.0:
+                costs[b] += weight * lack * lack
+                rate -= 2.0 * weight / reach * lack
+                bend += 2.0 * weight / (reach * reach)
+        while i >= 0 and bend > 0.0:
+            slope = 0.0
+            for x in range(3):
+                y, z = (x + 1) % 3, (x + 2) % 3
+                turning = axis[b, i, y] * (place[z] - origin[b, i, z]) - axis[b, i, z] * (
+                    place[y] - origin[b, i, y]
+                )
+                slope += normal[x] * (axis[b, i, x] if joints[i].slides else turning)
+            gradients[b, i] += rate * slope
+            bends[c, i] = sqrt(bend) * slope
+            i = joints[i].parent - 1
+    return costs, gradients, bends

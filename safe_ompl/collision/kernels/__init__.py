@@ -1,1 +1,0 @@
-"""Compiled bounds of distances along motions."""

@@ -1,0 +1,98 @@
+"""What models share: counters of their work, working memory for each thread, and detection of changes."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Generic, TypeVar
+
+_Memory = TypeVar("_Memory")
+
+
+class PerThread(threading.local, Generic[_Memory]):
+    """Working memory of each thread, made by `make` when a thread first asks for its `own`."""
+
+    def __init__(self, make: Callable[[], _Memory]) -> None:
+        self.own = make()
+
+
+class Changes:
+    """Counts the changes of a model, so that a query notices one that another thread makes meanwhile.
+
+    A query reads `done`, how many have ended, when it begins. Where `begun`, how many have begun, is still the same
+    when it ends, nothing has changed in between; otherwise its answer may mix two scenes: it waits for the change to
+    end, and asks again.
+    """
+
+    def __init__(self) -> None:
+        self.begun = self.done = 0
+        self._lock = threading.RLock()
+
+    @contextmanager
+    def one(self) -> Iterator[None]:
+        """Make one change; that of another thread is waited for."""
+        with self._lock:
+            self.begun += 1
+            try:
+                yield
+            finally:
+                self.done = self.begun
+
+    def none(self) -> AbstractContextManager[Any]:
+        """Let nothing change; a change of another thread is waited for."""
+        return self._lock
+
+
+@dataclass
+class Counts:
+    """Numbers of queries, shared by the models of one planning problem.
+
+    Attributes
+    ----------
+    nodes : int
+        Nodes (vertices) that the planner kept.
+    collision_queries : int
+        Whole-robot boolean collision queries without margin.
+    margin_queries : int
+        Whole-robot boolean collision queries with security margins (certified motions).
+    bound_queries : int
+        Places of motions at which lower bounds of distances were looked at (certified motions); no query of coal's.
+    distance_queries : int
+        Whole-robot distance queries.
+    field_configurations : int
+        Configurations at which the danger field was evaluated.
+    field_points : int
+        Sum over those configurations of the danger points looked at.
+    """
+
+    nodes: int = 0
+    collision_queries: int = 0
+    margin_queries: int = 0
+    bound_queries: int = 0
+    distance_queries: int = 0
+    field_configurations: int = 0
+    field_points: int = 0
+
+    @property
+    def queries(self) -> int:
+        """Number of configurations at which the whole robot was checked for collisions, in any way."""
+        return self.collision_queries + self.margin_queries + self.bound_queries
+
+    def reset(self) -> None:
+        """Set every counter to zero."""
+        for field in fields(self):
+            setattr(self, field.name, 0)
+
+    def __sub__(self, earlier: Counts) -> Counts:
+        """Work done since `earlier` was copied."""
+        return Counts(**{key: value - getattr(earlier, key) for key, value in asdict(self).items()})
+
+    def copy(self) -> Counts:
+        """Return a snapshot."""
+        return Counts(**asdict(self))
+
+    def as_dict(self) -> dict[str, int]:
+        """Return the counters by name."""
+        return asdict(self)

@@ -1,0 +1,430 @@
+"""Checks: proofs of motions that something else made, and what stands in the way of one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.collision import (
+    CertifiedMotion,
+    CollisionChecker,
+    MotionVerdict,
+    Separation,
+    ToolLimit,
+    Verdict,
+)
+from safe_ompl.common import FloatArray, InputError, finite_array
+from safe_ompl.danger import DangerLimit
+from safe_ompl.motions import polynomials
+from safe_ompl.motions.motion import Motion
+from safe_ompl.motions.rates import RateViolation, rate_violations
+from safe_ompl.planning.ompl import Constraints, joint_space
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+from safe_ompl.trajectories import RateLimits
+
+_FINEST = 2.0**-7  # of a piece: so finely it is said where a piece is not proven
+_TOUCHING = 1e-6  # [m] What is to be kept for rounding alone is no clearance.
+_UNITS = {"collision": (1e3, "mm"), "clearance": (1e3, "mm")}
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A stretch of a motion that is not proven.
+
+    Attributes
+    ----------
+    kind : str
+        "collision", "clearance", "danger", "tool orientation", "tip position", the name of a check of the user's own,
+        "position", "velocity", "acceleration" or "jerk".
+    first, last : float
+        [s] All of the stretch is between them.
+    at : float
+        [s] Where it is worst, of the places looked at.
+    names : tuple of str
+        The pair that touches or is too near, or the joint.
+    value, limit : float or None
+        What is found there, and the bound that it exceeds or falls below: distance [m] and the distance required,
+        danger, or the rate of a joint.
+    decided : bool
+        False: no violation is found, but no proof either.
+    unit : str
+        Of value and limit, other than of distances.
+    """
+
+    kind: str
+    first: float
+    last: float
+    at: float
+    names: tuple[str, ...]
+    value: float | None = None
+    limit: float | None = None
+    decided: bool = True
+    unit: str = ""
+
+    def __str__(self) -> str:
+        scale, unit = _UNITS.get(self.kind, (1.0, self.unit))
+        names = " and ".join(map(repr, self.names))
+        found = "" if self.value is None else f", {scale * self.value:.4g}{' ' * bool(unit)}{unit}"
+        bound = "" if self.limit is None else f" (limit {scale * self.limit:.4g}{' ' * bool(unit)}{unit})"
+        kind = self.kind if self.decided else f"{self.kind} undecided"
+        return f"{kind} at {self.at:.4g} s{': ' * bool(names)}{names}{found}{bound}"
+
+
+class MotionCheck(NamedTuple):
+    """What is proven of a motion; true if everything is.
+
+    Attributes
+    ----------
+    motion : Motion
+        The motion, with its joints in the order of the robot's.
+    claims : tuple of str
+        What was to be proven: "joint limits", "collision", "min clearance", "max danger", "velocity", …
+    violations : tuple of Violation
+        What is not proven, by time; none: all of it is.
+    separation : Separation
+        The distances that it is proven to keep, and its tube.
+    """
+
+    motion: Motion
+    claims: tuple[str, ...]
+    violations: tuple[Violation, ...]
+    separation: Separation
+
+    def __bool__(self) -> bool:
+        return not self.violations
+
+    def __str__(self) -> str:
+        if self:
+            tube = self.separation.tube
+            within = f" within a tube of {_widths(tube)}" if tube else ""
+            return f"proven{within}: {', '.join(self.claims)}"
+        return "not proven:\n" + "\n".join(f"  {violation}" for violation in self.violations)
+
+
+def _widths(tube: tuple[float, ...]) -> str:
+    same = max(tube) - min(tube) < 1e-12
+    return f"±{tube[0]:.3g} rad" if same else "±[" + ", ".join(f"{w:.3g}" for w in tube) + "]"
+
+
+def check(
+    motion: Any,
+    robot: Robot,
+    scene: Scene,
+    *,
+    constraints: Constraints | None = None,
+    tube: ArrayLike | None = None,
+    limits: RateLimits | None = None,
+    speeds: Mapping[str, float] | None = None,
+) -> MotionCheck:
+    """Prove a motion that something else made, or find what stands in the way.
+
+    Parameters
+    ----------
+    motion : Motion or what `Motion.of` takes
+        Such as a SciPy spline of (n,) values, way points (N, n), or an `og.PathGeometric`.
+    robot : Robot
+        The robot.
+    scene : Scene
+        The obstacles.
+    constraints : Constraints, optional
+        What else must hold: distances, danger, limits of the tool, checks of the user's own.
+    tube : float or array_like, shape (n,), optional
+        Prove it of every motion whose joints are so near to this one at any time [rad or m].
+    limits : RateLimits, optional
+        Largest velocities, accelerations and jerks; for a motion in time. Default: these are not looked at.
+    speeds : mapping of str to float, optional
+        Bounds of the speed [m/s] of obstacles that move, from where the scene has them, from the start of the motion.
+
+    Returns
+    -------
+    MotionCheck
+        True if all is proven; `violations` says what is not.
+
+    Raises
+    ------
+    InputError
+        If it is no motion of this robot's joints, or the tube is not ≥ 0.
+    UnknownNameError
+        If the scene has no obstacle of a name.
+
+    Notes
+    -----
+    Positions, velocities and accelerations are bounded as polynomials, not sampled. Collision is proven of the curve
+    itself (`docs/mathematics.md` §4). Of bare samples with a bound of the speed, it is proven of all motions between.
+    """
+    wanted = Constraints() if constraints is None else constraints
+    if tube is not None:
+        wanted = replace(wanted, separation=replace(wanted.separation, tube=tube_of(tube, robot)))
+    proof = CertifiedMotion(
+        CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits
+    )
+    return checked(motion, proof, limits, speeds)
+
+
+def checked(
+    motion: Any,
+    proof: CertifiedMotion,
+    limits: RateLimits | None = None,
+    speeds: Mapping[str, float] | None = None,
+) -> MotionCheck:
+    """Return the same as `check` with a `CertifiedMotion` that is there already; arguments and errors as `check`."""
+    robot = proof.checker.robot
+    motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
+    if speeds and not motion.timed:
+        raise InputError("has no times, and obstacles that move need them", "motion")
+    found = list(map(_rate, rate_violations(motion, proof.checker.robot, limits)))
+    stretches: list[Violation] = []
+    for piece in PieceProofs(motion, proof, speeds):
+        verdict = piece.verdict()
+        joint, what = verdict.pair or ("", "")
+        named = what == "its limits" and joint in proof.checker.robot.joint_names  # by its rates
+        if verdict.verdict is not Verdict.FREE and not named:
+            stretches += piece.unproven()
+    claims = ["joint limits", *(limits.kinds if limits is not None else ()), *_claims(proof)]
+    found += _joined(stretches)
+    found.sort(key=lambda violation: (violation.at, violation.kind))
+    return MotionCheck(motion, tuple(claims), tuple(found), proof.separation)
+
+
+def widest_tube(
+    motion: Any,
+    robot: Robot,
+    scene: Scene,
+    *,
+    constraints: Constraints | None = None,
+    proportions: ArrayLike | None = None,
+    tolerance: float = 0.01,
+) -> FloatArray:
+    """Return the widest tube about a motion that is proven.
+
+    Parameters
+    ----------
+    motion, robot, scene, constraints
+        As `check`.
+    proportions : array_like, shape (n,), optional
+        The tube is a multiple of these [rad or m]. Default: all joints alike.
+    tolerance : float
+        Relative: how much wider a tube might be that is proven, too.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Widths [rad or m]: every motion whose joints are so near to this one is proven. Zeros where the motion itself
+        is not.
+
+    Raises
+    ------
+    InputError
+        As `check`; if the proportions are not ≥ 0, or all 0, or the tolerance is not in (0, 1).
+    """
+    wanted = Constraints() if constraints is None else constraints
+    shape = np.ones(robot.n) if proportions is None else finite_array(proportions, (robot.n,), "proportions")
+    if (shape < 0).any() or not shape.any():
+        raise InputError(f"proportions must be >= 0, and not all 0, got {shape.tolist()}")
+    if not 0 < tolerance < 1:
+        raise InputError(f"tolerance must be between 0 and 1, got {tolerance!r}")
+    motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
+    proof = CertifiedMotion(
+        CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits
+    )
+    order = list(range(motion.pieces))  # the pieces that failed last come first
+
+    def proven(width: float) -> bool:
+        tube = tuple((width * shape).tolist())
+        within = proof.with_separation(replace(proof.separation, tube=tube))
+        pieces = list(PieceProofs(motion, within))
+        for k in order:
+            if not pieces[k].proven():
+                order.insert(0, order.pop(order.index(k)))
+                return False
+        return True
+
+    if rate_violations(motion, robot) or not proven(0.0):
+        return np.zeros(robot.n)
+    low, high = 0.0, 1e-3
+    while proven(high):
+        low, high = high, 2 * high
+        if high > 2 * np.pi:
+            break
+    while high - low > tolerance * low and high > 1e-9:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if proven(middle) else (low, middle)
+    widest: FloatArray = low * shape
+    return widest
+
+
+class PieceProof:
+    """The proof of one piece of a motion, and of parts of it.
+
+    Parameters
+    ----------
+    number : int
+        Which piece it is.
+    curve : ndarray, shape (d + 1, n)
+        Its coefficients.
+    span : (float, float)
+        [s] Its times.
+    proof : CertifiedMotion
+        What is to be proven; with the allowance of the piece in its tube.
+    speeds : mapping of str to float
+        Of obstacles that move from the start of the motion on.
+    begin : float
+        [s] The start of the motion.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        curve: FloatArray,
+        span: tuple[float, float],
+        proof: CertifiedMotion,
+        speeds: Mapping[str, float],
+        begin: float,
+    ) -> None:
+        self.number, self.proof = number, proof
+        self._curve, self._span, self._speeds, self._begin = curve, span, speeds, begin
+
+    def place(self, u: float) -> FloatArray:
+        """Return the joint values (n,) at a fraction of the piece."""
+        return np.array(np.polynomial.polynomial.polyval(u, self._curve))
+
+    def proven(self) -> bool:
+        """Return whether the whole piece is proven."""
+        return self.verdict().verdict is Verdict.FREE
+
+    def time(self, u: float) -> float:
+        """Return the time [s] at a fraction of the piece."""
+        return self._span[0] + u * (self._span[1] - self._span[0])
+
+    def verdict(self, low: float = 0.0, high: float = 1.0) -> MotionVerdict:
+        """Return the verdict on the piece from one fraction to another; its `at` is a fraction of this part."""
+        whole = (low, high) == (0.0, 1.0)
+        curve = self._curve if whole else polynomials.restricted(self._curve, low, high)
+        span = self.time(low) - self._begin, self.time(high) - self._begin
+        return self.proof.check_curve(curve, self._speeds, span)
+
+    def unproven(self, low: float = 0.0, high: float = 1.0) -> Iterator[Violation]:
+        """Yield short stretches between two fractions of the piece that are not proven, by time."""
+        found = self.verdict(low, high)
+        if found.verdict is Verdict.FREE:
+            return
+        if high - low > _FINEST:
+            middle = 0.5 * (low + high)
+            yield from self.unproven(low, middle)
+            yield from self.unproven(middle, high)
+            return
+        yield self._said(found, low, high)
+
+    def _said(self, found: MotionVerdict, low: float, high: float) -> Violation:
+        u = low + (0.5 if found.at is None else found.at) * (high - low)
+        kind, names, value, bound = _values(self.proof, found, self.place(u))
+        decided = found.verdict is Verdict.BLOCKED
+        return Violation(kind, self.time(low), self.time(high), self.time(u), names, value, bound, decided)
+
+
+class PieceProofs:
+    """The proofs of the pieces of a motion, one after another.
+
+    Parameters
+    ----------
+    motion : Motion
+        Its joints in the order of the robot's.
+    proof : CertifiedMotion
+        What is to be proven.
+    speeds : mapping of str to float, optional
+        Of obstacles that move.
+    """
+
+    def __init__(
+        self, motion: Motion, proof: CertifiedMotion, speeds: Mapping[str, float] | None = None
+    ) -> None:
+        self._motion, self._proof, self._speeds = motion, proof, dict(speeds or {})
+
+    def __iter__(self) -> Iterator[PieceProof]:
+        motion, widened = self._motion, self._widened()
+        for k, (curve, proof) in enumerate(zip(motion.coefficients, widened, strict=True)):
+            span = float(motion.times[k]), float(motion.times[k + 1])
+            yield PieceProof(k, curve, span, proof, self._speeds, float(motion.times[0]))
+
+    def _widened(self) -> Iterator[CertifiedMotion]:
+        """Yield for each piece what proves it within its allowance."""
+        allowance = self._motion.allowance
+        if self._motion.slack is None:  # rounding alone: the same for all pieces
+            allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)
+        tube = np.array(self._proof.separation.tube or np.zeros(self._motion.n))
+        known: dict[tuple[float, ...], CertifiedMotion] = {}
+        for row in allowance:
+            widths = tuple((tube + row).tolist())
+            if widths not in known:
+                known[widths] = self._proof.with_separation(replace(self._proof.separation, tube=widths))
+            yield known[widths]
+
+
+def _joined(stretches: list[Violation]) -> Iterator[Violation]:
+    """Yield stretches of one kind that follow each other as one, with what is worst in any of them."""
+
+    def depth(violation: Violation) -> float:
+        if violation.value is None or violation.limit is None:
+            return -np.inf
+        beyond = violation.value - violation.limit
+        return -beyond if violation.kind in _UNITS else beyond
+
+    groups: list[list[Violation]] = []
+    for found in stretches:
+        if groups and (groups[-1][-1].last, groups[-1][-1].kind) == (found.first, found.kind):
+            groups[-1].append(found)
+        else:
+            groups.append([found])
+    for group in groups:
+        worst = max([violation for violation in group if violation.decided] or group, key=depth)
+        yield replace(worst, first=group[0].first, last=group[-1].last)
+
+
+def _values(
+    proof: CertifiedMotion, found: MotionVerdict, q: FloatArray
+) -> tuple[str, tuple[str, ...], float | None, float | None]:
+    """Return what kind of violation it is, of what, what is found at `q: (n,)`, and its bound."""
+    name = None if found.pair is None else found.pair[0]
+    for limit in proof.limits:
+        if getattr(limit, "name", type(limit).__name__) == name:
+            if isinstance(limit, DangerLimit):
+                return "danger", (), limit.danger(q), limit.limit
+            if isinstance(limit, ToolLimit):
+                return limit.name, (), limit.excess(q), 0.0
+            return str(name), (), None, None
+    checker, required = proof.checker, proof.separation.required(proof.checker)
+    distances = checker.pair_distances(q)  # of the pairs that may touch, the first of those required
+    if not len(distances):
+        return "collision", (), None, None
+    least = required.at_start[: len(distances)]
+    worst = int((distances - least).argmin())
+    distance, bound = float(distances[worst]), float(least[worst])
+    kind = "clearance" if distance > 0.0 and bound > _TOUCHING else "collision"
+    return kind, checker.pair_names[worst], distance, bound if kind == "clearance" else 0.0
+
+
+def _rate(found: RateViolation) -> Violation:
+    at = found.time
+    return Violation(found.kind, at, at, at, (found.joint,), found.value, found.limit, True, found.unit)
+
+
+def _claims(proof: CertifiedMotion) -> Iterator[str]:
+    """Yield what is proven beside the limits of the joints."""
+    separation = proof.separation
+    yield "collision"
+    if separation.margin or separation.min_clearance is not None:
+        yield "min clearance"
+    if separation.speeds:
+        yield "moving obstacles"
+    yield from (getattr(limit, "name", type(limit).__name__) for limit in proof.limits)
+
+
+def tube_of(tube: ArrayLike, robot: Robot) -> tuple[float, ...]:
+    """Return widths for all joints, of one number or of n."""
+    widths = np.full(robot.n, float(tube)) if np.ndim(tube) == 0 else tube  # type: ignore[arg-type]
+    return tuple(finite_array(widths, (robot.n,), "tube").tolist())

@@ -1,0 +1,218 @@
+"""Polynomials on the unit interval: from Hermite data, B-splines and the Bernstein basis, and proven maxima.
+
+Arrays of coefficients have the shape (K, d + 1, n): pieces, powers or Bernstein polynomials, joints.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from math import comb, factorial
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.common import FloatArray
+
+EPS = float(np.finfo(np.float64).eps)
+_CLOSE = 1e-9  # of the largest coefficient: how near a proven maximum is to a value that is taken
+
+
+@cache
+def _power_from_bernstein(degree: int) -> FloatArray:
+    """Return T (d + 1, d + 1) with c = T b: T_ki = (−1)^(k−i) C(d, k) C(k, i), whole numbers."""
+    sizes = range(degree + 1)
+    return np.array([[(-1.0) ** (k - i) * comb(degree, k) * comb(k, i) for i in sizes] for k in sizes])
+
+
+@cache
+def _bernstein_from_power(degree: int) -> FloatArray:
+    """Return M (d + 1, d + 1) with b = M c: M_ik = C(i, k) / C(d, k), all in [0, 1]."""
+    sizes = range(degree + 1)
+    return np.array([[comb(i, k) / comb(degree, k) for k in sizes] for i in sizes])
+
+
+def bernstein(coefficients: FloatArray) -> FloatArray:
+    """Return the Bernstein coefficients of polynomials; their rounding is at most (d + 3) ε Σ_k |c_k|."""
+    found: FloatArray = _bernstein_from_power(coefficients.shape[1] - 1) @ coefficients
+    return found
+
+
+def powers(control_points: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the coefficients of polynomials in Bernstein form, and a bound (K, n) of the sum of their errors.
+
+    c_0 is b_0 as it stands, and the others come from b_i − b_0. The entries of T have Σ|T_ki| = 3^d, and a sum of
+    d + 1 products of rounded differences errs by (d + 3) ε of what it adds up.
+
+    Parameters
+    ----------
+    control_points : ndarray, shape (K, d + 1, n)
+        Bernstein coefficients.
+    error : ndarray, shape (K, n)
+        How far each b_i − b_0 may be from what is meant.
+    """
+    degree = control_points.shape[1] - 1
+    steps = control_points - control_points[:, :1]
+    coefficients = _power_from_bernstein(degree) @ steps
+    coefficients[:, 0] = control_points[:, 0]
+    return coefficients, 3.0**degree * ((degree + 3) * EPS * np.abs(steps).max(axis=1) + error)
+
+
+def hermite(
+    spans: FloatArray, positions: FloatArray, velocities: FloatArray | None, accelerations: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the coefficients (K, d + 1, n) of Hermite pieces, and a bound (K, n) of the sum of their errors.
+
+    Parameters
+    ----------
+    spans : ndarray, shape (K,)
+        Durations.
+    positions, velocities, accelerations : ndarray, shape (K, 2, n)
+        At both ends of each piece; the degree is 1, 3 or 5 by how many are given.
+    """
+    start, step = positions[:, 0], positions[:, 1] - positions[:, 0]
+    points = [np.zeros_like(step), step]
+    size = np.abs(step)
+    if velocities is not None:
+        degree = 3 if accelerations is None else 5
+        out, back = np.moveaxis(velocities * (spans / degree)[:, None, None], 1, 0)
+        size = size + 2 * np.maximum(np.abs(out), np.abs(back))
+        points = [points[0], out, step - back, step]
+        if accelerations is not None:
+            bend, turn = np.moveaxis(accelerations * (spans**2 / 20)[:, None, None], 1, 0)
+            size += np.maximum(np.abs(bend), np.abs(turn))
+            points = [points[0], out, 2 * out + bend, step - 2 * back + turn, step - back, step]
+    coefficients, rounding = powers(np.stack(points, axis=1), 8 * EPS * size)
+    coefficients[:, 0] = start
+    return coefficients, rounding
+
+
+def spline(knots: FloatArray, held: FloatArray, degree: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times (K + 1,) and coefficients (K, d + 1, n) of a B-spline, and a bound (K, n) of their errors' sum.
+
+    The i-th Bernstein coefficient on [a, b] is the blossom at d − i times a and i times b. De Boor's scheme with one
+    of the arguments on each level finds it; between neighbouring knots all of its steps are convex combinations.
+
+    Parameters
+    ----------
+    knots : ndarray, shape (N + d + 1,)
+        Not decreasing; the spline is defined from knot d to knot N, which differ.
+    held : ndarray, shape (N, n)
+        Its coefficients.
+    degree : int
+        d ≥ 1.
+    """
+    at = np.arange(degree, len(held))
+    at = at[knots[at + 1] > knots[at]]
+    origin = held[at - degree, None]
+    local = held[at[:, None] + np.arange(-degree, 1)] - origin
+    points = np.empty_like(local)
+    for i in range(degree + 1):
+        row = local
+        for level in range(1, degree + 1):
+            along = np.arange(level, degree + 1)
+            low, high = knots[at[:, None] - degree + along], knots[at[:, None] + along + 1 - level]
+            argument = knots[at + 1] if level <= i else knots[at]
+            share = ((argument[:, None] - low) / (high - low))[..., None]
+            row = (1 - share) * row[:, :-1] + share * row[:, 1:]
+        points[:, i] = row[:, 0]
+    coefficients, rounding = powers(points, 16 * degree * EPS * np.abs(local).max(axis=1))
+    coefficients[:, :1] += origin
+    rounding += EPS * (np.abs(coefficients[:, 0]) + np.abs(local).max(axis=1) * 8 * degree)
+    return np.append(knots[at], knots[at[-1] + 1]), coefficients, rounding
+
+
+def integrated(state: FloatArray, spans: FloatArray, pushes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the coefficients (K, m + 1, n) of phases of constant m-th derivative, and a bound (K, n) of their errors.
+
+    Parameters
+    ----------
+    state : ndarray, shape (m, n)
+        Position and derivatives at the start.
+    spans : ndarray, shape (K,)
+        Durations > 0.
+    pushes : ndarray, shape (K, n)
+        The m-th derivatives.
+    """
+    size = len(state) + 1
+    coefficients = np.zeros((len(spans), size, state.shape[1]))
+    rounding, errors = np.zeros_like(pushes), np.zeros(coefficients.shape[1:])
+    for j, (span, push) in enumerate(zip(spans.tolist(), pushes, strict=True)):
+        steps = np.array([span**k / factorial(k) for k in range(size)])[:, None]
+        orders = np.vstack([state, push])
+        coefficients[j] = orders * steps
+        rounding[j] = (errors * steps).sum(axis=0) + 4 * EPS * np.abs(coefficients[j]).sum(axis=0)
+        state = np.array([(orders[k:] * steps[: size - k]).sum(axis=0) for k in range(size - 1)])
+        sizes = [np.abs(orders[k:] * steps[: size - k]).sum(axis=0) for k in range(size - 1)]
+        errors = np.array([(errors[k:] * steps[: size - k]).sum(axis=0) for k in range(size)])
+        errors[:-1] += 8 * EPS * np.array(sizes)
+    return coefficients, rounding
+
+
+def restricted(coefficients: FloatArray, first: float, last: float) -> FloatArray:
+    """Return the coefficients (d + 1, n) on [first, last] ⊂ [0, 1]; their errors add up to 4 (d + 1) ε Σ_k |c_k|.
+
+    c′_k = (last − first)^k Σ_{i ≥ k} C(i, k) first^(i−k) c_i
+    """
+    sizes = range(len(coefficients))
+    width = last - first
+    shift = [[width**k * comb(i, k) * first ** (i - k) if i >= k else 0.0 for i in sizes] for k in sizes]
+    return np.array(shift) @ coefficients
+
+
+class Peaks(NamedTuple):
+    """Maxima of P polynomials on the unit interval, each (P,).
+
+    Attributes
+    ----------
+    bound : ndarray
+        What no value exceeds.
+    taken : ndarray
+        A value that is taken; no more than 1e-9 of the largest coefficient below the bound.
+    at : ndarray
+        Where in [0, 1].
+    """
+
+    bound: FloatArray
+    taken: FloatArray
+    at: FloatArray
+
+
+def peaks(rows: FloatArray) -> Peaks:
+    """Return the maxima of polynomials in Bernstein form `rows: (P, d + 1)`, by subdivision.
+
+    A polynomial is nowhere above its largest Bernstein coefficient; cells whose largest one is not above what is taken
+    elsewhere are left out, and the others are halved. The bound comes nearer by four with every halving.
+    """
+    count, degree = len(rows), rows.shape[1] - 1
+    ends = rows[:, [0, -1]]
+    taken, at = ends.max(axis=1), ends.argmax(axis=1).astype(np.float64)
+    largest = np.abs(rows).max(axis=1)
+    near = _CLOSE * largest
+    bound = taken.copy()
+    owner, cells, left, width = np.arange(count), rows, np.zeros(count), 1.0
+    while True:
+        most = cells.max(axis=1)
+        open_ = most > taken[owner] + near[owner]
+        np.maximum.at(bound, owner[~open_], most[~open_])
+        owner, cells, left = owner[open_], cells[open_], left[open_]
+        if not len(owner):
+            break
+        width /= 2
+        lower, upper = _halves(cells)
+        middle = upper[:, 0]
+        np.maximum.at(taken, owner, middle)
+        best = middle == taken[owner]
+        at[owner[best]] = left[best] + width
+        owner, left = np.concatenate([owner, owner]), np.concatenate([left, left + width])
+        cells = np.concatenate([lower, upper])
+    bound = np.maximum(bound, taken) + 16 * (degree + 1) * EPS * largest  # fifteen halvings round
+    return Peaks(bound, taken, at)
+
+
+def _halves(cells: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the Bernstein coefficients of the halves of cells (C, d + 1), by de Casteljau's scheme."""
+    lower, upper, row = np.empty_like(cells), np.empty_like(cells), cells
+    for k in range(cells.shape[1]):
+        lower[:, k], upper[:, -1 - k] = row[:, 0], row[:, -1]
+        row = 0.5 * (row[:, :-1] + row[:, 1:])
+    return lower, upper

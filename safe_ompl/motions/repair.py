@@ -1,0 +1,443 @@
+"""Repair of motions that are not proven: as little change as possible, ends and form kept, and proven afterwards.
+
+A motion is q(t) + Σ_j B_j(t) x_j, where q is the one given and the B_j are B-splines of its degree, as smooth at its
+knots as it is itself; those that move its ends are left out. Where a pair p is too near at t, its distance must grow by
+what is missing: ∇d_p · Σ_j B_j(t) x_j ≥ missing, to the first order. The least Σ_j |x_j|² that does so for all places
+found so far is a small quadratic programme; it is solved, the motion is proven anew, and new places are found, until
+nothing is left. Where that does not succeed, a planner finds a way round, and B-splines follow it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import perm
+
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict, fresh_data
+from safe_ompl.common import FloatArray, InputError
+from safe_ompl.motions import polynomials
+from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, checked
+from safe_ompl.motions.motion import Motion
+from safe_ompl.planning.ompl import joint_space
+from safe_ompl.trajectories import RateLimits
+
+Connect = Callable[
+    [FloatArray, FloatArray], "FloatArray | None"
+]  # a proven path (N, n) from one to the other
+
+_SPAN = 0.2  # [rad or m] Pieces that are not proven, and those beside them, are divided into spans no longer than this.
+_PLACES = tuple(k / 8 for k in range(9))  # of a piece that is not proven, at which distances are looked at
+_SPARE = (5e-4, 1e-3, 2e-3, 4e-3)  # [m] beyond what must be kept, more with every few attempts
+_ATTEMPTS = 4  # with each of them
+_LIMIT = 1e-4  # [rad or m] inside of joint limits
+_SMOOTH = 1e-6  # relative: derivatives that differ by less at a knot are equal
+_SAME = 1e-6  # [rad or m] A way round that ends no farther from where it should is one.
+_NOTHING = 1e-12  # [rad or m] Moves below this are rounding.
+_ROUNDS = 40  # of the search for the constraints that bind
+_SOFT = 1e-4  # relative: constraints that contradict each other give way
+_BAND = (
+    0.01  # [m] Where distances exceed what they should be by no more, moves elsewhere must not use that up.
+)
+_FARTHEST = 0.03  # [m] What distances grow by in one attempt: gradients hold near by only.
+_STEP = 0.3  # [rad or m] What any B-spline moves a joint by in one attempt.
+
+
+@dataclass(frozen=True)
+class Repair:
+    """A repaired motion; true if it is proven.
+
+    Attributes
+    ----------
+    motion : Motion
+        The repaired motion; the one given where nothing had to change, or nothing near it can be proven.
+    check : MotionCheck
+        What is proven of it.
+    how : str
+        "unchanged"; "moved", by as little as possible; "planned": it follows a planner's way round somewhere; or why
+        nothing near could be proven.
+    deviation : float
+        How far [rad or m] any joint is from where it was, at most.
+    tool_deviation : float
+        How far [mm] the tip is from where it was, at most, at the places looked at.
+    at : float
+        [s] Where the deviation is largest.
+    changed : tuple of (float, float)
+        [s] The stretches that differ.
+    """
+
+    motion: Motion
+    check: MotionCheck
+    how: str
+    deviation: float = 0.0
+    tool_deviation: float = 0.0
+    at: float = 0.0
+    changed: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def path(self) -> FloatArray:
+        """The way points (N, n), as it may be driven where it is straight between them; errors where it is not."""
+        if self.motion.degree > 1:
+            raise InputError("is curved: it has no path of straight lines", "motion")
+        return self.motion.knots
+
+    def __bool__(self) -> bool:
+        return bool(self.check)
+
+    def __str__(self) -> str:
+        if not self or self.how == "unchanged":
+            return f"{self.how}; {self.check}"
+        stretches = ", ".join(f"{first:.4g}–{last:.4g} s" for first, last in self.changed)
+        return (
+            f"repaired ({self.how}): {self.deviation:.3g} rad and {self.tool_deviation:.3g} mm at the tip from "
+            f"where it was, most at {self.at:.4g} s; changed {stretches}; {self.check}"
+        )
+
+
+def repaired(
+    motion: Motion, proof: CertifiedMotion, limits: RateLimits | None = None, connect: Connect | None = None
+) -> Repair:
+    """Return the motion with as little changed as a proof needs.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion; its ends stay, and so do its times, its degree, and how smooth it is at its knots.
+    proof : CertifiedMotion
+        What is to be proven.
+    limits : RateLimits, optional
+        As `check`.
+    connect : callable, optional
+        Finds proven paths between two configurations, where moving pieces aside does not succeed.
+
+    """
+    robot = proof.checker.robot
+    motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
+    found = checked(motion, proof, limits)
+    if found:
+        return Repair(motion, found, "unchanged")
+    if all(violation.kind in ("velocity", "acceleration", "jerk") for violation in found.violations):
+        return Repair(motion, found, "only its rates exceed their limits: slow it down")
+    for name, q in (("start", motion.knots[0]), ("end", motion.knots[-1])):
+        if proof.check(q, q).verdict is not Verdict.FREE:
+            return Repair(motion, found, f"its {name} cannot be proven, and ends are kept")
+    displacement, how = Displacement(motion, proof), "moved"
+    result = displacement.pushed()
+    if result is None and connect is not None:
+        result, how = displacement.round(connect), "planned"
+    if result is None:
+        why = "nothing near it could be proven"
+        return Repair(motion, found, why if connect is None else f"{why}, and no way round was found")
+    return _measured(motion, result, checked(result, proof, limits), how, proof)
+
+
+class Displacement:
+    """Moves a motion by B-splines until it is proven.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion.
+    proof : CertifiedMotion
+        What is to be proven.
+    """
+
+    def __init__(self, motion: Motion, proof: CertifiedMotion) -> None:
+        self._proof, self._gaps = proof, Gaps(proof.checker)
+        self._bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
+        near = {k + side for k in self._bad for side in (-1, 0, 1)} & set(range(motion.pieces))
+        self._given = motion
+        self._fine = _divided(motion, {k: _parts(motion.coefficients[k], _SPAN) for k in near})
+
+    def pushed(self) -> Motion | None:
+        """Return the motion, moved away from what is too near; None if that cannot be proven."""
+        return self._push(self._fine)
+
+    def round(self, connect: Connect) -> Motion | None:
+        """Return the motion with a planner's way round what is in the way; None if that cannot be proven."""
+        motion = self._given
+        for reach in (0, 1, 3, motion.pieces):
+            first, last = self._allowed_knots(min(self._bad) - reach, max(self._bad) + 1 + reach)
+            path = connect(motion.knots[first], motion.knots[last])
+            if path is None:
+                continue
+            steps = self._proof.checker.robot.difference(path[:-1], path[1:])
+            path = motion.knots[first] + np.vstack([np.zeros(motion.n), np.cumsum(steps, axis=0)])
+            followed = (
+                None
+                if abs(path[-1] - motion.knots[last]).max() > _SAME
+                else _following(motion, path, first, last)
+            )
+            found = None if followed is None else self._push(followed)
+            if found is not None:
+                return found
+        return None
+
+    def _allowed_knots(self, first: int, last: int) -> tuple[int, int]:
+        """Return the knots outside of two, or these, at which the motion is allowed."""
+        knots = self._given.knots
+        first, last = max(first, 0), min(last, len(knots) - 1)
+        while first > 0 and self._proof.check(knots[first], knots[first]).verdict is not Verdict.FREE:
+            first -= 1
+        while (
+            last < len(knots) - 1 and self._proof.check(knots[last], knots[last]).verdict is not Verdict.FREE
+        ):
+            last += 1
+        return first, last
+
+    def _push(self, motion: Motion) -> Motion | None:
+        """Return a motion near the one given that is proven, or None."""
+        basis = _basis(motion)
+        moves = np.zeros((basis.shape[2], motion.n))
+        places: dict[tuple[int, float], None] = {}  # where something was too near, in the order found
+        moved, waiting = motion, set(range(motion.pieces))
+        for spare in np.repeat(_SPARE, _ATTEMPTS).tolist():
+            pieces = list(PieceProofs(moved, self._proof))
+            verdicts = {k: pieces[k].verdict() for k in sorted(waiting)}
+            bad = {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
+            if not bad:
+                return moved
+            for k, witness in bad.items():
+                for u in (*_PLACES, 0.5 if witness is None else witness):
+                    if any(missing > 0 for _, missing in self._missing(pieces[k], u, spare)):
+                        places[k, u] = None
+            rows, slopes, wanted = [], [], []
+            for k, u in places:
+                row = np.polynomial.polynomial.polyval(u, basis[k])
+                for slope, missing in self._missing(pieces[k], u, spare):
+                    rows.append(row)
+                    slopes.append(slope)
+                    wanted.append(min(missing, _FARTHEST) + float(slope @ (row @ moves)))
+            if not rows:
+                continue  # what is too near for a proof is far enough at all places looked at: keep more
+            step = _least_moves(np.array(rows), np.array(slopes), np.array(wanted)) - moves
+            moves = moves + step * min(1.0, _STEP / max(float(np.abs(step).max()), _NOTHING))
+            before, moved = moved, _moved(motion, basis, moves)
+            differs = np.abs(moved.coefficients - before.coefficients).max(axis=(1, 2)) > 0.0
+            waiting = {*bad, *np.flatnonzero(differs).tolist()}
+        return None
+
+    def _missing(self, piece: PieceProof, u: float, spare: float) -> Iterator[tuple[FloatArray, float]]:
+        """Yield the gradients (n,) of what may be missing at a fraction of a piece: distances, and room to limits."""
+        robot, q = self._proof.checker.robot, piece.place(u)
+        for sign, bound in ((1.0, robot.lower), (-1.0, robot.upper)):
+            inside = np.where(robot.continuous, np.inf, sign * (q - bound))
+            for i in np.flatnonzero(inside < _LIMIT):
+                yield sign * np.eye(robot.n)[i], float(_LIMIT - inside[i]) if inside[i] < 0 else 0.0
+        yield from self._gaps.missing(q, piece.proof, spare)
+
+
+class Gaps:
+    """Distances of pairs of bodies, negative where they overlap, with their gradients.
+
+    Parameters
+    ----------
+    checker : CollisionChecker
+        Robot and scene.
+    """
+
+    def __init__(self, checker: CollisionChecker) -> None:
+        self._robot = checker.robot
+        self._kinematics = checker.robot.shared.model.createData()
+        self._known: dict[int, pin.GeometryData] = {}  # by the geometry
+
+    def missing(
+        self, q: FloatArray, proof: CertifiedMotion, spare: float
+    ) -> Iterator[tuple[FloatArray, float]]:
+        """Yield the gradients (n,) of distances that lack something at `q: (n,)`, or may, and what they lack [m].
+
+        Parameters
+        ----------
+        q : ndarray, shape (n,)
+            Joint values.
+        proof : CertifiedMotion
+            Says what pairs must keep.
+        spare : float
+            [m] How much more they shall keep.
+        """
+        robot, required = self._robot, proof.separation.required(proof.checker)
+        pairs, wanted = required.pairs, required.at_start + spare
+        every, near = np.arange(len(wanted)), wanted + _BAND
+        bounds = pairs.bounds.of(q[None], every, float(near.max(initial=0.0)))[0]
+        candidates = np.flatnonzero(bounds < near)
+        if not len(candidates):
+            return
+        geometry = pairs.geometry
+        if id(pairs) not in self._known:
+            self._known[id(pairs)] = fresh_data(geometry)
+        data = self._known[id(pairs)]
+        full = robot.pinocchio_configuration(q)
+        pin.updateGeometryPlacements(robot.shared.model, self._kinematics, geometry, data, full)
+        _, origins, axes = (part[0] for part in robot.kinematics.frames(robot.coupling.values(q)[None]))
+        for k in candidates.tolist():
+            found = pin.computeDistance(geometry, data, k)
+            if found.min_distance >= near[k]:
+                continue
+            speeds = [
+                self._speeds(geometry.geometryObjects[int(body)].parentJoint, point, origins, axes)
+                for body, point in zip(
+                    pairs.bodies[k], (found.getNearestPoint1(), found.getNearestPoint2()), strict=True
+                )
+            ]
+            slope = robot.coupling.columns((speeds[1] - speeds[0]) @ found.normal)
+            if slope.any():
+                yield slope, float(wanted[k] - found.min_distance)
+
+    def _speeds(self, joint: int, point: FloatArray, origins: FloatArray, axes: FloatArray) -> FloatArray:
+        """Return the velocities (m, 3) that the model's joints give a point carried by a joint."""
+        speeds = np.where(self._robot.joint_prismatic[:, None], axes, np.cross(axes, point - origins))
+        moves = self._robot.supporting_joints(np.array([joint]))[0]
+        carried: FloatArray = speeds * moves[:, None]
+        return carried
+
+
+# ------------------------------------------------------------------------------------------------------ B-splines
+
+
+def _parts(curve: FloatArray, span: float) -> int:
+    """Return in how many parts a piece (d + 1, n) is divided so that none moves farther than about a span."""
+    at = np.polynomial.polynomial.polyval(np.array(_PLACES), curve).T
+    return max(1, int(np.ceil(np.linalg.norm(np.diff(at, axis=0), axis=1).sum() / span)))
+
+
+def _divided(motion: Motion, parts: dict[int, int]) -> Motion:
+    """Return the same motion with some of its pieces divided into equal parts."""
+    return _cut(motion, {k: np.linspace(0.0, 1.0, n + 1)[1:-1] for k, n in parts.items() if n > 1})
+
+
+def _cut(motion: Motion, cuts: dict[int, FloatArray]) -> Motion:
+    """Return the same motion with some of its pieces cut at fractions in (0, 1), which increase."""
+    if not cuts:
+        return motion
+    times, of, coefficients = [float(motion.times[0])], [], []
+    for k, curve in enumerate(motion.coefficients):
+        ends = [0.0, *cuts.get(k, np.zeros(0)).tolist(), 1.0]
+        begin, end = float(motion.times[k]), float(motion.times[k + 1])
+        for low, high in pairwise(ends):
+            coefficients.append(curve if len(ends) == 2 else polynomials.restricted(curve, low, high))
+            times.append(end if high == 1.0 else begin + high * (end - begin))
+            of.append(k)
+    rounding = np.zeros((motion.pieces, motion.n)) if motion.rounding is None else motion.rounding
+    size = np.abs(motion.coefficients).sum(axis=1)
+    rounding = rounding + 4 * (motion.degree + 1) * polynomials.EPS * size
+    slack = None if motion.slack is None else motion.slack[of]
+    return replace(
+        motion, times=np.array(times), coefficients=np.array(coefficients), slack=slack, rounding=rounding[of]
+    )
+
+
+def _basis(motion: Motion) -> FloatArray:
+    """Return coefficients (K, d + 1, N) of the B-splines that are as smooth as a motion and leave its ends."""
+    degree = motion.degree
+    smoothness = np.zeros(motion.pieces - 1, dtype=np.intp)
+    spans = np.diff(motion.times)[:, None]
+    equal = np.ones(motion.pieces - 1, dtype=bool)
+    for order in range(1, degree):
+        factors = np.array([perm(k, order) for k in range(order, degree + 1)], dtype=np.float64)
+        held = motion.coefficients[:, order:] * factors[:, None] / spans[:, None] ** order
+        before, after = held.sum(axis=1)[:-1], held[1:, 0]
+        size = np.abs(held).sum(axis=1).max(axis=1)
+        jump = np.abs(before - after).max(axis=1)
+        equal = equal & (jump <= _SMOOTH * np.maximum(np.maximum(size[:-1], size[1:]), 1e-12))
+        smoothness += equal
+    inner = np.repeat(motion.times[1:-1], degree - smoothness)
+    first, last = motion.times[[0, -1]]
+    knots = np.concatenate([np.full(degree + 1, first), inner, np.full(degree + 1, last)])
+    number = len(knots) - degree - 1
+    kept = min(degree, 3 if motion.timed else 1)  # derivatives at the ends, positions among them
+    _, coefficients, _ = polynomials.spline(knots, np.eye(number), degree)
+    return coefficients[:, :, kept : number - kept]
+
+
+def _moved(motion: Motion, basis: FloatArray, moves: FloatArray) -> Motion:
+    """Return the motion moved by B-splines."""
+    change = basis @ moves
+    change[np.abs(change).max(axis=(1, 2)) <= _NOTHING] = 0.0
+    size = np.abs(motion.coefficients).sum(axis=1) + np.abs(change).sum(axis=1)
+    rounding = np.zeros_like(size) if motion.rounding is None else motion.rounding
+    rounding = rounding + 8 * polynomials.EPS * size
+    return replace(motion, coefficients=motion.coefficients + change, rounding=rounding)
+
+
+def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motion | None:
+    """Return the motion displaced between two knots so that it follows a path (N, n), as well as its B-splines can."""
+    begin, end = motion.times[first], motion.times[last]
+    travelled = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    if not travelled[-1] > 0.0:
+        return None
+    at = begin + (end - begin) * travelled / travelled[-1]  # when it is at the path's way points
+    cuts = {}
+    for k in range(first, last):
+        low, high = motion.times[k], motion.times[k + 1]
+        here = (at[(at > low) & (at < high)] - low) / (high - low)
+        if motion.degree > 1:
+            length = travelled[-1] * (high - low) / (end - begin)
+            even = np.linspace(0.0, 1.0, 1 + int(np.ceil(2 * length / _SPAN)))[1:-1]
+            here = even if not len(here) else np.union1d(even, here)
+        here = here[np.diff(here, prepend=0.0, append=1.0)[:-1] > 1e-3]
+        cuts[k] = here[here < 1.0 - 1e-3]
+    fine = _cut(motion, {k: here for k, here in cuts.items() if len(here)})
+    basis = _basis(fine)
+    inside = (fine.times[:-1] >= begin) & (fine.times[1:] <= end)
+    free = ~(np.abs(basis[~inside]).max(axis=(0, 1), initial=0.0) > 0.0)
+    if not free.any():
+        return None
+    u = np.linspace(0.0, 1.0, 5)
+    powers = u[:, None] ** np.arange(motion.degree + 1)
+    times = (fine.times[:-1, None] + u * np.diff(fine.times)[:, None])[inside].ravel()
+    goal = np.stack([np.interp(times, at, path[:, i]) for i in range(motion.n)], axis=1)
+    now = (powers @ fine.coefficients[inside]).reshape(-1, motion.n)
+    rows = (powers @ basis[inside]).reshape(len(times), -1)[:, free]
+    moves = np.zeros((basis.shape[2], motion.n))
+    moves[free] = np.linalg.lstsq(rows, goal - now, rcond=1e-9)[0]
+    return _moved(fine, basis, moves)
+
+
+def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Return the least x (N, n) with slopes_m · Σ_j rows_mj x_j ≥ wanted_m, as nearly as there is one.
+
+    Multipliers λ ≥ 0 with x = Σ_m λ_m rows_m slopes_mᵀ are found by an active set: those that would pull are dropped,
+    what is violated comes in.
+    """
+    products = (rows @ rows.T) * (slopes @ slopes.T)
+    products[np.diag_indices_from(products)] *= 1.0 + _SOFT
+    weights, active = np.zeros(len(wanted)), wanted > 0.0
+    for _ in range(_ROUNDS):
+        chosen = np.flatnonzero(active)
+        weights[:] = 0.0
+        if len(chosen):
+            weights[chosen] = np.linalg.lstsq(products[np.ix_(chosen, chosen)], wanted[chosen], rcond=1e-9)[0]
+        pulls, violated = weights < 0.0, wanted - products @ weights > _NOTHING
+        if pulls.any():
+            active &= ~pulls
+        elif (violated & ~active).any():
+            active |= violated
+        else:
+            break
+    found: FloatArray = np.einsum("m,mj,mi->ji", np.maximum(weights, 0.0), rows, slopes)
+    return found
+
+
+def _measured(given: Motion, found: Motion, check: MotionCheck, how: str, proof: CertifiedMotion) -> Repair:
+    """Return the repair with what it changed."""
+    places = np.linspace(found.times[:-1], found.times[1:], len(_PLACES), axis=1)
+    flat = places.ravel()
+    Q, P = found.at(flat), given.at(flat)
+    apart = np.abs(Q - P).max(axis=1)
+    robot = proof.checker.robot
+    worst = int(apart.argmax())
+    differs = np.flatnonzero(apart > _NOTHING)
+    tool = max(
+        (
+            float(np.linalg.norm(robot.tip_pose(Q[k]).translation - robot.tip_pose(P[k]).translation))
+            for k in differs.tolist()
+        ),
+        default=0.0,
+    )
+    pieces = (apart > _NOTHING).reshape(places.shape).any(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], pieces, [0]])))
+    changed = tuple((float(found.times[a]), float(found.times[b])) for a, b in edges.reshape(-1, 2))
+    return Repair(found, check, how, float(apart[worst]), 1e3 * tool, float(flat[worst]), changed)

@@ -1,0 +1,310 @@
+"""The cost functional of a path: length, and densities such as danger along it; with the exact gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.collision import CollisionChecker, PairDistances, Proximity, Witnesses
+from safe_ompl.common import BoolArray, FloatArray, IntArray, number
+from safe_ompl.danger import DangerField
+from safe_ompl.paths import kernels as kernel
+from safe_ompl.paths.measures import Curve, divided, path_length
+from safe_ompl.robot import Robot, plain
+
+_BESIDE, _CLOSELY = 0.4, 0.02  # [rad] so far from the ends peaks are looked for, at samples so close together
+_EXCESS = 0.02  # share by which a peak is above what is forced
+
+
+def peaks_beside_ends(curve: Curve, field: DangerField, forced: float) -> tuple[FloatArray, FloatArray]:
+    """Return arc lengths (K,) and configurations (K, n) of peaks of danger beside the ends, above what these force."""
+    beside = np.arange(0.0, min(_BESIDE, 0.5 * curve.length), _CLOSELY)
+    s = np.concatenate([beside, curve.length - beside[::-1]])
+    samples = curve.at(s)
+    danger = field.values(samples)
+    inner = danger[1:-1]
+    peak = (inner > (1.0 + _EXCESS) * forced) & (inner >= danger[:-2]) & (inner >= danger[2:])
+    return s[1:-1][peak], samples[1:-1][peak]
+
+
+STEP = 0.05  # [rad] between the samples of the cost of a path, as in its report
+WEIGHT = 5.0  # of danger against length
+_REFERENCE_SAMPLES = 64
+
+_TINY = 1e-12  # [rad]
+_SHORT = 0.1  # shorter segments than this share of the mean count as such a share
+
+
+class Expansion(NamedTuple):
+    """A density (B,), its gradients (B, n), and vectors v (C, n): at `rows: (C,)` it bends like Σ vvᵀ."""
+
+    values: FloatArray
+    gradients: FloatArray
+    rows: IntArray
+    bends: FloatArray
+
+
+class QuadraticModel(NamedTuple):
+    """Cost, gradient (N, n), and about the Hessian of a path: blocks (N, n, n), and (N − 1, n, n) beside them."""
+
+    value: float
+    gradient: FloatArray
+    blocks: FloatArray
+    beside: FloatArray
+
+
+class DangerDensity:
+    """λ·CDF(q)ᵖ with λ = weight/reference(CDF)ᵖ, so that one weight ≥ 0 serves all robots and scenes; p ≥ 1."""
+
+    def __init__(
+        self, field: DangerField, reference: float, weight: float = WEIGHT, exponent: float = 1.0
+    ) -> None:
+        self.field = field
+        self.reference = number("reference", reference, above=0.0)
+        self.weight = number("weight", weight, at_least=0.0)
+        self.exponent = number("exponent", exponent, at_least=1.0)
+
+    def values(self, Q: FloatArray) -> FloatArray:
+        """Return the density (B,) at `Q: (B, n)`."""
+        return self._of(self.field.values(Q) / self.reference)
+
+    def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
+        return self.expansion(Q)[:2]
+
+    def expansion(self, Q: FloatArray) -> Expansion:
+        """Return the density and its derivatives at `Q: (B, n)`, the second ones as if the danger were linear."""
+        danger, slopes = self.field.values_and_gradients(Q)
+        relative = danger / self.reference
+        slopes = slopes / self.reference
+        p = self.exponent
+        rates = self.weight * p * relative ** (p - 1)
+        bend = self.weight * p * (p - 1) * relative ** (p - 2) if p > 1 else np.zeros(len(Q))
+        return Expansion(
+            self._of(relative), rates[:, None] * slopes, np.arange(len(Q)), np.sqrt(bend)[:, None] * slopes
+        )
+
+    def restricted(self, field: DangerField) -> DangerDensity:
+        """Return the same density of another field, such as one of fewer danger points."""
+        return DangerDensity(field, self.reference, self.weight, self.exponent)
+
+    def _of(self, relative: FloatArray) -> FloatArray:
+        density: FloatArray = self.weight * relative**self.exponent
+        return density
+
+
+def reference_danger(field: DangerField, checker: CollisionChecker) -> float:
+    """Return the median danger over valid configurations, the scale of robot and scene; 1 if nothing is dangerous."""
+    robot, rng = (
+        checker.robot,
+        np.random.default_rng(0),
+    )  # always the same: the scale belongs to robot and scene
+    samples = rng.uniform(robot.lower, robot.upper, (_REFERENCE_SAMPLES, robot.n))
+    valid = samples[[not checker.in_collision(q) for q in samples]]
+    return float(np.median(field.values(valid if len(valid) else samples))) or 1.0
+
+
+class PathCost:
+    """J = ∫ (1 + Σ density(q(s))) ds over a path's arc length in joint space."""
+
+    def __init__(self, robot: Robot, densities: Sequence[DangerDensity | ObstacleCost]) -> None:
+        self.robot = robot
+        self.densities = tuple(densities)
+
+    def of(self, path: FloatArray, step: float = STEP) -> float:
+        """Return J of a path (N, n), by the trapezoidal rule on samples at most `step` apart [rad]."""
+        curve = Curve(self.robot, path)
+        s = np.linspace(0.0, curve.length, 2 + int(curve.length / step))
+        return float(np.trapezoid(self._total(curve.at(s)), s))
+
+    def of_edges(self, starts: FloatArray, ends: FloatArray, samples: IntArray) -> FloatArray:
+        """Return J (E,) of motions from `starts` to `ends: (E, n)`, by the midpoint rule on `samples: (E,)` each."""
+        deltas = self.robot.difference(starts, ends)
+        edge = np.repeat(np.arange(len(samples)), samples)
+        first = np.concatenate([[0], np.cumsum(samples)[:-1]])
+        t = (np.arange(len(edge)) - first[edge] + 0.5) / samples[edge]
+        total = self._total(starts[edge] + t[:, None] * deltas[edge])
+        costs: FloatArray = np.add.reduceat(total, first) / samples * np.linalg.norm(deltas, axis=1)
+        return costs
+
+    def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
+        """Return J with two Gauss points on each segment of an unrolled path (N, n), and its exact gradient (N, n).
+
+        See `safe_ompl.paths.kernels`.
+        """
+        nodes = self.nodes(path)
+        values, slopes = np.ones(len(nodes)), np.zeros(nodes.shape)
+        for density in self.densities:
+            more, steeper = density.values_and_gradients(nodes)
+            values += more
+            slopes += steeper
+        return kernel.integrated(plain(path), values, slopes)
+
+    def model(self, path: FloatArray) -> QuadraticModel:
+        """Return the same with about the Hessian of J.
+
+        Length resists bending like springs, Σ f/2ℓ·‖x_{k+1} − x_k‖² with the path's mean density f. What the
+        densities add is their Gauss-Newton part; so the whole is positive.
+        """
+        nodes = self.nodes(path)
+        expansions = [density.expansion(nodes) for density in self.densities]
+        value, gradient = kernel.integrated(
+            plain(path),
+            sum((expansion.values for expansion in expansions), np.ones(len(nodes))),
+            sum((expansion.gradients for expansion in expansions), np.zeros(nodes.shape)),
+        )
+        lengths = np.linalg.norm(path[1:] - path[:-1], axis=1)
+        mean = value / max(lengths.sum(), _TINY)
+        blocks, beside = _springs(
+            mean / np.maximum(lengths, max(_SHORT * lengths.mean(), _TINY)), path.shape[1]
+        )
+        for expansion in expansions:
+            kernel.add_bends(plain(path), expansion.rows, plain(expansion.bends), blocks, beside)
+        return QuadraticModel(value, gradient, blocks, beside)
+
+    def nodes(self, path: FloatArray) -> FloatArray:
+        """Return the Gauss points (2N − 2, n) of the segments of a path (N, n)."""
+        return kernel.nodes(plain(path))
+
+    def _total(self, Q: FloatArray) -> FloatArray:
+        total = np.ones(len(Q))
+        for density in self.densities:
+            total += density.values(Q)
+        return total
+
+
+def _springs(stiffness: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the Hessian of springs of stiffness (N − 1,) between way points: on the diagonal and beside it."""
+    blocks, beside = np.zeros((len(stiffness) + 1, n, n)), np.zeros((len(stiffness), n, n))
+    joint = np.arange(n)
+    blocks[:-1, joint, joint] += stiffness[:, None]
+    blocks[1:, joint, joint] += stiffness[:, None]
+    beside[:, joint, joint] -= stiffness[:, None]
+    return blocks, beside
+
+
+OBSTACLE_WEIGHT = 20.0
+_STEEPNESS = 10.0
+_STEP = 0.03  # [rad] between the samples at which the least clearance along a path is looked for
+
+
+class ObstacleCost:
+    """Obstacle cost of a radian of path, w Σ ((1 − d/D)₊² + 10 (1 − d/d₀)₊²) over pairs of link and obstacle.
+
+    d [m] is the distance of the two, D > 0 where obstacles begin to count; d₀ ≤ D what the ends of a path allow, 0 at
+    first: where these are near an obstacle themselves, the path between them shall at least not come nearer. w > 0 is
+    the cost of a radian of path at which one pair touches and d₀ = 0.
+
+    Exact distances cost more than all else. While a path descends, `anchor` keeps their witnesses, and these move with
+    the links until it is anchored again.
+    """
+
+    def __init__(self, checker: CollisionChecker, distance: float, weight: float = OBSTACLE_WEIGHT) -> None:
+        self.distance = number("clearance", distance, above=0.0)
+        self.weight = number("weight of clearance", weight, above=0.0)
+        self.allowed = 0.0
+        self._proximity = Proximity(checker, self.distance)
+        self._anchored: Witnesses | None = None
+
+    def afresh(self, allowed: float) -> ObstacleCost:
+        """Return the same for another path, without witnesses; `allowed` is its d₀ [m], at most D."""
+        other = copy(self)
+        other._anchored = None
+        other.allow(allowed)
+        return other
+
+    def allow(self, distance: float) -> None:
+        """Set d₀ to a distance [m], no larger than D."""
+        self.allowed = max(0.0, min(self.distance, distance))
+
+    def clearances(self, path: FloatArray) -> tuple[float, float]:
+        """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
+        checker = self._proximity.checker
+        ends = least = max(0.0, min(checker.clearance(q).distance for q in path[[0, -1]]))
+        if not 0 < ends < np.inf:
+            return ends, ends
+        distances = self._proximity.distances if ends <= self.distance else PairDistances(checker, ends)
+        curve = Curve(checker.robot, path)
+        samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP)))
+        return ends, max(0.0, distances.least(samples, least))
+
+    def near(self, Q: FloatArray) -> BoolArray:
+        """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""
+        return self._proximity.near(Q)
+
+    def anchor(self, Q: FloatArray) -> None:
+        """From here on take the witnesses at `Q: (B, n)` for those at B configurations near these."""
+        self._anchored = self._proximity.witnesses(Q)
+
+    def values(self, Q: FloatArray) -> FloatArray:
+        """Return the density (B,) at `Q: (B, n)`."""
+        return self.values_and_gradients(Q)[0]
+
+    def values_and_gradients(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the density (B,) and its gradients (B, n) at `Q: (B, n)`."""
+        return self.expansion(Q)[:2]
+
+    def expansion(self, Q: FloatArray) -> Expansion:
+        """Return the density and its derivatives at `Q: (B, n)`, the second ones by Gauss-Newton."""
+        witnesses = self._proximity.witnesses(Q) if self._anchored is None else self._anchored
+        hinges = [(self.distance, self.weight)]
+        if self.allowed > 0:
+            hinges.append((self.allowed, _STEEPNESS * self.weight))
+        values, gradients, bends = witnesses.hinge_costs(Q, np.array(hinges))
+        return Expansion(values, gradients, witnesses.rows, bends)
+
+
+_SCAN = 0.5  # [rad] between the configurations at which all danger points are looked at
+_SHARE = 0.85  # of the greatest danger: points that reach it somewhere matter
+
+
+class ActiveSetCost:
+    """J of a path, and its obstacle cost, for the danger points that matter near the path that was last looked at.
+
+    Paths that have moved far may be near other danger points: these can only add to what is said here. `danger` is J
+    alone; `total` has the obstacle cost, whose witnesses are those of the path that was last anchored; `everywhere` is
+    the density of all danger points.
+    """
+
+    def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
+        self.everywhere = danger
+        self._obstacles = obstacles
+        self.look_at(path)
+
+    def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> None:
+        """Take the danger points that matter near a path (N, n), and at some configurations (B, n) besides."""
+        samples = divided(path, _SCAN)
+        if besides is not None:
+            samples = np.concatenate([samples, besides])
+        robot = self.everywhere.field.robot
+        danger = self.everywhere.restricted(self.everywhere.field.active(samples, _SHARE))
+        self.danger = PathCost(robot, [danger])
+        self.total = PathCost(robot, [danger, *([] if self._obstacles is None else [self._obstacles])])
+
+    def of(self, path: FloatArray) -> float:
+        """Return J of a path (N, n), without obstacle cost."""
+        return self.danger.of(path)
+
+    def near(self, path: FloatArray) -> float:
+        """Return the obstacle cost of a path (N, n); it is anchored then."""
+        if self._obstacles is None:
+            return 0.0
+        self.anchor(path)
+        lone = PathCost(self.total.robot, [self._obstacles])
+        return lone.value_and_gradient(path)[0] - path_length(path)
+
+    def anchor(self, path: FloatArray) -> None:
+        """From here on take the witnesses of obstacles along a path (N, n)."""
+        if self._obstacles is not None:
+            self._obstacles.anchor(self.total.nodes(path))
+
+    def value_and_gradient(self, path: FloatArray) -> tuple[float, FloatArray]:
+        """Return value and gradient (N, n) of both costs together at a path (N, n), by the witnesses."""
+        return self.total.value_and_gradient(path)
+
+    def model(self, path: FloatArray) -> QuadraticModel:
+        """Return the same, and about the Hessian."""
+        return self.total.model(path)

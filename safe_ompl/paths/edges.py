@@ -1,0 +1,319 @@
+"""Edges of paths: proofs, where paths may be, shortcuts between way points, and retreats from obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from safe_ompl.collision import CertifiedMotion
+from safe_ompl.common import BoolArray, FloatArray, InputError
+from safe_ompl.danger import DangerField
+from safe_ompl.paths.cost import ObstacleCost, PathCost
+from safe_ompl.robot import Place, Robot, solve_from_seed
+
+_REACH = 0.5  # [rad] of path on each side of a refused edge are held back at first,
+_WIDENINGS = 6  # then twice as much, so many times
+
+
+class EdgeProofs:
+    """Proves that every edge of a path is free, and keeps more than a margin from obstacles, until `stop` says so."""
+
+    def __init__(self, motion: CertifiedMotion, stop: Callable[[], bool] = lambda: False) -> None:
+        self._free = self._clear = motion
+        self._stop = stop
+        self._proven: set[bytes] = set()
+        self._inherited: set[bytes] = set()
+
+    def check(self, path: FloatArray) -> None:
+        """Accept the edges of a path (N, n) without a margin; raise InputError if one is not proven free."""
+        for k, (start, end) in enumerate(pairwise(path)):
+            if not self._free.is_free(start, end):
+                raise InputError(f"path: the edge from way point {k} on is not proven free")
+        self.accept(path)
+
+    def accept(self, path: FloatArray) -> None:
+        """Accept the edges of a path (N, n), which are known to be free."""
+        self._proven.update(_keys(path))
+
+    def inherit(self, path: FloatArray) -> None:
+        """Accept the edges of a path (N, n), parts of accepted ones, as soon as they are proven without the margin.
+
+        Parts of what is free are free but for rounding; they are proven when they are asked for: few of them ever are.
+        """
+        self._inherited.update(_keys(path))
+
+    def keep(self, margin: float) -> None:
+        """From here on ask for a clearance [m] of all edges that are not accepted yet."""
+        self._clear = self._free.with_margin(max(margin, self._free.margin))
+
+    def accepts(self, start: FloatArray, end: FloatArray) -> bool:
+        """Return whether the edge between two configurations (n,) is proven."""
+        key = start.tobytes() + end.tobytes()
+        if key in self._proven:
+            return True
+        motion = self._free if key in self._inherited else self._clear
+        proven = not self._stop() and motion.is_free(start, end)
+        if proven:
+            self._proven.add(key)
+        return proven
+
+    def refused(self, path: FloatArray) -> list[int]:
+        """Return the edges of a path (N, n) that are not proven."""
+        return [k for k, (start, end) in enumerate(pairwise(path)) if not self.accepts(start, end)]
+
+    def held_back(self, path: FloatArray, known: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return `path: (N, n)`, held back to a known one where edges are refused, and which way points are there (N,).
+
+        Way points beside a refused edge go back to where they were in the accepted path `known: (N, n)`, and those
+        around them in part, so that there is no kink; if that does not help, more of them, and in the end all.
+        """
+        refused, reach = self.refused(path), _REACH
+        if not refused:
+            return path, np.zeros(len(path), dtype=bool)
+        lengths = np.linalg.norm(known[1:] - known[:-1], axis=1)
+        arc = np.concatenate([[0.0], np.cumsum(lengths)])
+        share, held = np.ones(len(path)), path
+        for _ in range(_WIDENINGS):
+            for k in refused:
+                beyond = np.maximum(arc[k] - arc, arc - arc[k + 1])
+                share = np.minimum(share, np.maximum(0.0, beyond) / reach)
+                share[k : k + 2] = 0.0
+            held = np.where(share[:, None] < 1, known + share[:, None] * (path - known), path)
+            held[share == 0] = known[share == 0]
+            refused = self.refused(held)
+            if not refused:
+                return held, share == 0
+            reach *= 2.0
+        return known.copy(), np.ones(len(path), dtype=bool)
+
+
+def _keys(path: FloatArray) -> Iterator[bytes]:
+    return (start.tobytes() + end.tobytes() for start, end in pairwise(path))
+
+
+_DAMPING = 1e-6  # [m²/rad²] of the projection: keeps it defined where the arm is singular
+
+
+class FeasibleSet:
+    """The set of feasible paths: way points within the joint limits, between ends that are fixed."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._lower = np.where(robot.continuous, -np.inf, robot.lower)
+        self._upper = np.where(robot.continuous, np.inf, robot.upper)
+
+    def within(self, Q: FloatArray) -> FloatArray:
+        """Return the configurations within limits that are nearest to `Q: (…, n)`."""
+        return np.minimum(np.maximum(Q, self._lower), self._upper)
+
+    def nearest(self, path: FloatArray) -> FloatArray:
+        """Return the path within limits that is nearest to `path: (N, n)`."""
+        return self.within(path)
+
+    def holds(self, path: FloatArray) -> bool:
+        """Return whether the end of `path: (N, n)` is where it may be; one that is fixed always is."""
+        return True
+
+    def tangent(self, path: FloatArray, change: FloatArray) -> FloatArray:
+        """Return a change of the path (N, n) that leaves its end where it is."""
+        change[-1] = 0.0
+        return change
+
+
+class GoalSet(Protocol):
+    """A place of the tip and how near to it is near enough, such as a `WorkspaceGoal`."""
+
+    place: Place
+    tolerance: float
+
+
+class FreeGoal(FeasibleSet):
+    """The set of feasible paths whose last way point may be anywhere where the tip is at its place.
+
+    Goals found are a tenth of its tolerance near.
+    """
+
+    def __init__(self, goal: GoalSet) -> None:
+        super().__init__(goal.place.robot)
+        self.place = goal.place
+        self._tolerance = goal.tolerance
+        self._precision = 0.1 * goal.tolerance
+
+    def nearest(self, path: FloatArray) -> FloatArray:
+        """Return the path within limits, its end brought to the place; an end that cannot be stays as it is."""
+        allowed = self.within(path)
+        end = solve_from_seed(self.place, allowed[-1], self._precision)
+        if end is not None:
+            allowed[-1] = end
+        return allowed
+
+    def holds(self, path: FloatArray) -> bool:
+        """Return whether the end of `path: (N, n)` is near enough to the place."""
+        return self.place.distance(path[-1]) <= self._tolerance
+
+    def tangent(self, path: FloatArray, change: FloatArray) -> FloatArray:
+        """Return a change of the path (N, n) whose last row is in the null space of the tip's Jacobian."""
+        jacobian = self.place.jacobian(path[-1])
+        square = jacobian @ jacobian.T + _DAMPING * np.eye(len(jacobian))
+        change[-1] -= jacobian.T @ np.linalg.solve(square, jacobian @ change[-1])
+        return change
+
+
+RETREAT_STEP = 0.02  # [rad]
+_LONGEST = 1.0  # [rad]
+_LEFT = 0.3  # a retreat is over when this share of the cost of its end is left
+_EXCESS = 600.0  # weight of danger: at 1.4 times that of the end it costs what a contact costs
+_ONSET = 0.8  # share of the end's danger from which a point counts
+_STUCK = 0.1  # share of a step: where the best one is shorter, nothing leads on
+_FLAT = 1e-9  # share of the largest curvature, or of the slope per radian: less is as good as none
+_NEWTON_STEPS, _PRECISION = 30, 1e-9
+
+
+def retreat(
+    end: FloatArray,
+    obstacles: ObstacleCost,
+    field: DangerField,
+    feasible: FeasibleSet,
+    stop: Callable[[], bool],
+) -> FloatArray:
+    """Return a way (K, n) from an end (n,) of a path to where obstacles and danger are less; K = 1: there is none.
+
+    The steepest descent of what is near, Σ over pairs of link and obstacle, and of what is dangerous, the field of the
+    danger points over that of the most dangerous one at the end: w Σ_m (CDF(p_m)/CDF(end) − 0.8)₊². Sums of hinges have
+    no kinks, unlike the danger, which is a maximum; and each step of 0.02 rad is the best of its length for their
+    Gauss-Newton model (Nocedal & Wright, ch. 4). So it goes along the floor of the valley between two fingers'
+    obstacles, where gradient steps would go from wall to wall. It is not proven free, and `obstacles` is anchored anew.
+    """
+    reference = field.value(end)
+    q, way, enough = end, [end], None
+    while len(way) * RETREAT_STEP <= _LONGEST and not stop():
+        cost, gradient, bends = _model(q, obstacles, field, reference)
+        enough = _LEFT * cost if enough is None else enough
+        if cost <= enough:
+            return np.array(way)
+        q = feasible.within(q + _step(gradient, bends.T @ bends))
+        if np.linalg.norm(q - way[-1]) < _STUCK * RETREAT_STEP:
+            break
+        way.append(q)
+    return end[None]
+
+
+def _model(
+    q: FloatArray, obstacles: ObstacleCost, field: DangerField, reference: float
+) -> tuple[float, FloatArray, FloatArray]:
+    """Return what `q: (n,)` costs, the gradient (n,), and vectors v (C, n): it bends like Σ vvᵀ."""
+    Q = q[None]
+    obstacles.anchor(Q)
+    near, slopes, _, bends = obstacles.expansion(Q)
+    if not near[0] or not 0 < reference < np.inf:
+        return float(near[0]), slopes[0], bends
+    _, danger, rises = field.terms_above(Q, _ONSET * reference)
+    excess, rises = danger / reference - _ONSET, rises / reference
+    return (
+        float(near[0] + _EXCESS * excess @ excess),
+        slopes[0] + 2.0 * _EXCESS * excess @ rises,
+        np.concatenate([bends, np.sqrt(2.0 * _EXCESS) * rises]),
+    )
+
+
+def _step(gradient: FloatArray, curvature: FloatArray) -> FloatArray:
+    """Return the step s (n,), no longer than `RETREAT_STEP`, that minimises g·s + ½ sᵀHs.
+
+    It is −(H + λ1)⁻¹g with the least λ ≥ 0 that makes it short enough, which Newton's method on 1/‖s(λ)‖ finds in a few
+    steps (Moré & Sorensen 1983).
+    """
+    bends, directions = np.linalg.eigh(curvature)
+    slopes = directions.T @ gradient
+    bends = np.maximum(bends, _FLAT * max(bends[-1], float(np.sqrt(slopes @ slopes))))
+    shares, shift = slopes / bends if slopes.any() else slopes, 0.0
+    for _ in range(_NEWTON_STEPS):
+        length = float(np.sqrt(shares @ shares))
+        if length <= (1.0 + _PRECISION) * RETREAT_STEP:
+            break
+        slower = float(shares @ (shares / (bends + shift)))
+        shift += (length / RETREAT_STEP - 1.0) * length**2 / slower
+        shares = slopes / (bends + shift)
+    step: FloatArray = -directions @ shares
+    return step
+
+
+_SPACING = 0.8  # [rad] between the samples of an edge's cost
+_FEWEST, _MOST = 2, 4  # samples of an edge
+MOST = 40  # way points of a path that edges may skip to
+_JOINT = 1.2  # [rad]
+_BATCH = 80  # edges whose costs are estimated at once
+
+
+def shortcut(
+    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool], most: int = MOST
+) -> FloatArray | None:
+    """Return the cheapest chain of proven edges between way points of `path: (N, n)`, in their order, if there is one.
+
+    Estimates the cost of the edges between up to `most` way points and of the path's own, and proves only those of the
+    chain that is cheapest so far, until all of a chain is proven (as lazy roadmaps do: Bohlin & Kavraki, ICRA 2000).
+    """
+    candidates = np.rint(np.linspace(0, len(path) - 1, min(len(path), most))).astype(int)
+    wanted = np.eye(len(path), k=1, dtype=bool)
+    wanted[np.ix_(candidates, candidates)] = True
+    return _cheapest_proven_chain(path, wanted, cost, proofs, stop)
+
+
+def joined(
+    path: FloatArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
+) -> FloatArray | None:
+    """Return the same where only the ends are new: besides the path's own edges those from there, short ones first."""
+    for reach in (_JOINT, np.inf):
+        wanted = np.eye(len(path), k=1, dtype=bool)
+        wanted[0] |= np.linalg.norm(path - path[0], axis=1) < reach
+        wanted[:, -1] |= np.linalg.norm(path - path[-1], axis=1) < reach
+        found = _cheapest_proven_chain(path, wanted, cost, proofs, stop)
+        if found is not None:
+            return found
+    return None
+
+
+def _cheapest_proven_chain(
+    path: FloatArray, wanted: BoolArray, cost: PathCost, proofs: EdgeProofs, stop: Callable[[], bool]
+) -> FloatArray | None:
+    costs = _edge_costs(path, wanted, cost, stop)
+    while not stop():
+        chain = _cheapest_chain(costs)
+        if not all(np.isfinite(costs[edge]) for edge in pairwise(chain)):
+            return None
+        refused = [(i, j) for i, j in pairwise(chain) if not proofs.accepts(path[i], path[j])]
+        if not refused:
+            return path[chain]
+        for edge in refused:
+            costs[edge] = np.inf
+    return None
+
+
+def _edge_costs(path: FloatArray, wanted: BoolArray, cost: PathCost, stop: Callable[[], bool]) -> FloatArray:
+    """Return the cost (N, N) of the edges from way points to later ones, infinite but for those that are wanted."""
+    costs = np.full(wanted.shape, np.inf)
+    first, second = np.nonzero(np.triu(wanted, 1))
+    lengths = np.linalg.norm(cost.robot.difference(path[first], path[second]), axis=1)
+    samples = np.clip(np.ceil(lengths / _SPACING).astype(int), _FEWEST, _MOST)
+    for k in range(0, len(first), _BATCH):
+        if stop():
+            break
+        i, j = first[k : k + _BATCH], second[k : k + _BATCH]
+        costs[i, j] = cost.of_edges(path[i], path[j], samples[k : k + _BATCH])
+    return costs
+
+
+def _cheapest_chain(costs: FloatArray) -> list[int]:
+    """Return the way points of the cheapest chain from the first to the last, by dynamic programming."""
+    count = len(costs)
+    best, before = np.zeros(count), np.zeros(count, dtype=int)
+    for j in range(1, count):
+        through = best[:j] + costs[:j, j]
+        before[j] = through.argmin()
+        best[j] = through[before[j]]
+    chain = [count - 1]
+    while chain[-1]:
+        chain.append(int(before[chain[-1]]))
+    return chain[::-1]

@@ -1,0 +1,377 @@
+"""The simplifier: paths of one robot in one scene become shorter and safer, and are proven at every step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from copy import copy
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.collision import CertifiedMotion, CollisionChecker
+from safe_ompl.common import FloatArray, InputError, StaleSceneError, clock, finite_array, number
+from safe_ompl.danger import DangerField
+from safe_ompl.paths.cost import (
+    STEP,
+    WEIGHT,
+    ActiveSetCost,
+    DangerDensity,
+    ObstacleCost,
+    PathCost,
+    reference_danger,
+)
+from safe_ompl.paths.descent import BestPath, Better, ProvenDescent, Terms
+from safe_ompl.paths.edges import MOST, EdgeProofs, FeasibleSet, FreeGoal, GoalSet, joined, retreat, shortcut
+from safe_ompl.paths.measures import Curve, divided, path_length, refined
+from safe_ompl.robot import Robot
+
+Stop = Callable[[], bool]
+
+_CONVERGED = 0.03  # a round that lowers the cost by less than this share is the last
+_SAME = 1e-4  # [m] clearances that differ by less are the same
+_FEW = 14  # way points between which shortcuts are looked for after the descent
+_WORTHWHILE = 0.08  # share of the cost that shortcuts after the descent must save to be taken
+_ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
+
+
+def simplify_danger(
+    path: ArrayLike,
+    checker: CollisionChecker,
+    field: DangerField,
+    motion: CertifiedMotion | None = None,
+    *,
+    time: float = 0.2,
+    stop: Stop | None = None,
+    on_better: Better | None = None,
+    goal: GoalSet | None = None,
+    **options: float,
+) -> FloatArray:
+    """Return a path that is proven as the given one is, and cheaper: shorter, safer, farther from obstacles.
+
+    Whenever it ends, by itself, by time, by `stop` or by Ctrl-C, the best proven path so far is what it returns. Only
+    the proof of the given path comes first, whatever the time.
+
+    Parameters
+    ----------
+    path : array_like, shape (N, n)
+        Way points from start to goal [rad or m]; every edge must be proven free by `motion`.
+    checker, field, motion : CollisionChecker, DangerField, CertifiedMotion
+        Robot and scene, the danger, and what proves edges; by default a certified motion of the checker.
+    time : float
+        Time limit [s].
+    stop : callable, optional
+        Asked between steps; when it returns True, that is the end.
+    on_better : callable, optional
+        Told every better path (N', n) as soon as it is proven, and its J for the danger points that matter near it.
+        When others turn out to matter, such a path may be taken back.
+    goal : GoalSet, optional
+        A set on which the last way point may move, such as a `WorkspaceGoal`; without it the ends are fixed.
+    **options : float
+        Those of `SimplificationOptions`: weight, exponent, clearance, length_factor, spacing.
+
+    Returns
+    -------
+    ndarray, shape (N', n)
+        The ends are those of the given path (with `goal`, the start), but for full turns of continuous joints; J is
+        not above its J; the least clearance not below its own by more than 0.1 mm, unless `clearance` is 0.
+
+    Raises
+    ------
+    InputError
+        If the path has the wrong shape, is not finite, has an unproven edge, or an option is out of range.
+    """
+    simplifier = Simplifier(checker, field, motion, **options)
+    return simplifier.simplify(path, timed(number("time", time, above=0.0), stop), on_better, goal)
+
+
+def timed(seconds: float, stop: Stop | None = None) -> Stop:
+    """Return a predicate that says stop after some seconds from now, or when `stop` does."""
+    end = clock() + seconds
+    return lambda: clock() >= end or (stop is not None and stop())
+
+
+def unrolled(robot: Robot, path: FloatArray) -> FloatArray:
+    """Return the path (N, n) with continuous joints that do not jump where they wrap; the others stay as they are."""
+    steps = path[1:] - path[:-1]
+    turns = np.rint((robot.difference(path[:-1], path[1:]) - steps) / (2.0 * np.pi))
+    found: FloatArray = path.copy()
+    found[1:] += 2.0 * np.pi * np.cumsum(turns, axis=0)
+    return found
+
+
+@dataclass(frozen=True)
+class SimplificationOptions:
+    """Options of a `Simplifier`.
+
+    Parameters
+    ----------
+    weight : float
+        λ·reference(CDF)ᵖ, with the median danger over valid configurations as reference: where the danger is that,
+        a radian of path costs `weight` radians besides its own length.
+    exponent : float
+        p ≥ 1. Larger ones punish peaks more.
+    clearance : float
+        [m] Nearness to obstacles counts below this; 0: never, paths may come as near as they are proven free.
+    length_factor : float
+        The path never becomes longer than this times the given one; ≥ 1.
+    spacing : float
+        [rad] Way points are no farther apart when the descent begins; then they move.
+
+    Raises
+    ------
+    InputError
+        If an option is out of range.
+    """
+
+    weight: float = WEIGHT
+    exponent: float = 2.0
+    clearance: float = 0.07
+    length_factor: float = 1.25
+    spacing: float = 0.4
+
+    def __post_init__(self) -> None:
+        for key, least in (("weight", 0.0), ("exponent", 1.0), ("clearance", 0.0), ("length_factor", 1.0)):
+            object.__setattr__(self, key, number(key, getattr(self, key), at_least=least))
+        object.__setattr__(self, "spacing", number("spacing", self.spacing, above=0.0))
+
+
+class Simplifier:
+    """Lowers J = ∫ (1 + λ·CDF(q)ᵖ) ds of paths of one robot in one scene, and an obstacle cost with it.
+
+    First shortcuts, which gain most for the least work: the cheapest chain of straight motions between the path's way
+    points. Then retreats: ends that are near obstacles are left by the steepest way, unless `clearance` is 0; a goal
+    that is free is not. Then descent along the exact gradient of the cost, all way points between the retreats at once;
+    after a few steps what has become of the path must be cheaper and proven, and way points beside an edge that is not
+    proven go back to where they were. Shortcuts that then save much lead out of a poor minimum, to one more descent. It
+    ends when a round of steps gains little; that does not depend on the clock.
+
+    Arguments as of `simplify_danger`; options and errors as of `SimplificationOptions`.
+    """
+
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        field: DangerField,
+        motion: CertifiedMotion | None = None,
+        **options: float,
+    ) -> None:
+        self.robot = checker.robot
+        self.checker = checker
+        self.motion = motion or CertifiedMotion(checker)
+        self._options = chosen = SimplificationOptions(**options)
+        self.length_factor, self.spacing, self.precision = chosen.length_factor, chosen.spacing, _CONVERGED
+        self.obstacle_cost = ObstacleCost(checker, chosen.clearance) if chosen.clearance else None
+        self._field = field
+        self._revisions: tuple[int, int] | None = None
+        self._follow()
+
+    def _follow(self) -> None:
+        """Measure what the danger is compared with in the scene as it is now, unless that is known."""
+        revisions = self.checker.revision, self._field.revision
+        if revisions == self._revisions:
+            return
+        self._revisions = revisions
+        reference = reference_danger(self._field, self.checker)
+        self._danger = DangerDensity(self._field, reference, self._options.weight, self._options.exponent)
+        self._cost = PathCost(self.robot, [self._danger])
+
+    @property
+    def danger(self) -> DangerDensity:
+        """The cost of danger of a radian of path."""
+        self._follow()
+        return self._danger
+
+    @property
+    def cost(self) -> PathCost:
+        """J of paths."""
+        self._follow()
+        return self._cost
+
+    def proving_by(self, motion: CertifiedMotion) -> Simplifier:
+        """Return the same simplifier whose edges another certified motion proves."""
+        other = copy(self)
+        other.motion = motion
+        return other
+
+    def refined(self, times: int) -> Simplifier:
+        """Return a simplifier that goes on where this one ends: so often half the spacing and a quarter of the gain."""
+        finer = copy(self)
+        finer.spacing = self.spacing / 2**times
+        finer.precision = self.precision / 4**times
+        return finer
+
+    def danger_along(self, path: FloatArray) -> tuple[float, float, float]:
+        """Return length [rad], mean and largest danger of a path (N, n)."""
+        curve = Curve(self.robot, path)
+        s = np.linspace(0.0, curve.length, 2 + int(curve.length / STEP))
+        danger = self.danger.field.values(curve.at(s))
+        mean = float(np.trapezoid(danger, s)) / curve.length if curve.length else float(danger[0])
+        return curve.length, mean, float(danger.max())
+
+    def begin(
+        self,
+        path: ArrayLike,
+        stop: Stop,
+        on_better: Better | None = None,
+        goal: GoalSet | None = None,
+        *,
+        proven: bool = False,
+    ) -> SimplificationRun:
+        """Return what makes a path better; see `simplify_danger`. That `path` is proven already saves its proof."""
+        checked = finite_array(path, (None, self.robot.n), "path")
+        if len(checked) < 2:
+            raise InputError(f"path must have two configurations at least, got {len(checked)}")
+        return SimplificationRun(self, unrolled(self.robot, checked), stop, on_better, goal, proven=proven)
+
+    def simplify(
+        self,
+        path: ArrayLike,
+        stop: Stop,
+        on_better: Better | None = None,
+        goal: GoalSet | None = None,
+        *,
+        proven: bool = False,
+    ) -> FloatArray:
+        """Return a better path, as `begin`; when Ctrl-C ends it, the best path so far stands."""
+        run = self.begin(path, stop, on_better, goal, proven=proven)
+        with suppress(KeyboardInterrupt):
+            run.improve()
+        return run.best
+
+
+class SimplificationRun:
+    """A run that lowers the cost of one unrolled path, step by proven step, the cheapest gains first.
+
+    An InputError if the path is neither `proven` already nor proven free.
+    """
+
+    def __init__(
+        self,
+        simplifier: Simplifier,
+        path: FloatArray,
+        stop: Stop,
+        on_better: Better | None,
+        goal: GoalSet | None,
+        *,
+        proven: bool,
+    ) -> None:
+        self._simplifier = copy(simplifier)  # its settings as they are now
+        self._danger = simplifier.danger
+        self._revisions = self._known_revisions()
+        self._robot = simplifier.robot
+        self._stop = stop
+        self._best = BestPath(path, on_better)
+        self._goal_is_free = goal is not None
+        self._feasible = FeasibleSet(self._robot) if goal is None else FreeGoal(goal)
+        self._proofs = EdgeProofs(simplifier.motion, stop)
+        if proven:
+            self._proofs.accept(path)
+        else:
+            self._proofs.check(path)
+        longest = simplifier.length_factor * path_length(path)
+        self._terms = Terms(self._proofs, self._feasible, longest, simplifier.precision)
+
+    @property
+    def best(self) -> FloatArray:
+        """The best path (N', n) so far: always proven, and not above the given path's J as far as is known."""
+        return self._best.path
+
+    def improve(self) -> None:
+        """Make the path cheaper until the cost falls no more; StaleSceneError if obstacles have moved meanwhile."""
+        if self._revisions != self._known_revisions():
+            raise StaleSceneError("obstacles have moved since this run began: begin another one")
+        if self._stop():
+            return
+        self._look_around()
+        self._shorten()
+        self._descend()
+        if not self._stop() and self._shorten_anew():
+            self._descend()
+
+    def _descend(self) -> None:
+        """Leave ends that need it, and descend."""
+        if self._stop() or not path_length(self.best):
+            return  # where the start is the goal, nothing is shorter
+        shortened = self._divided(self.best)
+        if self._descend_between_retreats(shortened) or self._stop():
+            return
+        descent = self._descent(shortened, (shortened[:1], shortened[-1:]))
+        descent.leads = True
+        descent.run()
+
+    def _look_around(self) -> None:
+        """Find out what the given path keeps from obstacles, and what it costs."""
+        self._obstacles = self._simplifier.obstacle_cost
+        if self._obstacles is not None:
+            ends, least = self._obstacles.clearances(self.best)
+            self._obstacles = self._obstacles.afresh(_ALLOWANCE * ends)
+            self._proofs.keep(max(0.0, least - _SAME) if np.isfinite(least) else 0.0)
+        self._cost = ActiveSetCost(self._danger, self._obstacles, self.best)
+        self._best.ceiling = self._cost.of(self.best)
+
+    def _shorten(self, most: int = MOST, worth: float = np.inf) -> bool:
+        """Take shortcuts between up to `most` way points, if the path then costs no more; return whether."""
+        shorter = self._shortcut(partial(shortcut, most=most), self.best)
+        if shorter is None or path_length(shorter) > self._terms.longest:
+            return False
+        self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter
+        cost = self._cost.of(shorter)
+        if cost > worth or not self._best.take(shorter, cost):
+            return False
+        self._best.confirm(cost)
+        return True
+
+    def _shorten_anew(self) -> bool:
+        """Take shortcuts between way points that have descended, if they lead out of a poor minimum; return whether."""
+        return self._shorten(_FEW, (1.0 - _WORTHWHILE) * self._cost.of(self.best))
+
+    def _descend_between_retreats(self, path: FloatArray) -> bool:
+        """Leave ends that are near obstacles by retreats, and descend between; return whether that is the best."""
+        start = self._retreat(path[0])
+        goal = path[-1:] if self._goal_is_free else self._retreat(path[-1])
+        apart = np.linalg.norm(self._robot.difference(start[0], goal[0]))
+        if len(start) == len(goal) == 1 or apart <= path_length(start) + path_length(goal):
+            return False  # nothing to leave, or nowhere to go from there
+        if self._proofs.refused(start) or self._proofs.refused(goal[::-1]):
+            return False
+        between = self._shortcut(joined, np.concatenate([start[-1:], path[1:-1], goal[-1:]]))
+        if between is None or sum(map(path_length, (start, between, goal))) > self._terms.longest:
+            return False
+        if self._stop():
+            return False
+        goal = goal[::-1] + (between[-1] - goal[-1])  # continuous joints may have been unwound
+        descent = self._descent(self._divided(between), (start, goal))
+        # Ends that are left well may cost more than shortcuts, though not more than the given path.
+        whole = np.concatenate([start[:-1], between, goal[1:]])
+        descent.leads = self._best.take(whole, descent.price.cost)
+        descent.run()
+        return descent.leads
+
+    def _retreat(self, end: FloatArray) -> FloatArray:
+        if self._obstacles is None:
+            return end[None]
+        return retreat(end, self._obstacles, self._danger.field, self._feasible, self._stop)
+
+    def _shortcut(self, method: Callable[..., FloatArray | None], path: FloatArray) -> FloatArray | None:
+        found = method(path, self._cost.danger, self._proofs, self._stop)
+        return None if found is None else unrolled(self._robot, found)
+
+    def _divided(self, path: FloatArray) -> FloatArray:
+        """Return the same path with way points where the descent needs them."""
+        path = divided(path, self._simplifier.spacing)
+        if self._obstacles is not None:
+            path = refined(path, self._obstacles.near)
+        self._proofs.inherit(path)
+        return path
+
+    def _descent(self, path: FloatArray, retreats: tuple[FloatArray, FloatArray]) -> ProvenDescent:
+        """Return the descent of a path (N, n) between two that stay."""
+        start, goal = retreats
+        self._cost.look_at(np.concatenate([start[:-1], path, goal[1:]]))
+        return ProvenDescent(path, retreats, self._cost, self._terms, self._best, self._stop)
+
+    def _known_revisions(self) -> tuple[int, int]:
+        return self._simplifier.motion.checker.revision, self._danger.field.revision

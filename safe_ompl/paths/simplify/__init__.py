@@ -1,1 +1,0 @@
-"""Danger-aware simplification of paths."""

@@ -1,0 +1,280 @@
+"""What of a robot collides: shapes of the URDF, convex hulls, and the pairs of its own bodies worth checking."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Container, Iterable, Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Literal, get_args
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, cache, warn_once
+from safe_ompl.geometry import convex_hull
+from safe_ompl.robot.joint_tables import Mimic
+from safe_ompl.robot.loading.urdf import UrdfFile
+
+_log = logging.getLogger(__name__)
+
+_THICKNESS = 2e-4  # [m] of the hulls of flat meshes, such as stickers
+
+CollisionSource = Literal["required", "visual", "optional"]
+"""What to do about links without collision shapes.
+
+"required": a robot none of whose moving links has one is refused; "visual": the visual shapes of such links collide;
+"optional": a robot without any is accepted, and touches nothing.
+"""
+
+
+def check_source(collision: str, source: str) -> None:
+    """Raise UnknownNameError if `collision` is none of `CollisionSource`."""
+    if collision not in get_args(CollisionSource):
+        raise UnknownNameError("choice of collision shapes", collision, get_args(CollisionSource), source)
+
+
+def build_collision_geometry(urdf: UrdfFile, full: pin.Model, collision: str) -> pin.GeometryModel:
+    """Return the collision geometry of all links; with "visual", the visual shapes of links that have no other.
+
+    Errors as `UrdfFile.build_geometry`, or if `collision` is unknown.
+    """
+    check_source(collision, str(urdf.path))
+    geometry = urdf.build_geometry(full, pin.GeometryType.COLLISION)
+    bare = urdf.links_with_visuals_only()
+    if collision != "visual" or not bare:
+        return geometry
+    for part in urdf.build_geometry(full, pin.GeometryType.VISUAL).geometryObjects:
+        if full.frames[part.parentFrame].name in bare:
+            geometry.addGeometryObject(part)
+    _log.info("%s: visual shapes collide, too: those of %s", urdf.path.name, ", ".join(sorted(bare)))
+    return geometry
+
+
+def links_with_visuals_alone(
+    urdf: UrdfFile, model: pin.Model, geometry: pin.GeometryModel, collision: str
+) -> tuple[str, ...]:
+    """Return the links, moving or not, that have visual shapes but no collision shapes.
+
+    `model` and `geometry` are the joints that move and the bodies that collide. Raises InputError if no moving link has
+    a collision shape, unless `collision` is "optional".
+    """
+    if collision != "optional" and not any(part.parentJoint for part in geometry.geometryObjects):
+        remedy = (
+            "its visual shapes are taken with" if collision == "required" else "it has no visual ones either;"
+        )
+        choice = (
+            "collision='visual' (--collision visual)"
+            if collision == "required"
+            else "to plan without any, give collision='optional' (--collision optional)"
+        )
+        raise InputError(
+            f"no moving link has a collision shape, so that nothing could ever touch: {remedy} {choice}",
+            str(urdf.path),
+        )
+    collides = {model.frames[part.parentFrame].name for part in geometry.geometryObjects}
+    bare = urdf.links_with_visuals_only() - collides
+    return tuple(
+        frame.name for frame in model.frames if frame.type == pin.FrameType.BODY and frame.name in bare
+    )
+
+
+def warn_of_unchecked(robot: str, links: Iterable[str]) -> None:
+    """Say in one warning which moving links have no collision shapes, if any."""
+    if names := ", ".join(links):
+        warn_once(
+            _log,
+            f"{robot}: nothing is checked for links that have no collision shape: {names} "
+            "(collision='visual' takes their visual shapes)",
+        )
+
+
+def make_convex(geometry: pin.GeometryModel) -> None:
+    """Replace every mesh of `geometry` by its convex hull, in place; flat ones get a little thickness."""
+    for part in geometry.geometryObjects:
+        if isinstance(part.geometry, coal.BVHModelBase):
+            part.geometry = convex_hull(part.geometry, part.name, _THICKNESS)
+
+
+_SAMPLES = 1000
+_ALWAYS = 0.95  # share of the samples in contact from which a pair counts as always in contact
+_NAMED = 6  # pairs in a warning; all of them in the log's details
+_BATCH = 16  # samples between two looks at which pairs are decided
+_KEY_SAMPLES = 5
+_METHOD = 1  # goes into the cache's key: to be raised whenever another answer may come out
+
+
+def select_self_pairs(
+    model: pin.Model, geometry: pin.GeometryModel, srdf: str | None, samples: FloatArray, robot: str
+) -> None:
+    """Add to `geometry` the pairs of the robot's own bodies that are worth checking.
+
+    Pairs that the SRDF (a file, if any) disables go. Where it disables none, those of adjacent links go. Of the rest,
+    those in contact in more than 95 % of the `samples: (S, nq)` go: no configuration could be free otherwise. What is
+    dropped, and is not disabled by the SRDF, is logged under the name of the robot; pairs that merely were never seen
+    in contact stay.
+    """
+    geometry.addAllCollisionPairs()
+    before = len(geometry.collisionPairs)
+    if srdf is not None:
+        try:
+            text = Path(srdf).read_text(encoding="utf-8")
+            pin.removeCollisionPairsFromXML(model, geometry, text, False)
+        except (ValueError, RuntimeError) as error:
+            raise InputError(f"not a valid SRDF ({error})", srdf) from None
+    removed = before - len(geometry.collisionPairs)
+    if removed:
+        _log.info("%s: %d self-collision pairs disabled by %s", robot, removed, srdf)
+    else:
+        reason = "no SRDF (`safe-ompl srdf` writes one)" if srdf is None else f"{srdf} disables no pair"
+        names = _drop(geometry, adjacent_pairs(model, geometry))
+        if names:
+            warn_once(_log, f"{robot}: {reason}: {len(names)} pairs of adjacent links are not checked")
+            _log.info("%s: adjacent links that are not checked: %s", robot, ", ".join(names))
+    names = _drop(geometry, remembered_contacts(model, geometry, samples))
+    if names:
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        named = ", ".join(names[:_NAMED])
+        warn_once(
+            _log, f"{robot}: not checked, as in contact in over {_ALWAYS:.0%} of samples: {named}{more}"
+        )
+        if more:
+            _log.info("%s: always in contact: %s", robot, ", ".join(names))
+
+
+def sample_configurations(
+    model: pin.Model, count: int = _SAMPLES, mimics: Mapping[str, Mimic] | None = None
+) -> FloatArray:
+    """Return configurations (`count`, nq) over the joint ranges, mimics where they belong; always the same ones."""
+    rng = np.random.default_rng(0)
+    velocities = rng.uniform(-np.pi, np.pi, (count, model.nv))
+    neutral = pin.neutral(model)
+    rows = np.array([pin.integrate(model, neutral, v) for v in velocities])
+    for joint in list(model.joints)[1:]:  # the first is the fixed base, which claims a coordinate it has not
+        if joint.nq == 1:
+            low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+            rows[:, joint.idx_q] = rng.uniform(low, high, count)
+    for name, mimic in (mimics or {}).items():
+        joint, first = (model.joints[model.getJointId(n)] for n in (name, mimic.primary))
+        values = mimic.multiplier * rows[:, first.idx_q] + mimic.offset
+        if joint.nq == 1:
+            rows[:, joint.idx_q] = values
+        else:
+            rows[:, joint.idx_q], rows[:, joint.idx_q + 1] = np.cos(values), np.sin(values)
+    return rows
+
+
+def _adjacent(
+    model: pin.Model, geometry: pin.GeometryModel, pair: pin.CollisionPair, carriers: Container[int]
+) -> bool:
+    """Return whether a single joint, and no third body, is between the two links of a pair."""
+    a, b = (geometry.geometryObjects[k] for k in (pair.first, pair.second))
+    below, above = (a, b) if model.parents[a.parentJoint] == b.parentJoint else (b, a)
+    if model.parents[below.parentJoint] != above.parentJoint:
+        return False
+    frame = model.frames[below.parentFrame].parentFrame
+    while frame not in carriers and frame != 0:
+        frame = model.frames[frame].parentFrame
+    return bool(frame == above.parentFrame)
+
+
+def adjacent_pairs(model: pin.Model, geometry: pin.GeometryModel) -> list[pin.CollisionPair]:
+    """Return the pairs of `geometry` whose links follow each other, a single joint between them."""
+    carriers = {part.parentFrame for part in geometry.geometryObjects}
+    return [pair for pair in _pairs(geometry) if _adjacent(model, geometry, pair, carriers)]
+
+
+def remembered_contacts(
+    model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray
+) -> list[pin.CollisionPair]:
+    """Return what `always_in_contact` does, from the cache on disk if the same was asked for before."""
+    pairs = _pairs(geometry)
+    if not pairs:
+        return []
+    key = _key(model, geometry, samples)
+    known = cache.read("self-pairs", key)
+    if isinstance(known, list) and all(isinstance(k, int) and 0 <= k < len(pairs) for k in known):
+        # Distances differ in the eleventh decimal between a process in which these bodies were asked about before they
+        # were copied and one in which they were not. They must not depend on what an earlier run has kept.
+        pin.computeCollisions(
+            model, model.createData(), geometry, pin.GeometryData(geometry), samples[0], False
+        )
+        return [pairs[k] for k in known]
+    found = always_in_contact(model, geometry, samples)
+    numbers = {(pair.first, pair.second): k for k, pair in enumerate(pairs)}
+    cache.write("self-pairs", key, [numbers[pair.first, pair.second] for pair in found])
+    return found
+
+
+def always_in_contact(
+    model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray
+) -> list[pin.CollisionPair]:
+    """Return the pairs in contact in more than 95 % of the samples (S, nq).
+
+    A pair is looked at until it has been free in 5 % of the samples, which for most is soon.
+    """
+    pairs = _pairs(geometry)
+    data, contacts = model.createData(), pin.GeometryData(geometry)
+    undecided, free = np.arange(len(pairs)), np.zeros(len(pairs))
+    for start in range(0, len(samples), _BATCH):
+        for q in samples[start : start + _BATCH]:
+            pin.computeCollisions(model, data, geometry, contacts, q, False)
+            results = contacts.collisionResults
+            free[undecided] += [not results[k].isCollision() for k in undecided.tolist()]
+        decided = len(samples) - free[undecided] <= _ALWAYS * len(samples)
+        for k in undecided[decided].tolist():
+            contacts.deactivateCollisionPair(k)
+        undecided = undecided[~decided]
+        if not len(undecided):
+            break
+    return [pairs[k] for k in undecided]
+
+
+def _key(model: pin.Model, geometry: pin.GeometryModel, samples: FloatArray) -> str:
+    """Return a hash of all that decides which pairs touch: kinematics, bodies, pairs, samples, and library versions."""
+    state = sha256(f"{_METHOD} {_ALWAYS} {pin.__version__} {coal.__version__}".encode())
+    data = model.createData()
+    for q in samples[:_KEY_SAMPLES]:  # joints are known by where they bring their bodies
+        pin.forwardKinematics(model, data, q)
+        state.update(b"".join(placement.homogeneous.tobytes() for placement in data.oMi))
+    for part in geometry.geometryObjects:
+        state.update(f"{part.name} {part.parentJoint} ".encode() + part.placement.homogeneous.tobytes())
+        state.update(_content(part.geometry))
+    state.update(np.array([(pair.first, pair.second) for pair in geometry.collisionPairs]).tobytes())
+    state.update(str(samples.shape).encode() + samples.tobytes())
+    return state.hexdigest()
+
+
+def _content(shape: coal.CollisionGeometry) -> bytes:
+    """Return the bytes of a shape's kind, sizes and corners."""
+    kind = type(shape).__name__.encode()
+    if isinstance(shape, coal.ConvexBase):
+        return kind + np.asarray(shape.points()).tobytes()
+    if isinstance(shape, coal.BVHModelBase):
+        triangles = [tuple(shape.tri_indices(k)[i] for i in range(3)) for k in range(shape.num_tris)]
+        return kind + np.asarray(shape.vertices()).tobytes() + np.array(triangles).tobytes()
+    sizes = (getattr(shape, name, 0.0) for name in ("halfSide", "radius", "halfLength", "radii"))
+    return kind + b"".join(np.asarray(size, dtype=np.float64).tobytes() for size in sizes)
+
+
+def drop_fixed_pairs(geometry: pin.GeometryModel) -> None:
+    """Drop the pairs of bodies that do not move against each other any more, as joints between them are locked."""
+    joints = [part.parentJoint for part in geometry.geometryObjects]
+    _drop(geometry, [pair for pair in _pairs(geometry) if joints[pair.first] == joints[pair.second]])
+
+
+def _pairs(geometry: pin.GeometryModel) -> list[pin.CollisionPair]:
+    """Return copies of the pairs: an element of Pinocchio's vector changes when others are removed."""
+    return [pin.CollisionPair(pair.first, pair.second) for pair in geometry.collisionPairs]
+
+
+def _drop(geometry: pin.GeometryModel, pairs: list[pin.CollisionPair]) -> list[str]:
+    """Remove pairs of `geometry`; return their names."""
+    names = [
+        f"{geometry.geometryObjects[pair.first].name}–{geometry.geometryObjects[pair.second].name}"
+        for pair in pairs
+    ]
+    for pair in pairs:
+        geometry.removeCollisionPair(pair)
+    return names

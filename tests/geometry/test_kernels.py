@@ -1,0 +1,143 @@
+"""The nearest point of a simplex against quadratic programming by brute force."""
+
+from itertools import combinations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.collision.kernels import near_boxes
+from safe_ompl.geometry.kernels import extreme_vertices
+from safe_ompl.geometry.kernels.convex import cell_of, nearest_in_simplex
+
+
+def nearest(corners):
+    """Return the point of the hull of up to four corners that is nearest to the origin: the best of all its faces."""
+    best = None
+    for size in range(1, len(corners) + 1):
+        for face in combinations(corners, size):
+            face = np.array(face)
+            edges = face[1:] - face[0]
+            weights = np.linalg.lstsq(edges.T, -face[0], rcond=None)[0] if size > 1 else np.zeros(0)
+            if (weights >= -1e-12).all() and weights.sum() <= 1 + 1e-12:
+                point = face[0] + weights @ edges
+                if best is None or point @ point < best @ best:
+                    best = point
+    return best
+
+
+@pytest.mark.parametrize("corners", [1, 2, 3, 4])
+@pytest.mark.parametrize("away", [0.0, 0.5, 2.0])
+def test_the_nearest_point(rng, corners, away):
+    between = set()
+    for _ in range(300):
+        simplex = rng.normal((away, 0.0, 0.0), size=(4, 3))
+        given = simplex[:corners].copy()
+        *point, kept = nearest_in_simplex(simplex, corners)
+        np.testing.assert_allclose(point, nearest(given), atol=1e-10)
+        np.testing.assert_allclose(point, nearest(simplex[:kept]), atol=1e-10)
+        assert all(any((row == corner).all() for corner in given) for row in simplex[:kept])
+        between.add(kept)
+    assert len(between) > 1 or corners == 1
+
+
+def test_the_origin_in_a_tetrahedron():
+    simplex = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+    assert nearest_in_simplex(simplex, 4) == (0.0, 0.0, 0.0, 4)
+
+
+def test_flat_simplices():
+    point = np.array([[0.0, 0.0, 1.0]])
+    assert nearest_in_simplex(np.repeat(point, 4, axis=0), 4)[:3] == (0.0, 0.0, 1.0)
+    line = np.array([[-1.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [2.0, 0.0, 1.0]])
+    np.testing.assert_allclose(nearest_in_simplex(line, 4)[:3], [0.0, 0.0, 1.0])
+    square = np.array([[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
+    np.testing.assert_allclose(nearest_in_simplex(square, 4)[:3], [0.0, 0.0, 1.0], atol=1e-15)
+
+
+# ---------------------------------------------------------------------------- lists of vertices that may be extreme
+
+
+@pytest.mark.parametrize("grid", [1, 3, 8])
+@pytest.mark.parametrize("number", [1, 5, 200])
+def test_the_extreme_vertex_is_in_the_list_of_its_cell(rng, number, grid):
+    vertices = rng.normal(size=(number, 3)) * [0.5, 0.1, 0.02] + [0.3, 0.0, -0.1]
+    starts, found = extreme_vertices(vertices, grid)
+    assert len(starts) == 6 * grid**2 + 1
+    for direction in rng.normal(size=(2000, 3)):
+        cell = cell_of(*direction, grid)
+        listed = found[starts[cell] : starts[cell + 1]]
+        assert (vertices[listed] @ direction).max() >= (vertices @ direction).max() - 1e-15
+
+
+def test_directions_on_the_borders_of_cells():
+    vertices = np.array(
+        [[x, y, z] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0) for z in (-1.0, 0.0, 1.0)]
+    )
+    starts, found = extreme_vertices(vertices, 4)
+    for direction in np.array(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3)).reshape(3, -1).T:
+        cell = cell_of(*direction, 4)
+        listed = found[starts[cell] : starts[cell + 1]]
+        assert (vertices[listed] @ direction).max() == (vertices @ direction).max()
+
+
+def test_what_is_inside_the_hull_is_not_listed(rng):
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    vertices = np.vstack([corners, rng.uniform(-0.5, 0.5, (100, 3))])
+    starts, found = extreme_vertices(vertices, 4)
+    assert found.max() < len(corners)
+    assert len(found) < 3 * (len(starts) - 1)
+
+
+def test_without_a_grid_there_is_one_cell():
+    assert cell_of(0.1, -0.2, 0.3, 0) == 0
+    assert cell_of(0.0, 0.0, 0.0, 4) == 0
+
+
+# ----------------------------------------------------------------------- pairs of boxes that may be near each other
+
+
+NUMBER = 60
+
+
+def near(places, boxes, pairs, margins):
+    """Return which of the pairs the kernel takes for near."""
+    rows = np.array([[*place.rotation.T.ravel(), *place.translation] for place in places])
+    found = np.empty(len(pairs), dtype=np.intp)
+    number = near_boxes(rows, boxes, pairs, margins, found)
+    return set(found[:number].tolist())
+
+
+@pytest.fixture
+def placed(rng):
+    """Boxes, off the origins of their frames, at random places; all their pairs, with margins."""
+    places = [pin.SE3(pin.exp3(rng.normal(size=3) * 2), rng.uniform(-1.0, 1.0, 3)) for _ in range(NUMBER)]
+    boxes = np.hstack([rng.normal(size=(NUMBER, 3)) * 0.1, rng.uniform(0.01, 0.4, (NUMBER, 3))])
+    pairs = np.stack(np.triu_indices(NUMBER, 1), axis=1)
+    return places, boxes, pairs, rng.uniform(0.0, 0.3, len(pairs))
+
+
+def test_no_near_pair_is_left_out(placed):
+    places, boxes, pairs, margins = placed
+    distances = np.array([distance(places, boxes, a, b) for a, b in pairs])
+    found, nearer = near(*placed), set(np.flatnonzero(distances < margins - 1e-6).tolist())
+    assert 100 < len(nearer) < len(pairs) / 2
+    assert nearer <= found
+    assert len(found) < 1.1 * len(nearer)
+
+
+def distance(places, boxes, a, b):
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    shapes = [coal.Box(*(2 * boxes[k, 3:])) for k in (a, b)]
+    frames = [places[k] * pin.SE3(np.eye(3), boxes[k, :3]) for k in (a, b)]
+    poses = [coal.Transform3s(frame.rotation, frame.translation) for frame in frames]
+    return coal.distance(shapes[0], poses[0], shapes[1], poses[1], request, result)
+
+
+@pytest.mark.parametrize("sides", [np.inf, np.nan])
+def test_boxes_without_end_are_near_all(placed, sides):
+    places, boxes, pairs, margins = placed
+    boxes[0, 3:] = sides
+    with_it = set(np.flatnonzero(pairs[:, 0] == 0).tolist())
+    assert with_it <= near(places, boxes, pairs, margins)

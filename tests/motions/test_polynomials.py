@@ -1,0 +1,340 @@
+"""Motions hold what they were made of: SciPy's splines, ROS's interpolation, samples, paths."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import comb, factorial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from ompl import base as ob
+from ompl import geometric as og
+from scipy import interpolate
+
+from safe_ompl import InputError, JointPath, Motion
+from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space
+from safe_ompl.planning.result import PlanResult
+
+N = 3
+
+
+def splines(seed):
+    """Return SciPy's objects of every kind through the same knots, with velocities and accelerations at them."""
+    rng, count = np.random.default_rng(seed), 8
+    t = np.cumsum(rng.uniform(0.02, 1.0, count)) - 1.0
+    q, v, a = rng.normal(size=(3, count, N))
+    knots = np.sort(np.concatenate([rng.uniform(-2, 2, count + 2), [0.3, 0.3]]))
+    return (
+        t,
+        q,
+        v,
+        a,
+        [
+            interpolate.CubicSpline(t, q),
+            interpolate.Akima1DInterpolator(t, q),
+            interpolate.PchipInterpolator(t, q),
+            interpolate.make_interp_spline(t, q, k=5),
+            interpolate.BSpline(knots, q, len(knots) - len(q) - 1),
+            interpolate.BPoly.from_derivatives(t, np.stack([q, v, a], axis=1)),
+        ],
+    )
+
+
+@given(st.integers(0, 10**6))
+def test_motions_of_scipy_are_the_same_functions(seed):
+    *_, found = splines(seed)
+    for thing in found:
+        motion = Motion.of(thing, names=["a", "b", "c"])
+        t = np.linspace(motion.times[0], motion.times[-1], 200)[1:-1]
+        allowed = motion.allowance.max() + 1e-12 * np.abs(thing(t)).max()
+        assert allowed < 1e-6
+        np.testing.assert_allclose(motion.at(t), thing(t), rtol=0, atol=allowed)
+        for order in (1, 2):
+            expected = thing.derivative(order)(t)
+            np.testing.assert_allclose(
+                motion.derivative(t, order), expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max()
+            )
+
+
+def exact(row):
+    return [Fraction(float(value)) for value in row]
+
+
+def taylor(state, span, push):
+    """Return position and derivatives after a time of constant highest derivative, exactly."""
+    orders = [*state, push]
+    return [
+        sum(orders[k + i] * span**i / factorial(i) for i in range(len(orders) - k)) for k in range(len(state))
+    ]
+
+
+def de_boor(knots, held, degree, t):
+    """Return the value of a B-spline, exactly."""
+    at = max(k for k in range(degree, len(held)) if knots[k] <= t and knots[k] < knots[k + 1])
+    row = held[at - degree : at + 1]
+    for level in range(1, degree + 1):
+        shares = [
+            (t - knots[at - degree + r]) / (knots[at + r + 1 - level] - knots[at - degree + r])
+            for r in range(level, degree + 1)
+        ]
+        row = [(1 - w) * a + w * b for w, a, b in zip(shares, row, row[1:], strict=False)]
+    return row[0]
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10**6), st.sampled_from([1, 3, 5, 9, 15]))
+def test_rounding_is_within_its_bound(seed, degree):
+    rng = np.random.default_rng(seed)
+    knots, held = np.sort(rng.uniform(-2, 2, 2 * degree + 6)), rng.uniform(-3, 3, (degree + 5, 1))
+    pieces, grid = rng.uniform(-3, 3, (1, degree + 1, 1)), [0.0, 0.7]
+    spans, jerks = rng.uniform(0.1, 1, 5), rng.uniform(-9, 9, (5, 1))
+    t = exact(knots[[degree, degree + 5]])
+    places = [t[0] + (t[1] - t[0]) * Fraction(k, 17) for k in range(18)]
+    b = exact(pieces[0, :, 0])
+    states = [[Fraction(1), Fraction(0), Fraction(0)]]
+    for span, jerk in zip(exact(spans), exact(jerks[:, 0]), strict=True):
+        states.append(taylor(states[-1], span, jerk))
+    spline = Motion.bspline(knots, held, degree)
+    bezier, grown = Motion.bezier(pieces, grid), Motion.of(interpolate.PPoly(pieces[0, :, None], grid))
+    profile, h = Motion.profile([1.0], spans, jerks=jerks), Fraction(grid[1])
+    found = [
+        (spline, *inside(spline, place), de_boor(exact(knots), exact(held[:, 0]), degree, place))
+        for place in places
+    ]
+    for w in (Fraction(k, 17) for k in range(18)):
+        shares = [comb(degree, k) * w**k * (1 - w) ** (degree - k) for k in range(degree + 1)]
+        found.append((bezier, 0, w, sum(c * share for c, share in zip(b, shares, strict=True))))
+        found.append((grown, 0, w, sum(c * (w * h) ** (degree - k) for k, c in enumerate(b))))
+    found += [(profile, k, Fraction(0), state[0]) for k, state in enumerate(states[:-1])]
+    for motion, piece, share, expected in found:
+        taken = sum(c * share**k for k, c in enumerate(exact(motion.coefficients[piece, :, 0])))
+        assert abs(taken - expected) <= motion.rounding[piece, 0]
+
+
+def inside(motion, place):
+    """Return the piece at a time, and the share of it that has gone, exactly."""
+    t = exact(motion.times)
+    piece = max(k for k in range(motion.pieces) if t[k] <= place)
+    return piece, (place - t[piece]) / (t[piece + 1] - t[piece])
+
+
+@given(st.integers(0, 10**6))
+def test_hermite_pieces_are_what_the_ros_controller_interpolates(seed):
+    t, q, v, a, _ = splines(seed)
+    at = np.linspace(t[0], t[-1], 300)
+    for rates, expected in (
+        ((), interpolate.make_interp_spline(t, q, k=1)),
+        ((v,), interpolate.CubicHermiteSpline(t, q, v)),
+        ((v, a), interpolate.BPoly.from_derivatives(t, np.stack([q, v, a], axis=1))),
+    ):
+        motion = Motion.hermite(t, q, *rates)
+        np.testing.assert_allclose(motion.at(at), expected(at), rtol=0, atol=1e-11)
+        for order, held in enumerate(rates, start=1):
+            np.testing.assert_allclose(motion.derivative(t, order), held, rtol=1e-9, atol=1e-9)
+
+
+def test_pieces_beside_a_point_without_rates_are_of_lower_degree():
+    t, q, v, a = (rows[:5] for rows in splines(1)[:4])
+    motion = Motion.hermite(t, q, [v[0], v[1], v[2], None, v[4]], [a[0], a[1], None, None, None])
+    assert [int(np.flatnonzero(piece.any(axis=1)).max()) for piece in motion.coefficients] == [5, 3, 1, 1]
+    np.testing.assert_allclose(motion.knots, q, atol=1e-12)
+    with pytest.raises(InputError, match="point 3 has accelerations, but no velocities"):
+        Motion.hermite(t, q, [v[0], v[1], v[2], None, v[4]], a)
+
+
+@given(st.integers(0, 10**6))
+def test_a_part_is_the_same_motion(seed):
+    t, q, v, a, _ = splines(seed)
+    motion = Motion.hermite(t, q, v, a)
+    first, last = np.sort(np.random.default_rng(seed).choice(np.append(t, np.linspace(t[0], t[-1], 50)), 2))
+    if first < last:
+        part = motion.restricted(first, last)
+        assert (part.times[0], part.times[-1]) == (first, last)
+        at = np.linspace(first, last, 50)
+        np.testing.assert_allclose(part.at(at), motion.at(at), rtol=0, atol=part.allowance.max() + 1e-14)
+        np.testing.assert_allclose(
+            part.derivative(at[1:-1]), motion.derivative(at[1:-1]), rtol=1e-8, atol=1e-8
+        )
+
+
+@given(st.integers(0, 10**6))
+def test_profiles_have_the_accelerations_and_jerks_that_they_were_made_of(seed):
+    rng = np.random.default_rng(seed)
+    spans, pushes = rng.choice([0.0, 0.3, 1.1], 6), rng.normal(size=(6, N))
+    spans[0] = 0.5
+    for kind, order in (("accelerations", 2), ("jerks", 3)):
+        start, velocity = rng.normal(size=(2, N))
+        motion = Motion.profile(start, spans, **{kind: pushes}, velocity=velocity)
+        middles = 0.5 * (motion.times[1:] + motion.times[:-1])
+        np.testing.assert_allclose(motion.derivative(middles, order), pushes[spans > 0], rtol=1e-12)
+        np.testing.assert_allclose(motion.derivative(motion.times[0], 1), velocity)
+        for k in range(order):  # no jumps of what is integrated
+            ends = motion.derivative(motion.times[1:-1] - 1e-9, k)
+            np.testing.assert_allclose(ends, motion.derivative(motion.times[1:-1], k), atol=1e-6)
+
+
+@given(st.integers(0, 10**6))
+def test_no_motion_of_bounded_velocity_leaves_the_slack_of_its_samples(seed):
+    rng = np.random.default_rng(seed)
+    fine = np.linspace(0.0, 1.0, 201)
+    limit = np.array([1.0, 2.0, 0.5])
+    drive = limit * np.clip(np.cumsum(rng.normal(size=(200, N)), axis=0), -1, 1)
+    q = np.vstack([np.zeros(N), np.cumsum(drive / 200, axis=0)])
+    motion = Motion.sampled(fine[::20], q[::20], limit)
+    piece = np.clip(np.searchsorted(motion.times, fine, side="right") - 1, 0, 9)
+    assert (np.abs(motion.at(fine) - q) <= motion.slack[piece] + 1e-12).all()
+    assert (motion.slack <= 0.5 * limit * 0.1 * (1 + 1e-12)).all()
+    assert not motion.rated
+
+
+def test_the_slack_is_reached():
+    motion = Motion.sampled([0.0, 1.0], [[0.0], [0.5]], 1.0)
+    assert motion.slack[0, 0] == pytest.approx(0.75 - 0.375)  # at full speed for 0.75 s, and back
+
+
+def test_it_rests_before_and_after():
+    motion = Motion.through([[0.0, 0.0], [1.0, 2.0]], [1.0, 2.0])
+    np.testing.assert_array_equal(motion.at([0.0, 1.5, 9.0]), [[0, 0], [0.5, 1], [1, 2]])
+    np.testing.assert_array_equal(motion.derivative([0.0, 1.5, 9.0]), [[0, 0], [1, 2], [0, 0]])
+    assert (motion.pieces, motion.degree, motion.n, motion.duration) == (1, 1, 2, 1.0)
+    assert repr(motion) == "Motion(1 pieces of degree 1, 2 joints, 1.000 s)"
+
+
+def test_paths_of_all_kinds(kinova):
+    points = np.random.default_rng(2).uniform(-1, 1, (4, 6))
+    names = kinova.joint_names
+    result = PlanResult("Exact solution", points, None, "PRM", 1, names, 0.1)
+    space = joint_space(kinova)
+    path = og.PathGeometric(ob.SpaceInformation(space))
+    scratch = ScratchState(StateBridge(space))
+    for q in points:
+        path.append(scratch.set(q))
+    for thing in (points, points.tolist(), result, JointPath(names, points), path):
+        motion = Motion.of(thing, space=space).for_robot(kinova)
+        np.testing.assert_allclose(motion.knots, points, atol=1e-15)
+        assert motion.joint_names == names
+        assert not motion.timed
+        np.testing.assert_array_equal(motion.times, range(4))
+        assert Motion.of(motion) is motion
+    with pytest.raises(InputError, match="does not know its state space: give space"):
+        Motion.of(path)
+    with pytest.raises(InputError, match="no path"):
+        Motion.of(PlanResult("Timeout", None, None, "PRM", 1, names, 0.1))
+
+
+def test_a_solved_setup_of_ompl(panda):
+    setup = og.SimpleSetup(joint_space(panda))
+    setup.setStateValidityChecker(lambda state: True)
+    middle = 0.5 * (panda.lower + panda.upper)
+    start, goal = setup.getStateSpace().allocState(), setup.getStateSpace().allocState()
+    start[0:7], goal[0:7] = middle.tolist(), (middle + 0.1).tolist()
+    setup.setStartAndGoalStates(start, goal)
+    assert setup.solve(5.0)
+    path = setup.getSolutionPath()
+    points = [path.getState(k)[0:7] for k in range(path.getStateCount())]
+    np.testing.assert_array_equal(Motion.of(setup).coefficients[:, 0], points[:-1])
+
+
+def test_continuous_joints_go_the_short_way_between_way_points_only(kinova):
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-3.1, 3.1, (20, 6))
+    motion = Motion.through(points).for_robot(kinova)
+    steps = kinova.difference(points[:-1], points[1:])
+    np.testing.assert_allclose(np.diff(motion.knots, axis=0), steps, atol=1e-13)
+    assert np.abs(np.diff(points, axis=0)).max() > np.pi
+    np.testing.assert_allclose(kinova.difference(points, motion.knots), 0, atol=1e-13)
+    assert (motion.coefficients == motion.for_robot(kinova).coefficients).all()
+    timed = Motion.hermite(range(20), points).for_robot(kinova)
+    np.testing.assert_allclose(timed.knots, points, atol=1e-13)
+
+
+def test_joints_come_by_name(twin_arm):
+    names = list(twin_arm.joint_names)
+    order = np.random.default_rng(4).permutation(twin_arm.n)
+    points = np.random.default_rng(5).uniform(-1, 1, (3, twin_arm.n))
+    motion = Motion.through(points[:, order], [0.0, 1.0, 3.0], [names[k] for k in order])
+    np.testing.assert_array_equal(motion.for_robot(twin_arm).knots, points)
+    degrees = np.where(twin_arm.prismatic, points, np.degrees(points))
+    turned = Motion.through(degrees[:, order], names=[names[k] for k in order]).for_robot(
+        twin_arm, degrees=True
+    )
+    np.testing.assert_allclose(turned.knots, points, atol=1e-15)
+    for given_names, message in (
+        ([*names[1:], "nose"], f"lacks the joints {names[0]}; has joints that the robot has not: nose"),
+        (names[:-1], f"lacks the joints {names[-1]}$"),
+        ([*names, "nose"], "has joints that the robot has not: nose$"),
+    ):
+        with pytest.raises(InputError, match=message):
+            Motion.through(np.zeros((2, len(given_names))), names=given_names).for_robot(twin_arm)
+    with pytest.raises(InputError, match=f"must have {twin_arm.n} columns, for .*, got 2"):
+        Motion.through(np.zeros((2, 2))).for_robot(twin_arm)
+
+
+def test_degrees_are_refused_unless_said(panda):
+    with pytest.raises(InputError, match=r"joint 'panda_joint2' moves to 90 rad.*degrees=True, --degrees"):
+        Motion.through([[0.0] * 7, [0, 90.0, 0, 0, 0, 0, 0]]).for_robot(panda)
+
+
+T, Q = [0.0, 1.0, 2.0], np.zeros((3, 2))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Motion.through(Q, [0.0, 2.0, 1.0]), r"times: must increase, got 1 after 2 \(number 2\)"),
+        (lambda: Motion.hermite([0.0, 1.0, 1.0], Q), r"times: must increase, got 1 after 1 \(number 2\)"),
+        (lambda: Motion.hermite(T[:2], Q), r"positions must have shape \(2, any\), got \(3, 2\)"),
+        (lambda: Motion.hermite(T, Q * np.nan), "positions must be finite"),
+        (lambda: Motion.hermite(T, Q, Q[:, :1]), r"velocities must have shape \(3, 2\), got \(3, 1\)"),
+        (lambda: Motion.through(Q, names=["a", "a"]), "joint names: must differ, got a, a"),
+        (lambda: Motion.through(Q, names=["a"]), "joint names: must be 2, one for each column, got 1"),
+        (lambda: Motion.through(Q[:1], [0.0]), "way points: must be two at least, got 1"),
+        (lambda: Motion([0, 1], np.zeros((1, 17, 2)) + 1), "degree of 15 at most.*got 16"),
+        (
+            lambda: Motion([0, 1], np.zeros((1, 2, 2)), slack=[[0, -1.0]]),
+            "slack: must not be negative, got -1",
+        ),
+        (
+            lambda: Motion([0, 1, 2], [[[0.0], [1.0]], [[1.1], [0.0]]], ("hip",)),
+            "joint 'hip' jumps by 0.1 at 1 s",
+        ),
+        (
+            lambda: Motion.of(interpolate.PPoly([[0.0, 1.0]], [0, 1, 2])),
+            r"PPoly: must have values of shape \(n,\)",
+        ),
+        (lambda: Motion.bspline([0, 0, 1, 1], Q, 1), "knots: must be 2 more than control points"),
+        (lambda: Motion.bspline([0, 0, 2, 1, 3], Q, 1), "knots: must not decrease"),
+        (lambda: Motion.bspline([0, 1, 1, 1, 2, 3], Q, 2), "knots: must not decrease, and span some time"),
+        (
+            lambda: Motion.bspline([0] * 5, Q, 0),
+            r"degree of the B-spline must be a whole number in \[1, 15\], got 0",
+        ),
+        (lambda: Motion.profile([0, 0], [1, -1], Q[:2]), "durations: must not be negative, got -1"),
+        (lambda: Motion.profile([0, 0], [1, 1]), "needs either accelerations or jerks"),
+        (
+            lambda: Motion.sampled(T, [[0.0], [0.5], [3.0]], 1.0),
+            "column 0 moves at 2.5 after 1 s, faster than",
+        ),
+        (lambda: Motion.sampled(T, Q, 0.0), "largest velocity: must be positive, got 0"),
+        (lambda: Motion.of(interpolate.CubicSpline(T, Q + 1j)), r"coefficients must be numbers, got array"),
+        (
+            lambda: Motion.of(interpolate.PPoly(np.ones((2, 2, 2)), T[::-1])),
+            "times: must increase, got 1 after 2",
+        ),
+        (
+            lambda: Motion.hermite([0.0, 1.0, 1.0 + 1e-12], Q),
+            "times: must increase, by 1e-9 at least, got 1 after 1",
+        ),
+        (lambda: Motion.hermite(T, Q, 3.0), r"velocities must have shape \(3, 2\), got \(\)"),
+        (lambda: Motion.hermite(T, Q, names="ab"), "joint names: must be a list, got str 'ab'"),
+        (lambda: Motion.of(interpolate.KroghInterpolator(T, Q)), "motion: must be a Motion, SciPy's"),
+        (lambda: Motion.through(Q, T).restricted(1.0, 0.5), r"last time must be a finite number in \(1, 2\]"),
+        (lambda: Motion.through(Q, T).at(np.nan), "time must be a number of seconds, got nan"),
+    ],
+)
+def test_bad_input_is_named_in_one_line(make, message):
+    with pytest.raises(InputError, match=message) as error:
+        make()
+    assert "\n" not in str(error.value)

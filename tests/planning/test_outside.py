@@ -1,0 +1,81 @@
+"""Paths of others: a function in the place of a planner, and OMPL's own SimpleSetup, are proven or repaired."""
+
+import numpy as np
+import pytest
+from ompl import geometric as og
+
+import safe_ompl
+from safe_ompl import Box, CollisionChecker, InputError, Obstacle, Pose, SafeSetup, Scene
+from safe_ompl.planning.ompl import ScratchState, StateBridge, joint_space
+
+START = np.array([-0.8, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8])
+GOAL = START * [-1, 1, 1, 1, 1, 1, 1]
+
+
+@pytest.fixture(scope="module")
+def wall():
+    """Return a wall that the straight motion goes through, and a motion over it does not."""
+    return Scene([Obstacle("wall", Box((0.5, 0.04, 0.4)), Pose((0.5, 0.0, 0.2)), weight=1.0)])
+
+
+@pytest.fixture
+def setup(panda, wall):
+    setup = SafeSetup(panda, wall)
+    setup.setConfigurations(START, [GOAL, GOAL - 0.1 * np.eye(7)[0]])
+    return setup
+
+
+def straight(start, goals):
+    assert start.shape == (7,)
+    assert goals.shape == (2, 7)
+    return [start, goals[0]]
+
+
+def test_a_function_plans_and_what_it_returns_is_proven(setup, panda, wall):
+    assert CollisionChecker(panda, wall).in_collision(0.5 * (START + GOAL))
+    result = setup.plan(straight, time=20.0)
+    assert result, result.status
+    assert result.planner == "straight"
+    assert result.report.certified
+    np.testing.assert_allclose(result.path[[0, -1]], [START, GOAL])
+    free = setup.plan(lambda start, goals: result.path, time=20.0)
+    np.testing.assert_array_equal(free.path, result.path)  # what is proven stays as it is
+
+
+def test_functions_that_find_nothing_or_something_else(setup):
+    assert not setup.plan(lambda start, goals: None, time=1.0)
+    with pytest.raises(InputError, match="must end at the goal"):
+        setup.plan(lambda start, goals: [start, start + 0.1], time=1.0)
+    with pytest.raises(InputError, match="shape"):
+        setup.plan(lambda start, goals: start, time=1.0)
+    with pytest.raises(ZeroDivisionError):
+        setup.plan(lambda start, goals: 1 / 0, time=1.0)
+
+
+def test_the_path_of_a_plain_simple_setup_is_repaired_in_one_call(panda, wall):
+    space = joint_space(panda)
+    plain = og.SimpleSetup(space)
+    bridge = StateBridge(space)
+    plain.setStateValidityChecker(lambda state: True)  # a careless one
+    start, goal = ScratchState(bridge), ScratchState(bridge)
+    plain.setStartAndGoalStates(start.set(START), goal.set(GOAL))
+    plain.setPlanner(og.RRTConnect(plain.getSpaceInformation()))
+    assert plain.solve(5.0)
+    found = safe_ompl.repair(plain, panda, wall, time=10.0)
+    assert found, found
+    assert safe_ompl.check(found.path, panda, wall)
+    np.testing.assert_allclose(found.path[[0, -1]], [START, GOAL], atol=1e-9)
+    again = safe_ompl.repair(plain.getSolutionPath(), panda, wall, time=10.0)
+    np.testing.assert_allclose(again.path[[0, -1]], [START, GOAL], atol=1e-9)
+
+
+def test_a_setup_checks_under_its_own_constraints(setup, panda, wall):
+    path = setup.plan(time=20.0, simplify=1.0).path
+    assert setup.check(path)
+    least = setup.report(path).clearance.min
+    strict = SafeSetup(panda, wall)
+    strict.setMinClearance(least + 0.02)
+    found = strict.check(path)
+    assert not found
+    assert found.violations[0].kind == "clearance"
+    assert found.violations[0].limit == pytest.approx(least + 0.02, abs=1e-4)
