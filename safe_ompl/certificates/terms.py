@@ -41,8 +41,13 @@ class Terms:
 
     def check(self, claims: Certificate) -> None:
         """Raise CertificateError, naming what differs, unless everything that is claimed agrees."""
-        timed = claims.trajectory
+        timed, motion = claims.trajectory, claims.motion
         self._compare("danger", claims.danger, self.danger)
+        if motion is not None and self.motion is not None:
+            said = {
+                name: limit for name, limit in self.motion.items() if getattr(motion, name, None) is not None
+            }
+            self._compare("motion", motion, said)
         if timed is None:
             return
         self._compare("danger in motion", timed.danger, self.danger)

@@ -109,7 +109,7 @@ class Verify:
     def _verified(self) -> Verified:
         if self.scenario is None or self.robot is None:
             return verify(self.content, urdf=self.urdf, package_dirs=self.package_dirs)
-        terms = terms_of(self.scenario, self.robot, timed=self.content.get("trajectory") is not None)
+        terms = terms_of(self.scenario, self.robot, timed=_is_timed(self.content))
         return verify(self.content, self.robot, self.scenario.scene, terms=terms)
 
     def _lines(self, found: Verified) -> list[str]:
@@ -132,6 +132,12 @@ class Verify:
             return f"robot {robot}{built} and scene are the file's own, compared with no scenario"
         other = "" if self.other is None else f" of {self.other}"
         return f"robot {robot}{other} and scene of {self.scenario.file}"
+
+
+def _is_timed(content: Mapping[str, Any]) -> bool:
+    """Return whether it claims rates of joints."""
+    motion = content.get("motion")
+    return content.get("trajectory") is not None or (isinstance(motion, Mapping) and "velocity" in motion)
 
 
 def _read_certificate(file: str) -> Mapping[str, Any]:
@@ -170,6 +176,7 @@ def certificate_of(
         clearance=None if wanted is None else wanted.as_dict(),
         moving_obstacles={"speeds": speeds, "time": time} if speeds else None,
         tool=setup.tool_claim(),
+        tube=setup.getConstraints().separation.tube or None,
         trajectory=trajectory,
         source={"scenario": document.file_name(scenario.file.resolve(), folder)},
     )
