@@ -471,7 +471,8 @@ class Certificate:
         """Return what is claimed, in words, of which each is complete in itself; first what the motions are free of."""
         moving = self.moving_obstacles
         said = [f"every motion is free{about}"]
-        said += [] if self.danger is None else [self.danger.sentence(moving=moving is not None)]
+        moves = moving is not None or (self.motion is not None and self.motion.speeds is not None)
+        said += [] if self.danger is None else [self.danger.sentence(moving=moves)]
         said += [] if self.clearance is None else [self.clearance.sentence]
         if self.margin is not None:
             said.append(f"no moving link nearer than {at_least(1e3 * self.margin)} mm to any obstacle")

@@ -47,7 +47,7 @@ class Terms:
             said = {
                 name: limit for name, limit in self.motion.items() if getattr(motion, name, None) is not None
             }
-            self._compare("motion", motion, said)
+            self._compare("motion", motion if said else None, said)
         if timed is None:
             return
         self._compare("danger in motion", timed.danger, self.danger)
