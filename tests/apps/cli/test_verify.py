@@ -323,7 +323,7 @@ goal: {configuration: [0.4, -1.5, 0.6, 0.3, 0.2, 0]}
 
 
 def test_a_tube_and_a_motion_of_polynomials(call, written):
-    scenario = Scenario.from_file("planar3.yaml")
+    scenario = Scenario.load(written / "planar3.yaml")
     setup = setup_scenario(scenario, scenario.build_robot())
     tube = (0.002,) * setup.robot.n
     setup.setConstraints(replace(setup.getConstraints(), separation=Separation(tube=tube)))
