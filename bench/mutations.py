@@ -55,7 +55,7 @@ from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.io.robot_document import built_robot, links_without_collision
 from safe_ompl.io.schema import digest
-from safe_ompl.motions.check import checked
+from safe_ompl.motions.checks import checked
 from safe_ompl.motions.motion import Motion
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.loading.attachment import Attachment

@@ -19,7 +19,7 @@ from safe_ompl.danger.certified import CertifiedDanger, DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.io.schema import digest, record
-from safe_ompl.motions.check import check, checked
+from safe_ompl.motions.checks import check, checked
 from safe_ompl.motions.motion import Motion
 from safe_ompl.planning.ompl.constraints import Constraints
 from safe_ompl.trajectories.limits import RateLimits

@@ -13,7 +13,7 @@ from safe_ompl.apps.cli.verify import certificate_of
 from safe_ompl.certificates import motion_certificate
 from safe_ompl.collision.separation import Separation
 from safe_ompl.io.schema import digest
-from safe_ompl.motions.check import check
+from safe_ompl.motions.checks import check
 from safe_ompl.motions.motion import Motion
 from safe_ompl.planning.from_scenario import setup_scenario
 from safe_ompl.scene.scenario import Scenario, find_scenario
