@@ -46,6 +46,13 @@ SENTENCES = {
     rf"comes nearer than {N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*))?",
     "moving danger": rf"danger in motion at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), "
     rf"k1 {N}, k2 {N}, gamma {N}, points {N} m apart\)",
+    "margin": rf"no moving link nearer than {N} mm to any obstacle",
+    "tube": r"the same with joints off by up to \((.*)\) \[rad or m\]",
+    "polynomials": rf"(?:a motion of )?(\d+) polynomials(?: in {N} s)?"
+    r"(?:, and whatever is within \((.*)\) \[rad or m\] of them)?",
+    "rates": r"the joints within velocities of \((.*?)\)(?:, accelerations of \((.*?)\))?(?:, jerks of \((.*?)\))? "
+    r"\[rad or m, s\]",
+    "moving from its start": r"the same while obstacles move from its start on no faster than (.*)",
 }
 
 
@@ -170,6 +177,16 @@ class Motion:
         return [(x, *self.law(x, spans)[:3]) for x in np.linspace(0.0, whole, STOPS, endpoint=False)]
 
 
+def samples(claim: Mapping[str, Any], order: int) -> FloatArray:
+    """Return samples of a derivative of the polynomials that a certificate holds, times SAMPLES per piece."""
+    u, rows = np.linspace(0, 1, SAMPLES), []
+    for (start, end), piece in zip(pairwise(claim["times"]), claim["coefficients"], strict=True):
+        held = [np.polynomial.Polynomial(column) for column in np.transpose(piece).astype(float)]
+        held = [polynomial.deriv(order) if order else polynomial for polynomial in held]
+        rows += (np.transpose([polynomial(u) for polynomial in held]) / float(end - start) ** order).tolist()
+    return np.array(rows)
+
+
 # --------------------------------------------------------------------------------------------------- the judge
 
 
@@ -219,6 +236,8 @@ class Judge:
         about = f", for the {' and the '.join(own)} that the file itself carries" if own else None
         if said["free"][0] != about:
             return False
+        if "polynomials" in said:
+            return self._polynomials(said, content)
         path = np.array(content["path"], dtype=float)
         ends = path[1:] if len(path) > 1 else path
         t = np.linspace(0, 1, SAMPLES)[:, None]
@@ -237,22 +256,71 @@ class Judge:
         within = self.robot.continuous | (
             (dense > self.robot.lower - 1e-8) & (dense < self.robot.upper + 1e-8)
         )
-        if not within.all() or not self._still(said, dense):
+        if not within.all() or not self._still(said, self._off(said, dense)):
             return False
         return motion is None or self._timed(said, motion, content["trajectory"])
 
-    def _still(self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray) -> bool:
+    def _off(
+        self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray, slack: FloatArray | float = 0.0
+    ) -> FloatArray:
+        """Return samples (M, n), and with a tube or slack others besides, in the corners of what is allowed there."""
+        widths = slack + (numbers(said["tube"][0]) if "tube" in said else 0.0)
+        if not np.any(widths):
+            return dense
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (3, *dense.shape))
+        return np.concatenate([dense, *(dense + signs * widths)])
+
+    def _polynomials(self, said: Mapping[str, tuple[Any, ...]], content: Mapping[str, Any]) -> bool:
+        claim, (count, duration, within) = content["motion"], said["polynomials"]
+        times = np.array(claim["times"], dtype=float)
+        q, asked = samples(claim, 0), self.terms
+        if int(count) != len(times) - 1 or content["path"]:
+            return False
+        if duration is not None and abs(float(duration) - (times[-1] - times[0])) > 6e-4:
+            return False
+        gaps = np.abs(q[SAMPLES::SAMPLES] - q[SAMPLES - 1 : -1 : SAMPLES])
+        slack = np.zeros(self.robot.n) if within is None else numbers(within)
+        low, high = self.robot.lower - 1e-8 + slack, self.robot.upper + 1e-8 - slack
+        if not (self.robot.continuous | ((q > low) & (q < high))).all() or gaps.max(initial=0.0) > 1e-5:
+            return False
+        for order, text in enumerate(said.get("rates", ()), 1):
+            limits, kind = (
+                None if text is None else numbers(text),
+                ("velocity", "acceleration", "jerk")[order - 1],
+            )
+            if limits is None:
+                continue
+            wanted = asked.get(kind)
+            if wanted is not None and (limits > np.array(wanted) * (1 + ROUNDING)).any():
+                return False
+            if duration is None or (np.abs(samples(claim, order)) > limits * (1 + ROUNDING)).any():
+                return False
+        dense = self._off(said, q, slack)
+        u = np.linspace(0, 1, SAMPLES)
+        instants = np.concatenate([a + u * (b - a) for a, b in pairwise(times - times[0])])
+        return self._still(said, dense, np.tile(instants, len(dense) // len(q)))
+
+    def _still(
+        self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray, instants: FloatArray | None = None
+    ) -> bool:
         least = np.zeros(len(self.pairs))
+        if "margin" in said:
+            least[[bool(obstacle) for _, obstacle, _ in self.pairs]] = float(said["margin"][0]) / 1e3
         if "clearance" in said:
             distance, names, exempt = said["clearance"]
             pairs = set((exempt or "").split(", "))
             for k, (link, obstacle, _) in enumerate(self.pairs):
                 if obstacle in names.split(", ") and f"{link} from {obstacle}" not in pairs:
-                    least[k] = float(distance) / 1e3
+                    least[k] = max(float(distance) / 1e3, least[k])
         if "moving" in said:
             moving, time = speeds(said["moving"][0]), float(said["moving"][1])
             least += [moving.get(obstacle, 0.0) * time for _, obstacle, _ in self.pairs]
-        if not all((self.distances(q) > least - 1e-9).all() for q in dense):
+        moving = speeds(said.get("moving from its start", ("",))[0])
+        rates = np.array([moving.get(obstacle, 0.0) for _, obstacle, _ in self.pairs])
+        passed = np.zeros(len(dense)) if instants is None else instants
+        if not all(
+            (self.distances(q) > least + t * rates - 1e-9).all() for q, t in zip(dense, passed, strict=True)
+        ):
             return False
         for q in dense if {"axis", "tip"} & set(said) else ():
             pose = self.robot.tip_pose(q)

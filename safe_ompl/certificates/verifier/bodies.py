@@ -269,6 +269,7 @@ def bend_bound(
 
 
 _LEAST_TURN = 1e-5  # [rad or m] intervals in which the tool moves less are not divided any more
+_LEAST_STEP = 1e-7  # [rad or m] intervals in which no joint moves more, neither
 _TOOL_ROUNDING = 1e-7  # [rad or m], that of the arc cosine included
 
 
@@ -283,21 +284,26 @@ class PlainTool:
         moving = set(self._model.supports[carrier])
         self._moves = np.array([joint in moving for joint in range(1, self._model.njoints)])
 
-    def exceeded(self, start: FloatArray, delta: FloatArray) -> tuple[float, str] | None:
+    def exceeded(
+        self, start: FloatArray, delta: FloatArray, tube: FloatArray | float = 0.0
+    ) -> tuple[float, str] | None:
         """Return where on an edge, and which limit is not proven to be kept; else None."""
-        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta))
+        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), tube)
 
     def exceeded_along(
-        self, place: Callable[[float], FloatArray], steps: FloatArray
+        self, place: Callable[[float], FloatArray], steps: FloatArray, tube: FloatArray | float = 0.0
     ) -> tuple[float, str] | None:
-        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`."""
+        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`.
+
+        Joints may be off by the widths of a tube besides.
+        """
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()
-            for name, excess, change in self._excesses(place(centre), half * steps):
+            for name, excess, change in self._excesses(place(centre), half * steps + tube):
                 if excess + change <= _TOOL_ROUNDING:
                     continue
-                if excess > _TOOL_ROUNDING or change < _LEAST_TURN:
+                if excess > _TOOL_ROUNDING or change < _LEAST_TURN or half * steps.max() < _LEAST_STEP:
                     return centre, name
                 waiting += [(centre + half / 2, half / 2), (centre - half / 2, half / 2)]
                 break
@@ -314,7 +320,7 @@ class PlainTool:
             axis, direction = claim.orientation.axis, claim.orientation.direction
             cosine = (tip.rotation @ axis) @ direction / sqrt((axis @ axis) * (direction @ direction))
             angle = acos(min(1.0, max(-1.0, float(cosine))))
-            turned = float(reach[~robot.joint_prismatic].sum())
+            turned = self._turned(tip.rotation @ axis / sqrt(axis @ axis), reach)
             found.append(("orientation", angle - claim.orientation.angle, turned))
         if claim.position is not None:
             bounds = claim.position.items()
@@ -322,6 +328,15 @@ class PlainTool:
             outside = max(max(low - here[key], here[key] - high) for key, (low, high) in bounds)
             found.append(("position", float(outside), self._moved(tip.translation, reach)))
         return found
+
+    def _turned(self, tool: FloatArray, reach: FloatArray) -> float:
+        """Return how far [rad] an axis can turn while the model's joints move by `reach`: on cones about theirs."""
+        axes = self._robot.shared.chain.axes
+        turned = 0.0
+        for i in np.flatnonzero(reach * ~self._robot.joint_prismatic):
+            across = np.cross(self._data.oMi[int(i) + 1].rotation @ axes[i], tool)
+            turned += float(reach[i]) * sqrt(float(across @ across))
+        return turned
 
     def _moved(self, point: FloatArray, reach: FloatArray) -> float:
         """Return how far [m] the tip can move while the model's joints move by up to `reach`."""
