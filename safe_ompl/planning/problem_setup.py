@@ -23,6 +23,7 @@ from safe_ompl.collision import (
 from safe_ompl.common import Counts, FloatArray, InputError, finite_array, number
 from safe_ompl.danger import DangerLimit
 from safe_ompl.geometry import Obstacle
+from safe_ompl.motions import tube_of
 from safe_ompl.paths import PathReport, Validation, validate
 from safe_ompl.planning.ompl import (
     REGION_TOLERANCE,
@@ -176,6 +177,18 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
     def getMinClearance(self) -> MinClearance | None:
         """Return the distance that every path must keep from obstacles; None where none is required."""
         return self.wiring.constraints.separation.min_clearance
+
+    def setTube(self, widths: ArrayLike) -> None:
+        """Require that every motion whose joints are so near to the one planned is free, too.
+
+        Parameters
+        ----------
+        widths : float or array_like, shape (n,)
+            How far each joint may be from where it should be, such as errors of control [rad or m]; 0 for no tube.
+        """
+        tube = tube_of(widths, self.robot)
+        constraints = self.getConstraints()
+        self.setConstraints(replace(constraints, separation=replace(constraints.separation, tube=tube)))
 
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.

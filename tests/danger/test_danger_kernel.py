@@ -138,11 +138,11 @@ def test_the_gradient_of_groups_is_that_of_their_value(robot_named, rng, aggrega
 def test_groups_far_away_cost_little(panda, rng):
     """The points themselves are not looked at: they may be anything."""
     groups = grouped(rng.normal(size=(3000, 3)) * 0.3 + [4.0, 0.0, 0.0], np.ones(3000))
-    options = {"by_length": False, "aggregate": "mean", "sharpness": 1.0, "tolerance": 0.01}
-    evaluation, q = Evaluation(panda, Segments(panda.segments), **options), some(panda, rng, 1)
-    expected = evaluation.grouped_values(q, groups)
+    evaluation = Evaluation(panda, Segments(panda.segments), False, ("mean", 1.0, 0.01))
+    q = some(panda, rng, 1)
+    expected = evaluation.values(q, groups)
     groups.columns[0, :, :3000] = np.nan
-    np.testing.assert_array_equal(evaluation.grouped_values(q, groups), expected)
+    np.testing.assert_array_equal(evaluation.values(q, groups), expected)
 
 
 @pytest.mark.parametrize("aggregate", AGGREGATES)
