@@ -11,7 +11,7 @@ from base64 import b64decode
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import cos, inf, sin, sqrt
+from math import inf, sqrt
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,7 +27,7 @@ from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.scene import Scene
 
 SAMPLES = 12  # of an edge
-INSTANTS, BEGINS = 150, 10  # of a motion, and of stops
+INSTANTS, BEGINS, STOPS = 150, 10, 25  # of a motion, of stops, and of one stop
 ROUNDING = 1e-5
 N = r"(-?[\d.]+(?:e[+-]?\d+)?|inf)"
 SENTENCES = {
@@ -46,6 +46,13 @@ SENTENCES = {
     rf"comes nearer than {N} mm, if it brakes within {N} s(?:, or no point of it is faster then than (.*))?",
     "moving danger": rf"danger in motion at most {N} \((max|mean|softmax)(?: of sharpness {N})?, (unit|length), "
     rf"k1 {N}, k2 {N}, gamma {N}, points {N} m apart\)",
+    "margin": rf"no moving link nearer than {N} mm to any obstacle",
+    "tube": r"the same with joints off by up to \((.*)\) \[rad or m\]",
+    "polynomials": rf"(?:a motion of )?(\d+) polynomials(?: in {N} s)?"
+    r"(?:, and whatever is within \((.*)\) \[rad or m\] of them)?",
+    "rates": r"the joints within velocities of \((.*?)\)(?:, accelerations of \((.*?)\))?(?:, jerks of \((.*?)\))? "
+    r"\[rad or m, s\]",
+    "moving from its start": r"the same while obstacles move from its start on no faster than (.*)",
 }
 
 
@@ -107,63 +114,77 @@ def carried(content: Mapping[str, Any]) -> tuple[Robot, Scene]:
 
 
 class Motion:
-    """The motion in time that a certificate holds: spans of constant jerk on pieces."""
+    """The motion in time that a certificate holds: a law, or the average of one over a window, on cubic pieces."""
 
     def __init__(self, claim: Mapping[str, Any]) -> None:
         self.pieces = claim["pieces"]
         self.starts = np.concatenate([[0.0], np.cumsum([piece["length"] for piece in self.pieces])])
         self.edges = np.array(claim["edges"], dtype=float)
-        spans, s, v, a = [], 0.0, 0.0, 0.0  # duration, s, v, a, j
-        if claim.get("phases"):
-            for duration, jerk in claim["phases"]:
-                spans.append((duration, s, v, a, jerk))
-                s += v * duration + a * duration**2 / 2 + jerk * duration**3 / 6
-                v, a = v + a * duration + jerk * duration**2 / 2, a + jerk * duration
-        else:
-            for (s, end), (x, y) in zip(pairwise(claim["edges"]), pairwise(claim["squares"]), strict=True):
-                spans.append(
-                    (2 * (end - s) / (sqrt(x) + sqrt(y)), s, sqrt(x), (y - x) / (2 * (end - s)), 0.0)
-                )
-        self.spans = np.array(spans)
-        self.times = np.concatenate([[0.0], np.cumsum(self.spans[:, 0])])
-        self.duration = float(self.times[-1])
+        self.window = float(claim.get("window") or 0.0)
+        corners = [self.starts[k] for k in claim["corners"]] if self.window else []
+        spans, t = [], 0.0  # when it begins, duration, s, v, a
+        for (s, end), (x, y) in zip(pairwise(claim["edges"]), pairwise(claim["squares"]), strict=True):
+            spans.append((t, 2 * (end - s) / (sqrt(x) + sqrt(y)), s, sqrt(x), (y - x) / (2 * (end - s))))
+            t += spans[-1][1]
+            if any(abs(end - corner) < 1e-9 for corner in corners):
+                spans.append((t, self.window, end, 0.0, 0.0))
+                t += self.window
+        self.spans = spans
+        self.duration = t + self.window
 
-    def law(self, t: float) -> tuple[float, float, float, float]:
+    def law(self, t: float, spans: list[Any] | None = None) -> tuple[float, float, float, float]:
         """Return s and its derivatives at a time."""
-        k = min(int(np.searchsorted(self.times, t, side="right")) - 1, len(self.spans) - 1)
-        t, (_, s, v, a, j) = t - self.times[k], self.spans[k]
-        return s + v * t + a * t * t / 2 + j * t**3 / 6, v + a * t + j * t * t / 2, a + j * t, j
+        spans = self.spans if spans is None else spans
+        if not self.window:
+            return *self._plan(t, spans)[1:], 0.0
+        now, before = self._plan(t, spans), self._plan(t - self.window, spans)
+        s, v, a, j = ((x - y) / self.window for x, y in zip(now, before, strict=True))
+        return s, v, a, j
 
-    def place(self, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return q, q′ and q″ at an arc length."""
+    def _plan(self, t: float, spans: list[Any]) -> tuple[float, float, float, float]:
+        """Return the integral of s of the plan, s and its derivatives; it stands before and after."""
+        begins = [span[0] for span in spans]
+        k = max(int(np.searchsorted(begins, t, side="right")) - 1, 0)
+        area = sum(T * (s + T * (v / 2 + T * a / 6)) for _, T, s, v, a in spans[:k])
+        begin, whole, s, v, a = spans[k]
+        x = min(max(t - begin, 0.0), whole)
+        area += x * (s + x * (v / 2 + x * a / 6)) + (t - begin - x) * (s + x * (v + x * a / 2))
+        moves = 0 <= t - begin < whole
+        return area, s + x * (v + x * a / 2), (v + x * a) * moves, a * moves
+
+    def place(self, s: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return q, q′, q″ and q‴ at an arc length."""
         k = min(max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0), len(self.pieces) - 1)
-        piece, sigma = self.pieces[k], s - self.starts[k]
-        start, forward, inward = (np.array(piece[key], dtype=float) for key in ("start", "forward", "inward"))
-        c = piece["curvature"]
-        if c == 0:
-            return start + sigma * forward, forward, 0 * forward
-        turn, side = sin(sigma * c), 1 - cos(sigma * c)
-        slope = cos(sigma * c) * forward + sin(sigma * c) * inward
-        bend = c * (cos(sigma * c) * inward - sin(sigma * c) * forward)
-        return start + (turn * forward + side * inward) / c, slope, bend
+        piece, x = self.pieces[k], s - self.starts[k]
+        q, p, b, c = (np.array(piece[key], dtype=float) for key in ("start", "slope", "bend", "swing"))
+        return q + x * (p + x * (b / 2 + x * c / 6)), p + x * (b + x * c / 2), b + x * c, c
 
     def stop(self, begin: float, brakes: list[float]) -> list[tuple[float, float, float, float]]:
-        """Return time, s, ṡ and s̈ where a stop that begins at a time enters cells, and between."""
-        s, v, _, _ = self.law(begin)
-        t, weakest, found = 0.0, inf, []
+        """Return time, s, ṡ and s̈ of a stop that begins at a time, at its start and often until it stands."""
+        _, s, v, _ = self._plan(begin, self.spans)
+        t, weakest = 0.0, inf
+        spans = [(at - begin, min(T, begin - at), *rest) for at, T, *rest in self.spans if at <= begin]
         k = min(max(int(np.searchsorted(self.edges, s, side="right")) - 1, 0), len(brakes) - 1)
         while v > 1e-9 and k < len(brakes):
             weakest = min(weakest, brakes[k])
             room = max(float(self.edges[k + 1]) - s, 0.0)
             after = max(v * v - 2 * weakest * room, 0.0)
-            span = (v - sqrt(after)) / weakest
-            found += [
-                (t + x, s + v * x - weakest * x * x / 2, v - weakest * x, -weakest) for x in (0.0, 0.5 * span)
-            ]
-            s, v, t, k = float(self.edges[k + 1]), sqrt(after), t + span, k + 1
+            spans.append((t, (v - sqrt(after)) / weakest, s, v, -weakest))
+            s, v, t, k = float(self.edges[k + 1]), sqrt(after), t + spans[-1][1], k + 1
         if v > 1e-6:
-            found.append((inf, s, v, -weakest))  # it has not stopped where the motion ends
-        return found
+            return [(inf, s, v, -weakest)]  # it has not stopped where the motion ends
+        whole = t + self.window * (1 - 1e-9)
+        return [(x, *self.law(x, spans)[:3]) for x in np.linspace(0.0, whole, STOPS, endpoint=False)]
+
+
+def samples(claim: Mapping[str, Any], order: int) -> FloatArray:
+    """Return samples of a derivative of the polynomials that a certificate holds, times SAMPLES per piece."""
+    u, rows = np.linspace(0, 1, SAMPLES), []
+    for (start, end), piece in zip(pairwise(claim["times"]), claim["coefficients"], strict=True):
+        held = [np.polynomial.Polynomial(column) for column in np.transpose(piece).astype(float)]
+        held = [polynomial.deriv(order) if order else polynomial for polynomial in held]
+        rows += (np.transpose([polynomial(u) for polynomial in held]) / float(end - start) ** order).tolist()
+    return np.array(rows)
 
 
 # --------------------------------------------------------------------------------------------------- the judge
@@ -215,6 +236,8 @@ class Judge:
         about = f", for the {' and the '.join(own)} that the file itself carries" if own else None
         if said["free"][0] != about:
             return False
+        if "polynomials" in said:
+            return self._polynomials(said, content)
         path = np.array(content["path"], dtype=float)
         ends = path[1:] if len(path) > 1 else path
         t = np.linspace(0, 1, SAMPLES)[:, None]
@@ -233,22 +256,71 @@ class Judge:
         within = self.robot.continuous | (
             (dense > self.robot.lower - 1e-8) & (dense < self.robot.upper + 1e-8)
         )
-        if not within.all() or not self._still(said, dense):
+        if not within.all() or not self._still(said, self._off(said, dense)):
             return False
         return motion is None or self._timed(said, motion, content["trajectory"])
 
-    def _still(self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray) -> bool:
+    def _off(
+        self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray, slack: FloatArray | float = 0.0
+    ) -> FloatArray:
+        """Return samples (M, n), and with a tube or slack others besides, in the corners of what is allowed there."""
+        widths = slack + (numbers(said["tube"][0]) if "tube" in said else 0.0)
+        if not np.any(widths):
+            return dense
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (3, *dense.shape))
+        return np.concatenate([dense, *(dense + signs * widths)])
+
+    def _polynomials(self, said: Mapping[str, tuple[Any, ...]], content: Mapping[str, Any]) -> bool:
+        claim, (count, duration, within) = content["motion"], said["polynomials"]
+        times = np.array(claim["times"], dtype=float)
+        q, asked = samples(claim, 0), self.terms
+        if int(count) != len(times) - 1 or content["path"]:
+            return False
+        if duration is not None and abs(float(duration) - (times[-1] - times[0])) > 6e-4:
+            return False
+        gaps = np.abs(q[SAMPLES::SAMPLES] - q[SAMPLES - 1 : -1 : SAMPLES])
+        slack = np.zeros(self.robot.n) if within is None else numbers(within)
+        low, high = self.robot.lower - 1e-8 + slack, self.robot.upper + 1e-8 - slack
+        if not (self.robot.continuous | ((q > low) & (q < high))).all() or gaps.max(initial=0.0) > 1e-5:
+            return False
+        for order, text in enumerate(said.get("rates", ()), 1):
+            limits, kind = (
+                None if text is None else numbers(text),
+                ("velocity", "acceleration", "jerk")[order - 1],
+            )
+            if limits is None:
+                continue
+            wanted = asked.get(kind)
+            if wanted is not None and (limits > np.array(wanted) * (1 + ROUNDING)).any():
+                return False
+            if duration is None or (np.abs(samples(claim, order)) > limits * (1 + ROUNDING)).any():
+                return False
+        dense = self._off(said, q, slack)
+        u = np.linspace(0, 1, SAMPLES)
+        instants = np.concatenate([a + u * (b - a) for a, b in pairwise(times - times[0])])
+        return self._still(said, dense, np.tile(instants, len(dense) // len(q)))
+
+    def _still(
+        self, said: Mapping[str, tuple[Any, ...]], dense: FloatArray, instants: FloatArray | None = None
+    ) -> bool:
         least = np.zeros(len(self.pairs))
+        if "margin" in said:
+            least[[bool(obstacle) for _, obstacle, _ in self.pairs]] = float(said["margin"][0]) / 1e3
         if "clearance" in said:
             distance, names, exempt = said["clearance"]
             pairs = set((exempt or "").split(", "))
             for k, (link, obstacle, _) in enumerate(self.pairs):
                 if obstacle in names.split(", ") and f"{link} from {obstacle}" not in pairs:
-                    least[k] = float(distance) / 1e3
+                    least[k] = max(float(distance) / 1e3, least[k])
         if "moving" in said:
             moving, time = speeds(said["moving"][0]), float(said["moving"][1])
             least += [moving.get(obstacle, 0.0) * time for _, obstacle, _ in self.pairs]
-        if not all((self.distances(q) > least - 1e-9).all() for q in dense):
+        moving = speeds(said.get("moving from its start", ("",))[0])
+        rates = np.array([moving.get(obstacle, 0.0) for _, obstacle, _ in self.pairs])
+        passed = np.zeros(len(dense)) if instants is None else instants
+        if not all(
+            (self.distances(q) > least + t * rates - 1e-9).all() for q, t in zip(dense, passed, strict=True)
+        ):
             return False
         for q in dense if {"axis", "tip"} & set(said) else ():
             pose = self.robot.tip_pose(q)
@@ -295,7 +367,8 @@ class Judge:
         states = []
         for t in np.linspace(0, motion.duration, INSTANTS):
             s, v, a, j = motion.law(t)
-            states.append((*self._state(motion, s, v, a), motion.place(s)[1] * j))
+            _, slope, bend, swing = motion.place(s)
+            states.append((*self._state(motion, s, v, a), swing * v**3 + 3 * bend * v * a + slope * j))
         q, qd, qdd, qddd = (np.array(column) for column in zip(*states, strict=True))
         if (np.abs(qd) > velocity * (1 + ROUNDING) + 1e-9).any():
             return False
@@ -317,7 +390,7 @@ class Judge:
 
     @staticmethod
     def _state(motion: Motion, s: float, v: float, a: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        q, slope, bend = motion.place(s)
+        q, slope, bend, _ = motion.place(s)
         return q, slope * v, slope * a + bend * v * v
 
     def _speeds(self, q: FloatArray, qd: FloatArray) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """Certificates in hostile hands: python bench/mutations.py [--number N] [--first K] [--seed S] [--show].
 
-Each certificate of four small problems is mutated with its structure in mind: keys and entries are added, dropped,
+Each certificate of seven small problems is mutated with its structure in mind: keys and entries are added, dropped,
 renamed, swapped, scaled, put in another order, at every depth; shapes, joints and limits of the URDF that it carries,
 obstacles and mesh files of its scene. The fingerprints of robot and scene are forged in half of these, the digest in
 nearly all, and some are issued anew for the robot and the scene that came out, as whoever forges well would. All are
@@ -27,7 +27,7 @@ import re
 from base64 import b64decode, b64encode
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -39,10 +39,14 @@ from _judge import Judge, carried
 from _timing import print_table
 
 from safe_ompl.certificates.issue import certificate, terms_of
+from safe_ompl.certificates.motions import motion_certificate
 from safe_ompl.certificates.verifier.verify import Terms, Verified, verify
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
+from safe_ompl.collision.separation import Separation
+from safe_ompl.collision.tool_limits import TipBounds, ToolOrientation
 from safe_ompl.common.errors import SafeOmplError
+from safe_ompl.danger.certified import DangerLimit
 from safe_ompl.danger.field import DangerField
 from safe_ompl.geometry.basic import Box, Cylinder, Sphere
 from safe_ompl.geometry.mesh import Mesh
@@ -50,6 +54,8 @@ from safe_ompl.geometry.obstacle import Obstacle
 from safe_ompl.geometry.pose import Pose
 from safe_ompl.io.robot_document import built_robot, links_without_collision
 from safe_ompl.io.schema import digest
+from safe_ompl.motions.checks import checked
+from safe_ompl.motions.motion import Motion
 from safe_ompl.robot.fingerprint import robot_hash
 from safe_ompl.robot.loading import Attachment
 from safe_ompl.robot.robot import Robot
@@ -64,6 +70,12 @@ from safe_ompl.trajectories.timing import PathTimer
 ROOT = Path(__file__).parents[1]
 ARM = ROOT / "scenarios" / "robots"
 PATH = np.array([[0.9, -2.2], [0.3, -2.0], [-0.3, -2.0]])
+TUBE = (0.01, 0.02)
+RATES = {"velocity": 1.0, "acceleration": 4.0, "jerk": 100.0}
+POLYNOMIALS = Motion.hermite([0.0, 1.2, 2.5], PATH, [[0.0, 0.0], [-0.5, 0.05], [0.0, 0.0]], np.zeros((3, 2)))
+TICKS = np.linspace(0.0, 2.5, 51)
+SAMPLED = Motion.sampled(TICKS, POLYNOMIALS.at(TICKS), 1.0)
+MOST_DANGER = 7.0
 CELLS = 12  # of a motion: what is claimed is the same with many, and takes longer
 SCENE = Scene(
     (
@@ -102,7 +114,10 @@ class Case:
 
 @cache
 def cases() -> tuple[Case, ...]:
-    """Return a path with all claims but those of time, a robot that holds a rod, two motions beside a person."""
+    """Return a path with all claims but those of time, a robot that holds a rod, two motions beside a person, others.
+
+    The others are the path with a tube, polynomials with all that is claimed of them, and bare samples.
+    """
     spec = RobotSpec(urdf=ARM / "planar2.urdf", srdf=ARM / "planar2.srdf", tip="tip")
     held = replace(spec, base=Pose((0.0, 0.0, 0.4)), attached=(ROD,), locked={})
     mesh = Obstacle(
@@ -114,11 +129,20 @@ def cases() -> tuple[Case, ...]:
         _case("holds a rod", held, SCENE.without("person").with_obstacles(mesh), None, None),
         _case("in time", spec, SCENE, MotionLimits(**plain), PEOPLE),
         _case("slow contact", spec, SCENE, MotionLimits(**plain, jerk=100.0), SLOW_CONTACT),
+        _case("path with a tube", spec, SCENE, None, None, tube=TUBE),
+        _case("polynomials", spec, SCENE, MotionLimits(**RATES), None, POLYNOMIALS, TUBE),
+        _case("bare samples", spec, SCENE, MotionLimits(**RATES), None, SAMPLED),
     )
 
 
 def _case(
-    name: str, spec: RobotSpec, scene: Scene, motion: MotionLimits | None, people: People | None
+    name: str,
+    spec: RobotSpec,
+    scene: Scene,
+    motion: MotionLimits | None,
+    people: People | None,
+    curve: Motion | None = None,
+    tube: tuple[float, ...] = (),
 ) -> Case:
     goal = Goal(configurations=(tuple(PATH[-1].tolist()),))
     scenario = Scenario(
@@ -128,6 +152,19 @@ def _case(
 
     def issue(robot: Robot, scene: Scene) -> dict[str, Any]:
         field, claims = DangerField.of_scene(robot, scene), dict[str, Any]()
+        if motion is not None and curve is not None:
+            limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
+            checker = CollisionChecker(robot, scene)
+            moving = Separation(margin=0.005, speeds={"bin": 0.01}, time=0.2, tube=tube)
+            wanted = moving.with_min_clearance(checker, 0.02, ["bin", "machine"], [("link1", "bin")])
+            upright = ToolOrientation(robot, [0, 0, 1], [0, 0, 1], 0.1)
+            box = TipBounds(robot, [-np.inf, -0.9, -0.1], [np.inf, 0.9, 0.6])
+            proof = CertifiedMotion(
+                checker, separation=wanted, limits=[upright, box, DangerLimit(field, MOST_DANGER)]
+            )
+            return json.loads(  # type: ignore[no-any-return]
+                json.dumps(motion_certificate(checked(curve, proof, limits, {"machine": 0.02})))
+            )
         if motion is None:
             claims["clearance"] = {
                 "distance": 0.02,
@@ -137,6 +174,7 @@ def _case(
             claims["moving_obstacles"] = {"speeds": {"machine": 0.05, "bin": 0.01}, "time": 0.2}
             orientation = {"axis": [0, 0, 1], "direction": [0, 0, 1], "angle": 0.1}
             claims["tool"] = {"orientation": orientation, "position": {"y": [-0.9, 0.9], "z": [-0.1, 0.6]}}
+            claims["tube"] = tube or None
         else:
             proof = CertifiedMotion(CollisionChecker(robot, scene))
             limits = RateLimits.of(robot, motion.velocity, motion.acceleration, motion.jerk)
@@ -367,7 +405,10 @@ def mutation(case: Case, seed: int, k: int) -> Any:
 
 def issued_anew(case: Case, document: dict[str, Any], robot: Robot, scene: Scene) -> dict[str, Any]:
     """Return the certificate of the same path for another robot, which travels as a document, in another scene."""
-    with mock.patch("safe_ompl.certificates.issue.carried_robot", return_value=document):
+    rooms = "safe_ompl.certificates.issue", "safe_ompl.certificates.motions"
+    with ExitStack() as patches:
+        for room in rooms:
+            patches.enter_context(mock.patch(f"{room}.carried_robot", return_value=document))
         return case.reissue(robot, scene)
 
 

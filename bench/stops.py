@@ -4,7 +4,8 @@ stops      From random instants of trajectories beside a person the robot brakes
            nearest link at its speed, from where she was measured before the reaction time. `reached` must be 0. The
            full run, --stops 100000, takes about a quarter of an hour. Where contact is allowed, a limb that may be
            there has reached the robot only if some point of it is then faster than the limb bears; `fastest` is the
-           largest speed in a contact, as a share of that.
+           largest speed in a contact, as a share of that. Each motion is driven without a limit of the jerk and with
+           one of 500 times the acceleration; `jerk` is the largest in a stop, by differences, as a share of it.
 time       CPU time of caps and law for panda_shelf, of all of `time_path`, and of the coarse form for who replans.
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+from itertools import product
 from time import process_time
 
 import numpy as np
@@ -43,14 +45,15 @@ INSTANTS = 5  # of each stop
 class Problem:
     """A path beside a person, and what times it."""
 
-    def __init__(self, name: str, people: People) -> None:
+    def __init__(self, name: str, people: People, *, jerk: bool = False) -> None:
         scenario = Scenario.load(find_scenario(name))
         self.name, self.people, self.scene = name, people, scenario.scene
         self.robot = robot = scenario.build_robot()
         ends = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
         self.path = np.array([ends[0], *BETWEEN[name], ends[1]])
         motion = CertifiedMotion(CollisionChecker(robot, scenario.scene))
-        limits = RateLimits.of(robot, acceleration=ACCELERATIONS[name])
+        pushes = np.array(ACCELERATIONS[name])
+        limits = RateLimits.of(robot, acceleration=pushes, jerk=500 * pushes if jerk else None)
         self.timer = PathTimer(robot, limits, motion=motion, people=people)
         self.trajectory = self.timer.time(self.path)
 
@@ -145,19 +148,28 @@ class Adversary:
         return least, share
 
 
+def largest_jerk(trajectory: Trajectory, begin: float) -> float:
+    """Return the largest jerk in a stop, by differences of accelerations, over its limit."""
+    stop = trajectory.stop_from(begin)
+    t = np.linspace(0.0, stop.duration, 200)
+    jerks = np.diff(stop.at(t).qdd, axis=0) / (t[1] - t[0])
+    return float(np.abs(jerks / stop.limits.jerk).max())
+
+
 def stops(number: int, rng: np.random.Generator) -> None:
     """Run the adversary."""
-    problems = [
-        Problem("panda_shelf", People()),
-        Problem("panda_shelf", People(speed=1.2, reaction_time=0.05, clearance=0.05)),
-        Problem("panda_shelf", People(speed=1.0, speeds={"right_hand": 2.0, "head": 0.3})),
-        Problem("ur5_handover", People(speed=0.8, reaction_time=0.05)),
-        Problem("panda_shelf", People(contact=True)),
-        Problem("panda_shelf", People(reaction_time=0.12, contact=True, robot_mass=30.0)),
-        Problem("ur5_handover", People(contact=True)),
+    cases = [
+        ("panda_shelf", People()),
+        ("panda_shelf", People(speed=1.2, reaction_time=0.05, clearance=0.05)),
+        ("panda_shelf", People(speed=1.0, speeds={"right_hand": 2.0, "head": 0.3})),
+        ("ur5_handover", People(speed=0.8, reaction_time=0.05)),
+        ("panda_shelf", People(contact=True)),
+        ("panda_shelf", People(reaction_time=0.12, contact=True, robot_mass=30.0)),
+        ("ur5_handover", People(contact=True)),
     ]
     rows: list[tuple[object, ...]] = []
-    for problem in problems:
+    for case, jerk in product(cases, (False, True)):
+        problem = Problem(*case, jerk=jerk)
         people, trajectory = problem.people, problem.trajectory
         limbs = Limbs(problem.robot, problem.scene, people.names(problem.scene))
         speeds = np.array([people.speed_of(limb) for limb in limbs.limbs])
@@ -166,13 +178,14 @@ def stops(number: int, rng: np.random.Generator) -> None:
             mass = robot_mass(problem.robot, people)
             bears = np.array([contact_speed(people.region_of(limb), mass) for limb in limbs.limbs])
         adversary = Adversary(limbs, speeds, people.reaction_time, people.clearance, bears)
-        begins = rng.uniform(0, trajectory.duration, number // len(problems))
+        begins = rng.uniform(0, trajectory.duration, number // (2 * len(cases)))
         left, fast = np.array([adversary.stopped(trajectory, float(begin)) for begin in begins]).T
         kind = "contact" if people.contact else "none"
         row = (problem.name, f"{people.speed:g}", kind, f"{trajectory.duration:.2f}", len(left))
         met = f"{int((fast > 0).sum())}" if people.contact else "-"
         share = f"{fast.max():.3f}" if people.contact else "-"
-        rows.append((*row, int((left <= 0).sum()), f"{1e3 * left.min():.2f}", met, share))
+        most = f"{max(largest_jerk(trajectory, begin) for begin in begins[:500]):.3f}" if jerk else "-"
+        rows.append((*row, int((left <= 0).sum()), f"{1e3 * left.min():.2f}", met, share, most))
     print_table(
         (
             "scenario",
@@ -184,6 +197,7 @@ def stops(number: int, rng: np.random.Generator) -> None:
             "least left [mm]",
             "met",
             "fastest",
+            "jerk",
         ),
         rows,
     )

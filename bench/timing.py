@@ -1,12 +1,16 @@
-"""Trajectories against toppra's: limits between the samples, duration and time to compute, on the same blended curve.
+"""Trajectories against toppra's and Ruckig's: limits between the samples, durations, time to compute.
 
-Run it from the root of the repository with `python -m bench.timing`; toppra need not be there. Limits are sampled every
-0.1 ms and on both sides of every cell's edge.
+Run it from the root of the repository with `python -m bench.timing`; toppra and Ruckig need not be there. Limits are
+sampled every 0.1 ms and on both sides of every cell's edge. toppra is given the same blended curve. With limited jerk,
+a Panda with the limits that Franka publishes for it, the anchor is our own law without that limit, and Ruckig from rest
+to rest along every edge on its own, straight ("phase" synchronisation): what it does with way points is not in its
+package.
 """
 
 from __future__ import annotations
 
 import argparse
+from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
@@ -25,7 +29,7 @@ class _Free:
     def __init__(self, motion: Any) -> None:
         pass
 
-    def holds(self, arc: Any) -> bool:
+    def holds(self, piece: Any) -> bool:
         """Return True."""
         return True
 
@@ -91,13 +95,71 @@ def toppra_duration(trajectory: Trajectory) -> tuple[float, float, float] | None
     return found.duration, elapsed, float((np.abs(found(t, 2)) / limits.acceleration).max())
 
 
+FRANKA_VELOCITY = (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61)
+FRANKA_ACCELERATION = (15, 7.5, 10, 12.5, 15, 20, 20)
+FRANKA_JERK = (7500, 3750, 5000, 6250, 7500, 10000, 10000)
+CURVES = 48
+
+
+def ruckig_duration(path: np.ndarray, limits: RateLimits) -> float | None:
+    """Return how long Ruckig takes from rest to rest along each edge in turn; None without it."""
+    try:
+        from ruckig import InputParameter, Ruckig, Synchronization
+        from ruckig import Trajectory as Motion
+    except ImportError:
+        return None
+    assert limits.jerk is not None
+    given, duration = InputParameter(path.shape[1]), 0.0
+    given.max_velocity, given.max_acceleration = limits.velocity.tolist(), limits.acceleration.tolist()
+    given.max_jerk, given.synchronization = limits.jerk.tolist(), Synchronization.Phase
+    for start, end in pairwise(path):
+        given.current_position, given.target_position = start.tolist(), end.tolist()
+        motion = Motion(path.shape[1])
+        Ruckig(path.shape[1]).calculate(given, motion)
+        duration += motion.duration
+    return duration
+
+
+def jerk_excess(trajectory: Trajectory, step: float = 1e-4) -> float:
+    """Return the largest jerk over its limit: by its formula, and by differences of accelerations."""
+    t, jerk = np.arange(0, trajectory.duration, step), trajectory.limits.jerk
+    differences = np.diff(trajectory.at(t).qdd, axis=0) / step
+    return max(float((np.abs(found) / jerk).max()) for found in (trajectory.jerks_at(t), differences))
+
+
+def limited_jerk(seed: int) -> None:
+    """Print durations with limited jerk against those without, and the worst excess."""
+    robot, rows = Robot.from_example("panda"), []
+    for path in random_paths(robot, CURVES, seed):
+        smooth = RateLimits.of(robot, FRANKA_VELOCITY, FRANKA_ACCELERATION, FRANKA_JERK)
+        sharp = RateLimits.of(robot, FRANKA_VELOCITY, FRANKA_ACCELERATION)
+        begin = perf_counter()
+        made = time_path(path, robot, smooth, motion=object())  # type: ignore[arg-type]
+        elapsed = perf_counter() - begin
+        least = time_path(path, robot, sharp, motion=object()).duration  # type: ignore[arg-type]
+        edges = ruckig_duration(path, smooth)
+        ratio = np.nan if edges is None else made.duration / edges
+        rows.append((made.duration / least, ratio, *excess(made), jerk_excess(made), elapsed))
+    ratio, edges, velocity, acceleration, jerk, elapsed = np.array(rows).T
+    print(
+        f"panda, Franka's limits, {CURVES} curves: duration with limited jerk / without median {np.median(ratio):.4f}, "
+        f"largest {ratio.max():.4f}; velocity/limit ≤ {velocity.max():.6f}, acceleration/limit ≤ "
+        f"{acceleration.max():.6f}, jerk/limit ≤ {jerk.max():.6f}, {1e3 * np.median(elapsed):.1f} ms each"
+    )
+    if np.isfinite(edges).all():
+        print(
+            f"  Ruckig edge by edge: duration ours/its median {np.median(edges):.4f}, "
+            f"{edges.min():.4f} to {edges.max():.4f}"
+        )
+
+
 def main() -> None:
     """Print the worst excess, and the ratios of durations and of times to compute."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--paths", type=int, default=50, help="paths for each robot")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    curve.ArcProof = _Free  # type: ignore[assignment, misc]
+    curve.BlendProof = _Free  # type: ignore[assignment, misc]
     for name in ROBOTS:
         robot = Robot.from_example(name)
         rng = np.random.default_rng(options.seed)
@@ -123,6 +185,7 @@ def main() -> None:
                 f"largest {ratio.max():.4f}; time to compute ours/theirs {np.median(cost):.3f}; its acceleration/limit "
                 f"up to {over.max():.4f}"
             )
+    limited_jerk(options.seed)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,14 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.certificates.issue import Pairs, certificate, terms_of
+    from safe_ompl.certificates.motions import motion_certificate
     from safe_ompl.certificates.verifier.verify import Verified, verify
 
 __all__ = [
     "Pairs",
     "Verified",
     "certificate",
+    "motion_certificate",
     "terms_of",
     "verify",
 ]

@@ -8,7 +8,7 @@ nothing can be said that was not proven. A number in a sentence is never rounded
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from math import degrees, pi
@@ -26,6 +26,7 @@ from safe_ompl.scene import Scene
 _SHORTEST, _LONGEST = 0.1, 10.0  # vectors that say a direction
 _UNBOUNDED = 1e300  # [m]
 _MOST_POINTS = 1e6  # danger points: more of them would not fit into the memory
+_MOST_POWERS = 16  # of a polynomial
 _DIGITS = 6  # of numbers in sentences
 
 _zero_or_more, _positive = schema.number(at_least=0.0), schema.number(above=0.0)
@@ -240,18 +241,18 @@ def _parts(scene: Scene, name: str) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """A line or an arc in joint space."""
+    """A cubic in joint space: what it and its derivatives are where it begins, and its length."""
 
     start: FloatArray = schema.key(schema.array(None))
-    forward: FloatArray = schema.key(schema.array(None))
-    inward: FloatArray = schema.key(schema.array(None))
+    slope: FloatArray = schema.key(schema.array(None))
+    bend: FloatArray = schema.key(schema.array(None))
+    swing: FloatArray = schema.key(schema.array(None))
     length: float = schema.key(_positive)
-    curvature: float = schema.key(_zero_or_more)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TimedMotion:
-    """The path in time: its curve, its time law, and the limits that it keeps to."""
+    """The path in time: its curve, its time law or the plan that is averaged over a window, and its limits."""
 
     pieces: tuple[Piece, ...] = schema.key(schema.some(schema.record(Piece), least=1, of="piece"))
     corners: tuple[int, ...] = schema.key(schema.some(schema.whole))
@@ -261,7 +262,7 @@ class TimedMotion:
     velocity: FloatArray = schema.key(schema.array(None))
     acceleration: FloatArray = schema.key(schema.array(None))
     stops: Stops | None = schema.key(schema.or_none(schema.record(Stops)))
-    phases: FloatArray | None = schema.key(schema.array(None, 2), optional=True)
+    window: float | None = schema.key(_positive, optional=True)
     jerk: FloatArray | None = schema.key(schema.array(None), optional=True)
     tool_speed: float | None = schema.key(_positive, optional=True)
     link_speed: float | None = schema.key(_positive, optional=True)
@@ -270,14 +271,10 @@ class TimedMotion:
     def check(self, robot: Robot, scene: Scene) -> None:
         """Raise InputError unless the claims have a meaning for robot and scene."""
         with document.within("trajectory"):
-            for name in ("velocity", "acceleration", "jerk"):
-                limits = getattr(self, name)
-                if limits is not None and not (limits.shape == (robot.n,) and (limits > 0).all()):
-                    raise InputError(f"must be {robot.n} positive numbers, got {limits.tolist()}", name)
+            _check_rates(self, robot)
             for k, piece in enumerate(self.pieces):
-                if not all(
-                    vector.shape == (robot.n,) for vector in (piece.start, piece.forward, piece.inward)
-                ):
+                vectors = piece.start, piece.slope, piece.bend, piece.swing
+                if not all(vector.shape == (robot.n,) for vector in vectors):
                     raise InputError(f"must have vectors of {robot.n} numbers", f"pieces[{k}]")
             if self.danger is not None:
                 self.danger.check(scene)
@@ -286,11 +283,7 @@ class TimedMotion:
 
     @property
     def sentences(self) -> list[str]:
-        limits = {"velocities": self.velocity, "accelerations": self.acceleration, "jerks": self.jerk}
-        within = [
-            f"{name} of ({', '.join(map(at_most, of))})" for name, of in limits.items() if of is not None
-        ]
-        said = [f"driven in {self.duration:.3f} s, the joints within {', '.join(within)} [rad or m, s]"]
+        said = [f"driven in {self.duration:.3f} s, {_rates(self)}"]
         if self.tool_speed is not None:
             said.append(f"the tip is no faster than {at_most(self.tool_speed)} m/s")
         if self.link_speed is not None:
@@ -304,6 +297,83 @@ class TimedMotion:
         names = {"stops": "stops", "jerk": "jerk", "tool_speed": "tool speed", "link_speed": "link speed"}
         names["danger"] = "danger in motion"
         return [said for name, said in names.items() if getattr(self, name) is None]
+
+
+_RATES = {"velocity": "velocities", "acceleration": "accelerations", "jerk": "jerks"}
+
+
+def _check_rates(claim: Any, robot: Robot) -> None:
+    for name in _RATES:
+        limits = getattr(claim, name)
+        if limits is not None and not (limits.shape == (robot.n,) and (limits > 0).all()):
+            raise InputError(f"must be {robot.n} positive numbers, got {limits.tolist()}", name)
+
+
+def _rates(claim: Any) -> str:
+    limits = {said: getattr(claim, name) for name, said in _RATES.items()}
+    within = [f"{name} of ({_listed(at_most, of)})" for name, of in limits.items() if of is not None]
+    return f"the joints within {', '.join(within)} [rad or m, s]"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolynomialMotion:
+    """Polynomials one after another, q(t) = Σ_k c_k u^k with u from 0 to 1 on each, and what may lie about them."""
+
+    times: FloatArray = schema.key(schema.array(None))
+    coefficients: tuple[FloatArray, ...] = schema.key(
+        schema.some(schema.array(None, None), least=1, of="piece")
+    )
+    timed: bool = schema.key(schema.one_of(True, False))
+    slack: FloatArray | None = schema.key(schema.array(None, None), optional=True)
+    rounding: FloatArray | None = schema.key(schema.array(None, None), optional=True)
+    velocity: FloatArray | None = schema.key(schema.array(None), optional=True)
+    acceleration: FloatArray | None = schema.key(schema.array(None), optional=True)
+    jerk: FloatArray | None = schema.key(schema.array(None), optional=True)
+    speeds: Mapping[str, float] | None = schema.key(
+        schema.by_name(_zero_or_more, least=1, of="obstacle"), optional=True
+    )
+
+    def check(self, robot: Robot, scene: Scene) -> None:
+        """Raise InputError unless it is a motion of the robot, and its claims have a meaning for it."""
+        count, n = len(self.coefficients), robot.n
+        with document.within("motion"):
+            if len(self.times) != count + 1 or not (np.diff(self.times) > 0).all():
+                raise InputError(f"must be {count + 1} numbers that increase", "times")
+            for k, piece in enumerate(self.coefficients):
+                if not (2 <= len(piece) <= _MOST_POWERS and piece.shape[1] == n):
+                    words = f"must be 2 to {_MOST_POWERS} rows of {n} numbers, got shape {piece.shape}"
+                    raise InputError(words, f"coefficients[{k}]")
+            for name in ("slack", "rounding"):
+                widths = getattr(self, name)
+                if widths is not None and not (widths.shape == (count, n) and (widths >= 0).all()):
+                    raise InputError(f"must be {count} rows of {n} numbers >= 0", name)
+            _check_rates(self, robot)
+            claimed = [getattr(self, name) is not None for name in _RATES]
+            if claimed != sorted(claimed, reverse=True):
+                raise InputError("needs velocities, and a jerk accelerations besides", "acceleration")
+            if claimed[0] and not (self.timed and self.slack is None):
+                raise InputError("needs a motion in time, without slack", "velocity")
+            if self.speeds is not None and not self.timed:
+                raise InputError("needs a motion in time", "speeds")
+            _check_known("speeds", "obstacle", self.speeds or (), scene.names)
+
+    @property
+    def sentences(self) -> list[str]:
+        count, lasts = len(self.coefficients), float(self.times[-1] - self.times[0])
+        said = [f"a motion of {count} polynomials in {lasts:.3f} s" if self.timed else f"{count} polynomials"]
+        if self.slack is not None:
+            least = _listed(at_least, self.slack.min(axis=0))
+            said[0] += f", and whatever is within ({least}) [rad or m] of them"
+        said += [] if self.velocity is None else [_rates(self)]
+        if self.speeds is not None:
+            speeds = ", ".join(f"{name} {exact(speed)} m/s" for name, speed in self.speeds.items())
+            said.append(f"the same while obstacles move from its start on no faster than {speeds}")
+        return said
+
+    @property
+    def not_claimed(self) -> list[str]:
+        """What could be said of it, and is not."""
+        return [name for name in _RATES if self.timed and getattr(self, name) is None]
 
 
 # -------------------------------------------------------------------------------------------------- certificates
@@ -346,6 +416,9 @@ class Certificate:
     digest: str = schema.key(schema.sha)
     tool: Tool | None = schema.key(schema.record(Tool), optional=True)
     trajectory: TimedMotion | None = schema.key(schema.record(TimedMotion), optional=True)
+    margin: float | None = schema.key(_positive, optional=True)
+    tube: FloatArray | None = schema.key(schema.array(None), optional=True)
+    motion: PolynomialMotion | None = schema.key(schema.record(PolynomialMotion), optional=True)
 
     @classmethod
     def read(cls, content: Any) -> Certificate:
@@ -363,20 +436,36 @@ class Certificate:
             self.danger.check(scene)
         if self.trajectory is not None:
             self.trajectory.check(robot, scene)
+        if self.tube is not None:
+            if not (self.tube.shape == (robot.n,) and (self.tube >= 0).all()):
+                raise InputError(f"must be {robot.n} numbers >= 0, got {self.tube.tolist()}", "tube")
+            if self.trajectory is not None:
+                raise InputError("is claimed of paths and polynomials, and not of a trajectory", "tube")
+        if self.motion is not None:
+            self.motion.check(robot, scene)
+            if self.path.size or self.edges or self.trajectory is not None:
+                raise InputError("must come without a path, its edges and a trajectory", "motion")
 
     def required(self, link: str, obstacle: str) -> float:
         """Return what a link must keep from where the scene has an obstacle [m]."""
         clear = 0.0 if self.clearance is None else self.clearance.of(link, obstacle)
+        clear = max(clear, self.margin or 0.0)
         return clear + (0.0 if self.moving_obstacles is None else self.moving_obstacles.of(obstacle))
 
     def sentences(self, about: str) -> tuple[str, ...]:
         """Return what is claimed, in words, of which each is complete in itself; first what the motions are free of."""
         moving = self.moving_obstacles
         said = [f"every motion is free{about}"]
-        said += [] if self.danger is None else [self.danger.sentence(moving=moving is not None)]
+        moves = moving is not None or (self.motion is not None and self.motion.speeds is not None)
+        said += [] if self.danger is None else [self.danger.sentence(moving=moves)]
         said += [] if self.clearance is None else [self.clearance.sentence]
+        if self.margin is not None:
+            said.append(f"no moving link nearer than {at_least(1e3 * self.margin)} mm to any obstacle")
         said += [] if moving is None else [moving.sentence]
         said += [] if self.tool is None else self.tool.sentences
+        if self.tube is not None:
+            said.append(f"the same with joints off by up to ({_listed(at_least, self.tube)}) [rad or m]")
+        said += [] if self.motion is None else self.motion.sentences
         return (*said, *([] if self.trajectory is None else self.trajectory.sentences))
 
     @property
@@ -384,6 +473,8 @@ class Certificate:
         """What could be claimed, but is not; of time only where the path is timed."""
         names = ("clearance", "danger", "moving_obstacles", "tool")
         missing = [name.replace("_", " ") for name in names if getattr(self, name) is None]
+        if self.motion is not None:
+            missing += [*(["tube"] if self.tube is None else []), *self.motion.not_claimed]
         return (*missing, *([] if self.trajectory is None else self.trajectory.not_claimed))
 
 
@@ -394,6 +485,10 @@ def exact(value: float) -> str:
     """Return a number as it is."""
     short = f"{value:g}"
     return short if float(short) == value else repr(float(value))
+
+
+def _listed(said: Callable[[float], str], values: Iterable[float]) -> str:
+    return ", ".join(map(said, values))
 
 
 def at_most(value: float) -> str:

@@ -7,7 +7,7 @@ digest shows that a file has changed; it is no signature, for whoever changes a 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,19 +16,30 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.certificates.claims import Certificate, Clearance, MovingObstacles, Tool
 from safe_ompl.certificates.verifier.verify import Terms
-from safe_ompl.collision import DISTANCE_ERROR, TipBounds, ToolLimit, ToolOrientation, Verdict
+from safe_ompl.collision import (
+    DISTANCE_ERROR,
+    CertifiedMotion,
+    CollisionChecker,
+    MotionLimit,
+    Separation,
+    TipBounds,
+    ToolLimit,
+    ToolOrientation,
+    Verdict,
+)
 from safe_ompl.common import BoolArray, FloatArray, InputError, PlanningError, finite_array
 from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
 from safe_ompl.io import carried_robot, carried_scene, schema
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scenario, Scene
-from safe_ompl.trajectories import JerkLaw, RateLimits, Trajectory, contact_speed, robot_mass
+from safe_ompl.trajectories import RateLimits, SmoothLaw, Trajectory, contact_speed, robot_mass
 
 _FIRST_REACH = 0.2  # [m] bodies move at most this far in half of a first interval
 _FLOOR = 1e-6  # [m] intervals in which the bodies move less are not divided any more
 _SPARE = 1e-7  # [m] by which margins exceed the approach, for rounding
 _OVERLAP = 1e-6  # of intervals
 _TINY = 1e-12  # [m]
+_WIDER, _TRIALS = 1.1, 50  # bounds of the danger within a tube
 _KIND = ("aggregate", "weighting", "k1", "sharpness")  # of a danger
 _LEAST_SLACK = 0.03  # of the danger that is claimed, so that it can be confirmed by plain means
 
@@ -45,6 +56,7 @@ def certificate(
     moving_obstacles: Mapping[str, Any] | None = None,
     tool: Mapping[str, Any] | None = None,
     trajectory: Trajectory | None = None,
+    tube: ArrayLike | None = None,
     also_sampled: str | None = None,
     source: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -77,6 +89,9 @@ def certificate(
         Claim the path in time, too: duration, limits of joint velocities and accelerations, that the curve is free, its
         stops beside people, and how slow it is in the contacts that these may end in. Of its danger in motion the limit
         that it was made for, or else, with a `field`, its proven peak.
+    tube : array_like, shape (n,), optional
+        Claim all this of every motion, too, whose joints are within these widths of the path [rad or m]; not of a
+        trajectory.
     also_sampled : str, optional
         What the path was planned to obey without proof, such as "your checker, sampled at 0.01 rad". The verification
         reports that it is not covered.
@@ -103,6 +118,11 @@ def certificate(
     pairs = Pairs(robot, scene)
     required = pairs.required(clear, moving)
     apart = scene.spacing if spacing is None else spacing
+    widths = np.zeros(robot.n) if tube is None else finite_array(tube, (robot.n,), "tube")
+    proof = None
+    if widths.any():
+        separation = Separation(tube=tuple(widths.tolist()))
+        proof = CertifiedMotion(CollisionChecker(robot, scene), separation=separation)
     content = {
         "format": schema.FORMAT,
         "version": schema.VERSION,
@@ -113,16 +133,18 @@ def certificate(
         "path": points.tolist(),
         "pairs": [list(names) for names in pairs.names],
         "clearance": None if clear is None else schema.as_plain(vars(clear)),
-        "danger": None if field is None else _danger_claim(field, apart, points, max_danger),
+        "danger": None if field is None else _danger_claim(field, apart, points, max_danger, proof),
         "moving_obstacles": None if moving is None else schema.as_plain(vars(moving)),
         "also_sampled": also_sampled,
         "edges": [
-            _intervals(pairs, required, k, start, robot.difference(start, end))
+            _intervals(pairs, required, k, start, robot.difference(start, end), widths)
             for k, (start, end) in enumerate(schema.edges_of(points))
         ],
     }
     if tool is not None:
-        content["tool"] = _tool_claim(tool, robot, points)
+        content["tool"] = _tool_claim(tool, robot, points, proof)
+    if proof is not None:
+        content["tube"] = widths.tolist()
     if trajectory is not None:
         content["trajectory"] = trajectory_claim(trajectory, robot, scene)
         moving_field = trajectory.danger_field or (None if field is None else field.moving)
@@ -197,7 +219,7 @@ class Pairs:
 
 
 def _intervals(
-    pairs: Pairs, required: FloatArray, edge: int, start: FloatArray, delta: FloatArray
+    pairs: Pairs, required: FloatArray, edge: int, start: FloatArray, delta: FloatArray, tube: FloatArray
 ) -> list[dict[str, Any]]:
     """Cover an edge from its start to its end: each interval as large as the distances at its centre allow."""
     steps = np.abs(delta)
@@ -207,11 +229,12 @@ def _intervals(
     while reached < 1.0:
         centre = min(reached + half, (reached + 1.0) / 2)
         q = start + centre * delta
-        approach = np.maximum(pairs.radii_at(q) @ steps, _TINY)
-        room = pairs.distances(q) - required - _SPARE - 1.2 * DISTANCE_ERROR
+        radii = pairs.radii_at(q)
+        approach, needed = np.maximum(radii @ steps, _TINY), required + radii @ tube
+        room = pairs.distances(q) - needed - _SPARE - 1.2 * DISTANCE_ERROR
         free = float(np.min(room / approach, initial=1.0 - centre + _OVERLAP))
         if free >= centre - reached and free > 0:
-            margins = required + free * approach + _SPARE
+            margins = needed + free * approach + _SPARE
             proven.append({"centre": centre, "half_length": free, "margins": margins.tolist()})
             reached, half = centre + free * (1 - _OVERLAP), 1.2 * free
         elif half < least:
@@ -221,7 +244,15 @@ def _intervals(
     return proven
 
 
-def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray) -> dict[str, Any]:
+def _keeps(limit: MotionLimit, path: FloatArray, proof: CertifiedMotion | None) -> Iterator[bool]:
+    """Yield for each edge whether a limit is proven to be kept; with a tube `proof` has it."""
+    prover = limit if proof is None else proof.with_limits([limit])
+    return (prover.check(start, end).verdict is Verdict.FREE for start, end in schema.edges_of(path))
+
+
+def _tool_claim(
+    given: Mapping[str, Any], robot: Robot, path: FloatArray, proof: CertifiedMotion | None
+) -> dict[str, Any]:
     """Return a claim about the tool in plain numbers, if every edge keeps to it."""
     plain: dict[str, Any] = schema.as_plain(given)
     claim, limits = schema.record(Tool)("tool", plain), list[ToolLimit]()
@@ -232,20 +263,27 @@ def _tool_claim(given: Mapping[str, Any], robot: Robot, path: FloatArray) -> dic
         bounds = [list(claim.position.get(axis, (-np.inf, np.inf))) for axis in "xyz"]
         limits.append(TipBounds(robot, *np.transpose(bounds)))
     for limit in limits:
-        for k, (start, end) in enumerate(schema.edges_of(path)):
-            if limit.check(start, end).verdict is not Verdict.FREE:
+        for k, kept in enumerate(_keeps(limit, path, proof)):
+            if not kept:
                 raise PlanningError(f"edge {k} cannot be certified: its {limit.name} is not proven")
     return plain
 
 
 def _danger_claim(
-    field: DangerField, spacing: float, path: FloatArray, limit: float | None
+    field: DangerField,
+    spacing: float,
+    path: FloatArray,
+    limit: float | None,
+    proof: CertifiedMotion | None,
 ) -> dict[str, Any] | None:
     bounds = CertifiedDanger(field).of_path(path)
     bound = max(bounds.upper, (1 + _LEAST_SLACK) * bounds.lower)
+    if proof is not None and np.isfinite(bound):
+        tried = (bound * _WIDER**k for k in range(_TRIALS))
+        kept = (b for b in tried if all(_keeps(DangerLimit(field, b), path, proof)))
+        bound = next(kept, np.inf)  # what the tube adds is not known before
     if limit and limit < bound:
-        keeps = DangerLimit(field, limit).allows_motion
-        bound = limit if all(keeps(start, end) for start, end in schema.edges_of(path)) else bound
+        bound = limit if all(_keeps(DangerLimit(field, limit), path, proof)) else bound
     if not np.isfinite(bound):
         return None
     return {"bound": bound, "spacing": spacing, **{name: getattr(field, name) for name in _KIND}}
@@ -258,9 +296,8 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
     """Return the claim of a trajectory in plain numbers; what is claimed of its danger comes from `danger_claim`."""
     curve, law, jerk = trajectory.curve, trajectory.law, trajectory.limits.jerk
     more: dict[str, Any] = {"tool_speed": trajectory.tool_speed, "link_speed": trajectory.link_speed}
-    if isinstance(law, JerkLaw) and jerk is not None:
-        phases = np.column_stack([np.diff(law.starts), law.phases[:, 3]])
-        more |= {"phases": phases.tolist(), "jerk": jerk.tolist()}
+    if isinstance(law, SmoothLaw) and jerk is not None:
+        more |= {"window": law.window, "jerk": jerk.tolist()}
     stops = None
     if trajectory.people is not None and trajectory.brakes is not None:
         people = _people(trajectory.people, robot, scene)
@@ -268,15 +305,14 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
     return {
         "pieces": [
             {
-                **{key: getattr(piece, key).tolist() for key in ("start", "forward", "inward")},
+                **{key: getattr(piece, key).tolist() for key in ("start", "slope", "bend", "swing")},
                 "length": piece.length,
-                "curvature": piece.curvature,
             }
             for piece in curve.pieces
         ],
         "corners": list(curve.stops),
         "edges": law.edges.tolist(),
-        "squares": law.squares.tolist(),
+        "squares": (law.plan_squares if isinstance(law, SmoothLaw) else law.squares).tolist(),
         "duration": law.duration,
         "velocity": trajectory.limits.velocity.tolist(),
         "acceleration": trajectory.limits.acceleration.tolist(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,14 +87,25 @@ class MotionCheck(NamedTuple):
         What was to be proven: "joint limits", "collision", "min clearance", "max danger", "velocity", …
     violations : tuple of Violation
         What is not proven, by time; none: all of it is.
-    separation : Separation
-        The distances that it is proven to keep, and its tube.
+    proof : CertifiedMotion
+        By which it was to be proven: robot, scene, distances and the tube, danger and tool.
+    limits : RateLimits or None
+        Of velocities, accelerations and jerks; None where these were not looked at.
+    speeds : mapping of str to float
+        Of obstacles that move from the start of the motion on [m/s].
     """
 
     motion: Motion
     claims: tuple[str, ...]
     violations: tuple[Violation, ...]
-    separation: Separation
+    proof: CertifiedMotion
+    limits: RateLimits | None = None
+    speeds: Mapping[str, float] = MappingProxyType({})
+
+    @property
+    def separation(self) -> Separation:
+        """The distances that it is proven to keep, and its tube."""
+        return self.proof.separation
 
     def __bool__(self) -> bool:
         return not self.violations
@@ -185,10 +197,12 @@ def checked(
         named = what == "its limits" and joint in proof.checker.robot.joint_names  # by its rates
         if verdict.verdict is not Verdict.FREE and not named:
             stretches += piece.unproven()
+    limits = limits if motion.rated else None
     claims = ["joint limits", *(limits.kinds if limits is not None else ()), *_claims(proof)]
+    claims += ["obstacles that move from its start on"] * bool(speeds)
     found += _joined(stretches)
     found.sort(key=lambda violation: (violation.at, violation.kind))
-    return MotionCheck(motion, tuple(claims), tuple(found), proof.separation)
+    return MotionCheck(motion, tuple(claims), tuple(found), proof, limits, dict(speeds or {}))
 
 
 def widest_tube(

@@ -513,10 +513,10 @@ class Motion:
             return cls.through(path, names=thing.joint_names)
         if isinstance(thing, (np.ndarray, list, tuple)):
             return cls.through(thing, names=names)
-        arcs = "; its corners are arcs, no polynomials" if "Trajectory" in kinds else ""
+        proven = "; a Trajectory is proven when it is made" if "Trajectory" in kinds else ""
         raise InputError(
             "must be a Motion, SciPy's PPoly, BPoly or BSpline, way points (N, n), a PlanResult, a JointPath or "
-            f"OMPL's PathGeometric, got {shown(thing)}{arcs}",
+            f"OMPL's PathGeometric, got {shown(thing)}{proven}",
             "motion",
         )
 

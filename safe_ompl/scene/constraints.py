@@ -162,7 +162,7 @@ class MotionLimits(Section):
         Of the joints: one for all, those of some, or all [rad/s, rad/s²; m where they slide]; defaults as in
         `RateLimits.of`.
     jerk : as these, optional
-        [rad/s³]; not limited unless given. With it the robot stops at every way point where its path turns.
+        [rad/s³]; not limited unless given.
     tool_speed, link_speed : float, optional
         Of the tip, and of any point of any link [m/s].
     max_danger : float, optional

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
         robot_mass,
         speed_caps,
     )
-    from safe_ompl.trajectories.curve import ArcProof, BlendedCurve, Cells, Piece, blended
+    from safe_ompl.trajectories.curve import BlendedCurve, BlendProof, Cells, Piece, blended
     from safe_ompl.trajectories.danger import MotionDanger
     from safe_ompl.trajectories.kernels import ceilings, drive
     from safe_ompl.trajectories.limits import RateLimits
     from safe_ompl.trajectories.local_changes import duration_of, faster
-    from safe_ompl.trajectories.time_law import JerkLaw, velocity_cap
+    from safe_ompl.trajectories.time_law import SmoothLaw, velocity_cap
     from safe_ompl.trajectories.timing import CELLS, PathTimer, time_path
     from safe_ompl.trajectories.trajectory import RATE, SpeedCap, State, Trajectory
 
@@ -33,16 +33,16 @@ __all__ = [
     "LINK_SPEED",
     "RATE",
     "TOOL_SPEED",
-    "ArcProof",
+    "BlendProof",
     "BlendedCurve",
     "BodySpeeds",
     "Cells",
-    "JerkLaw",
     "MotionCaps",
     "MotionDanger",
     "PathTimer",
     "Piece",
     "RateLimits",
+    "SmoothLaw",
     "SpeedCap",
     "StandstillError",
     "State",

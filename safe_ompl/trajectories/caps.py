@@ -13,16 +13,19 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import BodyRegion, People
 from safe_ompl.trajectories.body_speeds import BodySpeeds
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
-from safe_ompl.trajectories.kernels import stopping_speeds
+from safe_ompl.trajectories.kernels import spread, stopping_speeds
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
-from safe_ompl.trajectories.time_law import velocity_cap
+from safe_ompl.trajectories.time_law import SmoothLimits, best_window, velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap
 
 TOOL_SPEED, LINK_SPEED = "tool speed", "link speed"  # names of caps
-BENDING = 0.5  # share of the accelerations that arcs may take beside people; the rest is left for braking
+BENDING = (
+    0.5  # share of the accelerations (and jerks) that blends may take beside people; the rest is for braking
+)
 _INSTANT = 0.005  # [s] times shorter than this count as this
 _FINEST = 1e-3  # [rad] no cell is divided into smaller ones
+_SOON = 3.0  # stops take no longer than this times that of constant deceleration
 
 
 @dataclass(frozen=True)
@@ -113,12 +116,15 @@ class PeopleCaps(NamedTuple):
         As fine as it takes.
     brakes : ndarray, shape (N,)
         Deceleration along the path that a stop may take in each cell [rad/s²].
+    window : float
+        Over which the plan is averaged [s]; 0: the jerk is not limited.
     caps : list of SpeedCap
-        Of arcs, and of separation (and contact).
+        Of blends, and of separation (and contact).
     """
 
     cells: Cells
     brakes: FloatArray
+    window: float
     caps: list[SpeedCap]
 
 
@@ -137,7 +143,8 @@ def people_caps(
     not brake harder than it began. A stop from any instant on ends before a person who is as fast as `people` says
     comes nearer than the clearance; or else the robot is slow enough by then that a contact stays below the limits of
     the body region. See `safe_ompl.trajectories.kernels`. A cell that bounds the speed is divided if the robot's motion
-    within it costs more than the share `loss` of the time that is left.
+    within it costs more than the share `loss` of the time that is left. Where the jerk is limited all this is said of a
+    plan, than which the motion is later by the window at most; see `safe_ompl.trajectories.time_law`.
 
     Raises
     ------
@@ -146,24 +153,36 @@ def people_caps(
     StandstillError
         If there is a cell in which no speed is allowed.
     """
-    people = distances.people
+    people, window = distances.people, 0.0
     for last in (False, True):
         bending = arc_cap(cells, limits)
-        caps = np.minimum(velocity_cap(cells, limits), bending)
+        most = caps = np.minimum(velocity_cap(cells, limits), bending)
         brakes = braking(cells, limits, caps)
         speeds = bodies.bounds(curve, cells)
-        left = distances.along(curve, cells, speeds, soon=float(caps.max() / brakes.min()))
-        harmless = _harmless(left.distances, speeds, distances)
+        left = distances.along(curve, cells, speeds, _SOON * float(caps.max() / brakes.min()))
+        times, harmless = left.times, _harmless(left.distances, speeds, distances)
+        if limits.jerk is not None:
+            window = window or best_window(cells, limits, caps, times, harmless)
+            smooth = SmoothLimits.of(cells, limits, caps, window, stops=True)
+            most = smooth.cone(smooth.caps)
+            brakes = np.minimum(braking(smooth.cells, limits, most), smooth.brakes)
+            if people.contact:
+                reach = window / 2 * smooth.caps
+                times = spread(cells.edges, reach, cells.stops, times)
+                harmless = np.column_stack([smooth.cone(slow) for slow in harmless.T])
+            times = times - window
         ends = _next_stops(cells)
-        allowed, limb, where = stopping_speeds(cells.sizes, brakes, left.times, harmless, caps, ends)
+        allowed, limb, where = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
         if not last:
             cells = curve.divided(cells, _parts(cells, speeds, left, limb, where, distances, loss))
     _check_start(left.distances[0], distances)
     for j in np.flatnonzero(allowed <= 0):
-        raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances))
+        raise StandstillError(_standstill(curve, cells, int(where[j]), int(limb[j]), left, distances, window))
     name = "separation or contact" if people.contact else "separation"
-    found = np.where(allowed < caps, allowed, np.inf)
-    return PeopleCaps(cells, brakes, [SpeedCap("bends beside people", bending), SpeedCap(name, found)])
+    found = np.where(allowed < most, allowed, np.inf)
+    return PeopleCaps(
+        cells, brakes, window, [SpeedCap("bends beside people", bending), SpeedCap(name, found)]
+    )
 
 
 def _next_stops(cells: Cells) -> IntArray:
@@ -193,7 +212,7 @@ def _parts(
 
 
 def arc_cap(cells: Cells, limits: RateLimits) -> FloatArray:
-    """Return the largest ṡ (N,) with which arcs take half of the accelerations; the rest is left for braking."""
+    """Return the largest ṡ (N,) with which blends take half of the accelerations; the rest is left for braking."""
     with np.errstate(divide="ignore"):
         found: FloatArray = np.sqrt((BENDING * limits.acceleration / cells.bends).min(axis=1))
     return found
@@ -223,11 +242,17 @@ def _named(who: tuple[str, str]) -> str:
 
 
 def _standstill(
-    curve: BlendedCurve, cells: Cells, k: int, m: int, left: SeparationBounds, distances: PeopleDistances
+    curve: BlendedCurve,
+    cells: Cells,
+    k: int,
+    m: int,
+    left: SeparationBounds,
+    distances: PeopleDistances,
+    window: float,
 ) -> Standstill:
     people, (person, limb) = distances.people, distances.limbs[m]
     link = distances.links[int(left.nearest[k, m])]
-    nearer = 1e3 * people.speed_of(limb) * people.reaction_time
+    nearer = 1e3 * people.speed_of(limb) * (people.reaction_time + window)
     s = float(cells.centres[k])
     way_out = f"let the {limb or 'body'} bear a contact" if people.contact else "allow contact"
     reason = (

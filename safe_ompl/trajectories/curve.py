@@ -1,4 +1,4 @@
-"""The curve of a trajectory: straight lines in joint space, with arcs for corners that are proven as the edges are."""
+"""The curve of a trajectory: straight lines in joint space, and blends for corners that are proven as the edges are."""
 
 from __future__ import annotations
 
@@ -12,21 +12,24 @@ from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.danger import DangerLimit
 from safe_ompl.robot import Robot
+from safe_ompl.trajectories.limits import RateLimits
 
 _log = logging.getLogger(__name__)
 
 _WIDER = 1e-12  # relative: boxes hold what rounding makes of the curve
-_STRAIGHT = 1e-9  # [rad] turns below this are driven through as they are
-_SMALLER = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the arc that the tolerance allows: what is tried
+_STRAIGHT = 1e-9  # turns by less than this are driven through as they are
+_SMALLER = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the blend that the tolerance allows: what is tried
+BENDS = 0.9  # share of the jerk that q‴ṡ³ may take; the rest is left for accelerating along the curve
 _SAME = 1e-12  # [rad] way points nearer than this are one
 
 
 class CurvePoints(NamedTuple):
-    """Configurations and their derivatives by arc length, each (S, n): q, q′ and q″."""
+    """Configurations and their derivatives by arc length, each (S, n): q, q′, q″ and q‴."""
 
     q: FloatArray
     slope: FloatArray
     bend: FloatArray
+    swing: FloatArray
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class Cells:
         Arc lengths where the N cells begin and end.
     slope_low, slope_high, bend_low, bend_high : ndarray, shape (N, n)
         Boxes of q′ and q″ over whole cells.
+    swings : ndarray, shape (N, n)
+        Bounds of |q‴|.
     stops : ndarray of int
         Which edges are corners that cannot be driven through: there the robot stops.
     """
@@ -48,6 +53,7 @@ class Cells:
     slope_high: FloatArray
     bend_low: FloatArray
     bend_high: FloatArray
+    swings: FloatArray
     stops: IntArray
 
     def __len__(self) -> int:
@@ -79,62 +85,57 @@ class Cells:
 
 
 class Piece(NamedTuple):
-    """A line, or an arc: q(σ) = start + r sin(σ/r)·forward + r (1 − cos(σ/r))·inward, with curvature 1/r.
+    """A cubic q(σ) = start + σ·slope + σ²/2·bend + σ³/6·swing; a line if bend and swing vanish.
 
     Attributes
     ----------
-    start, forward, inward : ndarray, shape (n,)
-        A configuration and two orthogonal unit vectors; the second one is zero for a line.
+    start, slope, bend, swing : ndarray, shape (n,)
+        q, q′, q″ and q‴ where it begins.
     length : float
         Its arc length.
-    curvature : float
-        0 for a line.
     """
 
     start: FloatArray
-    forward: FloatArray
-    inward: FloatArray
+    slope: FloatArray
+    bend: FloatArray
+    swing: FloatArray
     length: float
-    curvature: float
+
+    @property
+    def straight(self) -> bool:
+        """Whether it is a line."""
+        return not (self.bend.any() or self.swing.any())
 
     def places(self, at: FloatArray) -> CurvePoints:
         """Return the places (S,) of the piece at arc lengths from its start."""
-        if not self.curvature:
-            still = np.zeros((len(at), len(self.start)))
-            return CurvePoints(self.start + at[:, None] * self.forward, still + self.forward, still)
-        angle = (at * self.curvature)[:, None]
-        sin, cos = np.sin(angle), np.cos(angle)
-        return CurvePoints(
-            self.start + (sin * self.forward + (1 - cos) * self.inward) / self.curvature,
-            cos * self.forward + sin * self.inward,
-            self.curvature * (cos * self.inward - sin * self.forward),
-        )
+        t = at[:, None]
+        bend = self.bend + t * self.swing
+        slope = self.slope + t * (self.bend + bend) / 2
+        q = self.start + t * (self.slope + t * (self.bend / 2 + t * self.swing / 6))
+        return CurvePoints(q, slope, bend, np.broadcast_to(self.swing, q.shape))
 
     def slope_box(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the box (S, n) of q′ between arc lengths first and last (S,); exact but for rounding."""
-        return self._box(first, last, 0.0, 1.0)
+        turns = np.divide(-self.bend, self.swing, out=np.zeros_like(self.bend), where=self.swing != 0)
+        inside = np.clip(turns, first[:, None], last[:, None])  # where q″ vanishes
+        places = first[:, None], last[:, None], inside
+        return _box(*(self.slope + t * (self.bend + t * self.swing / 2) for t in places))
 
     def bend_box(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the box (S, n) of q″; as `slope_box`."""
-        return self._box(first, last, np.pi / 2, self.curvature)
+        return _box(*(self.bend + t[:, None] * self.swing for t in (first, last)))
 
-    def _box(
-        self, first: FloatArray, last: FloatArray, phase: float, scale: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Bound A cos(φ + phase − ψ), φ from first to last: the values at both ends, and ±A where it peaks between."""
-        amplitude = scale * np.hypot(self.forward, self.inward)
-        lag = phase - np.arctan2(self.inward, self.forward)
-        begin, end = (side[:, None] * self.curvature + lag for side in (first, last))
-        ends = amplitude * np.cos(begin), amplitude * np.cos(end)
-        low, high = np.minimum(*ends), np.maximum(*ends)
-        turn = 2 * np.pi
-        high = np.where(np.floor(end / turn) > np.floor(begin / turn), amplitude, high)
-        low = np.where(np.floor((end - np.pi) / turn) > np.floor((begin - np.pi) / turn), -amplitude, low)
-        return low - _WIDER * amplitude, high + _WIDER * amplitude
+
+def _box(*values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the box of values (S, n), with what rounding adds."""
+    low, high = np.min(values, axis=0), np.max(values, axis=0)
+    return low - _WIDER * np.abs(low), high + _WIDER * np.abs(high)
 
 
 class BlendedCurve:
     """Pieces one after the other.
+
+    Arc lengths are those of the path whose corners the blends round: on a blend, which is shorter, ‖q′‖ ≤ 1.
 
     Parameters
     ----------
@@ -160,17 +161,16 @@ class BlendedCurve:
         self.length = float(ends[-1])
 
     def __repr__(self) -> str:
-        arcs = sum(piece.curvature > 0 for piece in self.pieces)
-        return f"BlendedCurve({self.length:.3g} rad, {arcs} blends, {len(self.stops)} stops)"
+        bent = sum(not piece.straight for piece in self.pieces)
+        return f"BlendedCurve({self.length:.3g} rad, {bent} bent pieces, {len(self.stops)} stops)"
 
     def rest(self, s: float) -> BlendedCurve:
         """Return the curve from an arc length 0 ≤ s < length on."""
         k = int(self.piece_at(np.array([s]))[0])
         first, *others = self.pieces[k:]
         cut = s - float(self.starts[k])
-        place = first.places(np.array([cut]))
-        inward = place.bend[0] / first.curvature if first.curvature else first.inward
-        rest = Piece(place.q[0], place.slope[0], inward, first.length - cut, first.curvature)
+        q, slope, bend, _ = (values[0] for values in first.places(np.array([cut])))
+        rest = Piece(q, slope, bend, first.swing, first.length - cut)
         return BlendedCurve([rest, *others], [stop - k for stop in self.stops if stop > k])
 
     def piece_at(self, s: FloatArray) -> IntArray:
@@ -181,7 +181,7 @@ class BlendedCurve:
     def at(self, s: FloatArray, pieces: IntArray | None = None) -> CurvePoints:
         """Return the places (S, n) at arc lengths `s: (S,)` in any order; where two pieces meet, of those given."""
         which = self.piece_at(s) if pieces is None else pieces
-        found = CurvePoints(*(np.empty((len(s), len(self.pieces[0].start))) for _ in range(3)))
+        found = CurvePoints(*(np.empty((len(s), len(self.pieces[0].start))) for _ in range(4)))
         for k in np.unique(which):
             rows = which == k
             places = self.pieces[k].places(s[rows] - self.starts[k])
@@ -190,10 +190,11 @@ class BlendedCurve:
         return found
 
     def cells(self, step: float, turn: float = 0.1) -> Cells:
-        """Return cells no longer than `step`; on arcs the direction changes by no more than `turn` [rad] in each."""
+        """Return cells no longer than `step`; on blends q′ changes by no more than `turn` in each."""
         bounds = []
         for piece in self.pieces:
-            number = max(1, int(np.ceil(piece.length * max(1 / step, piece.curvature / turn))))
+            turned = float(np.linalg.norm(piece.length * (piece.bend + piece.length * piece.swing / 2)))
+            number = max(1, int(np.ceil(max(piece.length / step, turned / turn))))
             bounds.append(np.linspace(0.0, piece.length, number + 1))
         return self._cells(bounds)
 
@@ -225,25 +226,37 @@ class BlendedCurve:
         edges: list[FloatArray] = [np.zeros(1)]
         slopes: list[tuple[FloatArray, FloatArray]] = []
         bends: list[tuple[FloatArray, FloatArray]] = []
+        swings: list[FloatArray] = []
         stops, count = [], 0
         for k, (piece, at) in enumerate(zip(self.pieces, bounds, strict=True)):
             stops += [count] if k in self.stops else []
             edges.append(self.starts[k] + at[1:])
             slopes.append(piece.slope_box(at[:-1], at[1:]))
             bends.append(piece.bend_box(at[:-1], at[1:]))
+            swings.append(np.tile(np.abs(piece.swing), (len(at) - 1, 1)))
             count += len(at) - 1
         slope_low, slope_high = (np.concatenate(side) for side in zip(*slopes, strict=True))
         bend_low, bend_high = (np.concatenate(side) for side in zip(*bends, strict=True))
         corners: IntArray = np.array(stops, dtype=np.intp)
-        return Cells(np.concatenate(edges), slope_low, slope_high, bend_low, bend_high, corners)
+        return Cells(
+            np.concatenate(edges), slope_low, slope_high, bend_low, bend_high, np.concatenate(swings), corners
+        )
 
 
-def blended(path: FloatArray, robot: Robot, tolerance: float, motion: CertifiedMotion | None) -> BlendedCurve:
+def blended(
+    path: FloatArray,
+    robot: Robot,
+    tolerance: float,
+    motion: CertifiedMotion | None,
+    limits: RateLimits | None = None,
+) -> BlendedCurve:
     """Return the path (N, n) with its corners rounded.
 
-    An arc that leaves the edges at a distance l from a corner where the path turns by α has the radius l/tan(α/2), and
-    is l tan(α/4) away from the corner at most. The largest one within the tolerance is taken that uses
-    no more than half of either edge and is proven; where none is, the robot stops in the corner.
+    A blend leaves the edges at a distance l from a corner: over the length 2l its q′ goes from one edge's direction to
+    the other's, by Δ. With constant q″ = Δ/2l, a parabola, it is |Δ|l/4 away from the corner at most. Where the jerk is
+    limited q″ rises to Δ/2l(1 − ρ), stays, and falls, the first and the last of these within the share ρ of 2l each.
+    The largest blend within the tolerance is taken that uses no more than half of either edge and is proven; where none
+    is, the robot stops in the corner.
 
     Parameters
     ----------
@@ -254,7 +267,9 @@ def blended(path: FloatArray, robot: Robot, tolerance: float, motion: CertifiedM
     tolerance : float
         How far the curve may be from the path [rad]; 0: it stops in every corner.
     motion : CertifiedMotion, optional
-        What proves arcs; without it there are none.
+        What proves blends; without it there are none.
+    limits : RateLimits, optional
+        If they limit the jerk q″ is continuous.
 
     Raises
     ------
@@ -271,64 +286,77 @@ def blended(path: FloatArray, robot: Robot, tolerance: float, motion: CertifiedM
     )  # continuous joints unrolled
     lengths = np.linalg.norm(steps, axis=1)
     units = steps / lengths[:, None]
-    proof = None if motion is None or not tolerance else ArcProof(motion)
+    proof = None if motion is None or not tolerance else BlendProof(motion)
 
     pieces: list[Piece] = []
     stops: list[int] = []
-    begun = 0.0  # of the edge, used by the arc before
+    begun = 0.0  # of the edge, used by the blend before
     for k, (unit, length) in enumerate(zip(units, lengths.tolist(), strict=True)):
-        arc, room = None, 0.0
+        blend, room = list[Piece](), 0.0
         last = k == len(units) - 1
-        if not last:
-            arc, room = _arc(
-                points[k + 1], unit, units[k + 1], min(length, lengths[k + 1]) / 2, tolerance, proof
-            )
+        bends = not last and np.linalg.norm(units[k + 1] - unit) > _STRAIGHT
+        if bends and proof is not None:
+            longest = min(length, lengths[k + 1]) / 2
+            blend, room = _blend(points[k + 1], unit, units[k + 1], longest, tolerance, proof, limits)
         line = length - begun - room
         if line > _SAME * length:
-            pieces.append(Piece(points[k] + begun * unit, unit, np.zeros(robot.n), line, 0.0))
-        if arc is not None:
-            pieces.append(arc)
-        elif not last and _turn(unit, units[k + 1]) > _STRAIGHT:
+            still = np.zeros(robot.n)
+            pieces.append(Piece(points[k] + begun * unit, unit, still, still, line))
+        pieces += blend
+        if bends and not blend:
             stops.append(len(pieces))
         begun = room
     if stops:
-        why = "no arc is proven there" if proof else "nothing proves arcs" if tolerance else "tolerance 0"
+        why = "no blend is proven there" if proof else "nothing proves blends" if tolerance else "tolerance 0"
         _log.info("the robot stops in %d of %d corners: %s", len(stops), len(units) - 1, why)
     return BlendedCurve(pieces, stops)
 
 
-def _turn(first: FloatArray, second: FloatArray) -> float:
-    """Return the angle between two unit vectors [rad]."""
-    return float(2 * np.arctan2(np.linalg.norm(second - first), np.linalg.norm(second + first)))
-
-
-def _arc(
+def _blend(
     corner: FloatArray,
     first: FloatArray,
     second: FloatArray,
     room: float,
     tolerance: float,
-    proof: ArcProof | None,
-) -> tuple[Piece | None, float]:
-    """Return a proven arc and how much of the edges it takes."""
-    turn = _turn(first, second)
-    if proof is None or turn <= _STRAIGHT or turn >= np.pi - _STRAIGHT:
-        return None, 0.0
-    inward = second - np.cos(turn) * first
-    inward = inward - (inward @ first) * first
-    inward /= np.linalg.norm(inward)
-    longest = min(room, tolerance / np.tan(turn / 4))
+    proof: BlendProof,
+    limits: RateLimits | None,
+) -> tuple[list[Piece], float]:
+    """Return a proven blend and how much of the edges it takes."""
+    change = second - first
+    longest = min(room, 4 * tolerance / float(np.linalg.norm(change)))
     for share in _SMALLER:
-        l = share * longest  # noqa: E741 - the formula's name
-        radius = l / np.tan(turn / 2)
-        arc = Piece(corner - l * first, first, inward, radius * turn, 1 / radius)
-        if proof.holds(arc):
-            return arc, l
-    return None, 0.0
+        reach = share * longest
+        ramp = _ramp(np.abs(change), 2 * reach, limits)
+        top = change / (2 * reach * (1 - ramp))
+        still = np.zeros_like(change)
+        swing = top / (2 * reach * ramp) if ramp else still
+        parts = ((still, swing, ramp), (top, still, 1 - 2 * ramp), (top, -swing, ramp))
+        blend: list[Piece] = []
+        q, slope = corner - reach * first, first
+        for bend, swing, part in parts:
+            if part > 0:
+                piece = Piece(q, slope, bend, swing, 2 * reach * part)
+                end = piece.places(np.array([piece.length]))
+                q, slope = end.q[0], end.slope[0]
+                blend.append(piece)
+        if all(map(proof.holds, blend)):
+            return blend, reach
+    return [], 0.0
 
 
-class ArcProof:
-    """Proves arcs free, and within the limits of danger, as `CertifiedMotion` proves straight motions.
+def _ramp(change: FloatArray, length: float, limits: RateLimits | None) -> float:
+    """Return the share of a blend in which q″ rises: a speed that needs all of the acceleration bears the jerk."""
+    if limits is None or limits.jerk is None:
+        return 0.0
+    with np.errstate(divide="ignore"):
+        push = float((limits.acceleration / change).min())
+        jerk = float((BENDS * limits.jerk / change).min())
+    c = push**1.5 / (jerk * length**0.5)
+    return float(min(0.5, c * (np.sqrt(c * c + 4) - c) / 2))
+
+
+class BlendProof:
+    """Proves blends free, and within the limits of danger, as `CertifiedMotion` proves straight motions.
 
     Parameters
     ----------
@@ -342,23 +370,25 @@ class ArcProof:
         self._limits = [limit for limit in motion.limits if isinstance(limit, DangerLimit)]
         self._unknown = len(self._limits) < len(motion.limits)
         if self._unknown:
-            _log.warning("limits other than those of danger are not proven on arcs: corners stay as they are")
+            _log.warning(
+                "limits other than those of danger are not proven on blends: corners stay as they are"
+            )
 
-    def holds(self, arc: Piece) -> bool:
-        """Return whether the arc is proven, by bisection.
+    def holds(self, piece: Piece) -> bool:
+        """Return whether a piece of a blend is proven, by bisection.
 
         While the joints move along half an interval, pair p approaches by at most Σ_i R_pi ∫|q′_i|: an interval at
         whose centre every pair keeps more than that, and what it must keep besides, is free.
         """
         if self._unknown:
             return False
-        intervals = [(0.0, arc.length)]
+        intervals = [(0.0, piece.length)]
         while intervals:
             first, last = intervals.pop()
             middle = (first + last) / 2
-            low, high = arc.slope_box(np.array([first]), np.array([last]))
+            low, high = piece.slope_box(np.array([first]), np.array([last]))
             steps = np.maximum(np.abs(low), np.abs(high))[0] * (last - first) / 2
-            q = arc.places(np.array([middle])).q[0]
+            q = piece.places(np.array([middle])).q[0]
             approach = self._required.pairs.radii @ steps
             free = not self._required.pairs.within_margins(q, approach + self._required.provable(0.0))
             if free and all(limit.holds_within(q, steps) for limit in self._limits):

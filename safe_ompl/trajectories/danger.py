@@ -131,42 +131,20 @@ class MovingDanger:
                 speeds = np.where(bounds.pushes > 0, (share - bounds.levels) / bounds.pushes, np.inf)
             found = np.minimum(most, speeds.min(axis=1, initial=np.inf))
         else:
-            found = self._bisected(bounds, limit, most)
+            found, bad = np.where(self.at(bounds, most) <= limit, most, 0.0), most
+            for _ in range(_HALVINGS):
+                middle = (found + bad) / 2
+                holds = self.at(bounds, middle) <= limit
+                found, bad = np.where(holds, middle, found), np.where(holds, bad, middle)
         return np.where(self.at(bounds, still) <= limit, found, -1.0)
-
-    def _bisected(self, bounds: SpanDanger, limit: float, most: FloatArray) -> FloatArray:
-        good, bad = np.where(self.at(bounds, most) <= limit, most, 0.0), most
-        for _ in range(_HALVINGS):
-            middle = (good + bad) / 2
-            holds = self.at(bounds, middle) <= limit
-            good, bad = np.where(holds, middle, good), np.where(holds, bad, middle)
-        return good
 
 
 # ------------------------------------------------------------------------------------------------- a cap of the speed
 
 
-class DangerCap(NamedTuple):
-    """What a limit of the danger allows.
-
-    Attributes
-    ----------
-    cells : Cells
-        As fine as it takes.
-    parents : ndarray of int, shape (N,)
-        The given cells in which they are.
-    speeds : ndarray, shape (N,)
-        Largest ṡ; −1 where the danger at rest is above the limit.
-    """
-
-    cells: Cells
-    parents: IntArray
-    speeds: FloatArray
-
-
 def danger_cap(
     curve: BlendedCurve, cells: Cells, danger: MovingDanger, limit: float, most: FloatArray
-) -> DangerCap:
+) -> tuple[Cells, IntArray, FloatArray]:
     """Return the speeds with which the danger of the moving robot keeps to a limit.
 
     Along a curve the danger is φ + ṡ (φ′ + γI) k₂/k₁. Cells are divided where they bound the speed and are so long that
@@ -182,6 +160,11 @@ def danger_cap(
         The largest danger.
     most : ndarray, shape (N,)
         ṡ is no larger for other reasons.
+
+    Returns
+    -------
+    Cells as fine as it takes; (N,) the given ones in which they are; (N,) largest ṡ, −1 where the danger at rest is
+    above the limit.
     """
 
     def capped(spans: Spans, most: FloatArray) -> FloatArray:
@@ -204,7 +187,7 @@ def danger_cap(
         divided = np.flatnonzero(new)
         speeds[divided] = capped(Spans.of(cells, divided), most[parents[divided]])
         exact[divided] = most[parents[divided]]
-    return DangerCap(cells, parents, speeds)
+    return cells, parents, speeds
 
 
 # ------------------------------------------------------------------------------------------- the danger of a motion
@@ -244,7 +227,7 @@ def motion_danger(curve: BlendedCurve, law: TimeLaw, field: KinetostaticField) -
     Parameters
     ----------
     curve, law
-        The motion; ṡ² is linear in each cell of the law.
+        The motion.
     field : KinetostaticField
         The danger.
 
@@ -270,8 +253,7 @@ def _proven_peak(curve: BlendedCurve, cells: Cells, law: TimeLaw, danger: Moving
     upper = np.zeros(len(cells))
     rows: IntArray = np.arange(len(cells))
     for _ in range(_PEAK_ROUNDS):
-        ends = np.sqrt(law.squares_at(cells.edges))
-        slowest, fastest = (pick(ends[:-1], ends[1:])[rows] for pick in (np.minimum, np.maximum))
+        slowest, fastest = (rates[rows] for rates in law.rates_between(cells.edges))
         bounds = danger.bounds(curve, Spans.of(cells, rows), fastest, enough)
         upper[rows] = np.maximum(danger.at(bounds, fastest), danger.at(bounds, slowest))
         above = upper > enough

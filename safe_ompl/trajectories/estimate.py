@@ -14,7 +14,7 @@ from safe_ompl.trajectories.timing import PathTimer
 
 _STEP = 0.15  # [rad] between samples
 _SHORTEST = 1e-9  # [rad] of edges
-_STRAIGHT, _SHARPEST = 1e-6, 1e-4  # [rad] turns of less are none; no arc has a smaller radius
+_STRAIGHT, _SHARPEST = 1e-6, 1e-4  # [rad] turns of less are none; no blend is shorter
 _NUDGE = 0.02  # [rad] of the joints, to see where people are farther away
 _NEVER = 1e6  # [s] where nobody comes
 
@@ -24,7 +24,7 @@ class DurationEstimate:
 
     When people may be at the robot is looked at once for every edge, and kept: of a path that differs from an earlier
     one in some edges only those are looked at. A Panda's path beside a person takes some milliseconds then, a tenth of
-    what it takes to time it. Corners count as the arcs that the tolerance allows.
+    what it takes to time it. Corners count as the blends that the tolerance allows.
 
     Parameters
     ----------
@@ -91,19 +91,19 @@ class DurationEstimate:
         return np.concatenate([self._known[key] for key in keys])
 
     def _bends(self, units: FloatArray, lengths: FloatArray, sizes: FloatArray) -> FloatArray:
-        """Return |q″| (M, n) of the panels: that of the arc where one is, by the formulas of `blended`."""
+        """Return |q″| (M, n) of the panels: that of the blend where one is, by the formulas of `blended`."""
         bends = np.zeros((len(sizes), units.shape[1]))
         middles = np.cumsum(sizes) - sizes / 2
         corners = np.cumsum(lengths)[:-1]
-        turned = units[1:] - units[:-1]
-        apart = np.linalg.norm(turned, axis=1)
-        turns = 2 * np.arctan2(apart, np.linalg.norm(units[1:] + units[:-1], axis=1))
-        for k in np.flatnonzero(turns > _STRAIGHT):
-            reach = min(lengths[k], lengths[k + 1]) / 2
-            reach = min(reach, self._timer.tolerance / np.tan(turns[k] / 4))
-            radius = max(reach / np.tan(turns[k] / 2), _SHARPEST)
-            near = np.abs(middles - corners[k]) <= max(reach, sizes.max() / 2)
-            bends[near] = np.maximum(bends[near], np.abs(turned[k]) / (apart[k] * radius))
+        changes = units[1:] - units[:-1]
+        for k, (change, turn) in enumerate(
+            zip(changes, np.linalg.norm(changes, axis=1).tolist(), strict=True)
+        ):
+            if turn > _STRAIGHT:
+                reach = max(min(lengths[k], lengths[k + 1]) / 2, _SHORTEST)
+                reach = min(reach, max(4 * self._timer.tolerance / turn, _SHARPEST))
+                near = np.abs(middles - corners[k]) <= max(reach, sizes.max() / 2)
+                bends[near] = np.maximum(bends[near], np.abs(change) / (2 * reach))
         return bends
 
 

@@ -129,6 +129,69 @@ def stopping_speeds(
     return speeds, body, where
 
 
+@compiled
+def spread(edges: FloatArray, radii: FloatArray, stops: IntArray, values: FloatArray) -> FloatArray:
+    """Return the least (N, m) of the values of all cells by whose radius a cell is reached.
+
+    Parameters
+    ----------
+    edges : (N + 1,)
+        Ends of the cells.
+    radii : (N,)
+        How far cells reach, not beyond corners in which the robot stops.
+    stops : (K,)
+        Such corners.
+    values : (N, m)
+        Any.
+    """
+    N, n = values.shape
+    least = values.copy()
+    corner = np.zeros(N + 1)
+    corner[stops] = 1.0
+    for k in range(N):
+        for step in (-1, 1):
+            j = k + step
+            while 0 <= j < N and corner[j if step > 0 else j + 1] == 0.0:
+                if (edges[j] - edges[k + 1] if step > 0 else edges[k] - edges[j + 1]) > radii[k]:
+                    break
+                for i in range(n):
+                    least[j, i] = min(least[j, i], values[k, i])
+                j += step
+    return least
+
+
+@compiled
+def cone(edges: FloatArray, caps: FloatArray, window: float, stops: IntArray) -> FloatArray:
+    """Return V (N,), the least of max(c_k, 2 d_jk/w) over all cells k at distances d_jk; see `time_law`.
+
+    Parameters
+    ----------
+    edges : (N + 1,)
+        Ends of the cells.
+    caps : (N,)
+        c
+    window : float
+        w > 0
+    stops : (K,)
+        Corners beyond which nothing counts.
+    """
+    N, top = len(caps), caps.max()
+    found = caps.copy()
+    corner = np.zeros(N + 1)
+    corner[stops] = 1.0
+    for k in range(N):
+        for step in (-1, 1):
+            j = k + step
+            while 0 <= j < N and corner[j if step > 0 else j + 1] == 0.0:
+                away = edges[j] - edges[k + 1] if step > 0 else edges[k] - edges[j + 1]
+                allowed = max(caps[k], 2 * away / window)
+                if allowed >= top:
+                    break
+                found[j] = min(found[j], allowed)
+                j += step
+    return found
+
+
 _LAW_HALVINGS = 60
 _TIGHTER = 1e-10  # relative: limits are kept with what rounding adds
 

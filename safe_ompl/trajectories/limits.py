@@ -79,8 +79,7 @@ class RateLimits:
             As above. Default: the robot's own (`Robot.with_accelerations`, or its entry in a scenario), and where it
             has none what reaches the velocity limit in 0.25 s, with a warning: URDFs have no such limits.
         jerk : float, mapping of str to float, or array_like of shape (n,), optional
-            One for all joints, or those of all. Default: it is not limited. With a limit the robot stops at every
-            way point where its path turns.
+            One for all joints, or those of all. Default: it is not limited.
 
         Raises
         ------
@@ -105,8 +104,19 @@ class RateLimits:
         if unsaid and (acceleration is None or isinstance(acceleration, Mapping)):
             values = dict(zip(robot.joint_names, default.tolist(), strict=True))
             joints = "its joints" if len(unsaid) == robot.n else ", ".join(unsaid)
-            warn_once(_log, _default_said(robot.name, joints, [values[name] for name in unsaid]))
-        return cls(robot.joint_names, velocities, accelerations, _jerks(robot, jerk))
+            taken = sorted(values[name] for name in unsaid)
+            span = " to ".join(f"{a:g}" for a in dict.fromkeys((taken[0], taken[-1])))
+            warn_once(
+                _log,
+                f"{robot.name}: nobody says how fast {joints} may accelerate: taken is what reaches the velocity limit "
+                f"in {_RISE:g} s, {span}; give accelerations",
+            )
+        if isinstance(jerk, Mapping):
+            for name in robot.joint_names:
+                if name not in jerk:
+                    raise InputError(f"joint {name!r} has no jerk limit; give those of all joints, or none")
+        jerks = None if jerk is None else _chosen(robot, jerk, np.ones(robot.n), "jerk")
+        return cls(robot.joint_names, velocities, accelerations, jerks)
 
     def as_dict(self) -> dict[str, dict[str, float]]:
         """Return velocity and acceleration by joint, and the jerk where it is limited."""
@@ -121,16 +131,6 @@ def _urdf_velocities(robot: Robot) -> FloatArray:
     planned = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
     limits: FloatArray = np.array(model.velocityLimit, dtype=np.float64).ravel()[planned]
     return limits
-
-
-def _jerks(robot: Robot, jerk: LimitByJoint | None) -> FloatArray | None:
-    if jerk is None:
-        return None
-    if isinstance(jerk, Mapping):
-        for name in robot.joint_names:
-            if name not in jerk:
-                raise InputError(f"joint {name!r} has no jerk limit; give those of all joints, or none")
-    return _chosen(robot, jerk, np.ones(robot.n), "jerk")
 
 
 def _chosen(robot: Robot, given: LimitByJoint | None, default: FloatArray, kind: str) -> FloatArray:
@@ -148,12 +148,3 @@ def _chosen(robot: Robot, given: LimitByJoint | None, default: FloatArray, kind:
     if np.ndim(given) == 0:
         return np.full(robot.n, number(f"{kind} limit", given, above=0.0))
     return finite_array(given, (robot.n,), f"{kind} limits")
-
-
-def _default_said(robot: str, joints: str, accelerations: list[float]) -> str:
-    """Return what is said of default accelerations."""
-    values = " to ".join(f"{a:g}" for a in sorted({min(accelerations), max(accelerations)}))
-    return (
-        f"{robot}: nobody says how fast {joints} may accelerate: taken is what reaches the velocity limit in "
-        f"{_RISE:g} s, {values}; give accelerations"
-    )

@@ -1,32 +1,44 @@
 """Time laws: where on its curve a trajectory is at what time, with or without a limit of the jerk.
 
-With a limit of the jerk the speed is made of ramps of constant jerk, one above the other, below all caps.
-On a straight line in joint space q̈ = q′s̈ and the jerk is q′s⃛, with q′ constant: limits of the joints are limits V, A
-and J of ṡ, s̈ and s⃛. A ramp leads from one speed to another, at rest in s̈ at both ends: jerk J, none, −J, or without
-the middle where A is not reached. It takes, and covers, with Δ the difference of the speeds,
+Without it ṡ² is linear in every cell of the curve. With it such a law, the *plan* σ, is averaged over a window:
 
-    T = 2√(Δ/J)  or  Δ/A + A/J,        d = T (v₀ + v₁)/2.
+    s(t) = 1/w ∫ σ(τ) dτ,  τ from t − w to t,
 
-From rest to rest the robot goes up by a ramp, on at constant speed, and down; where it goes on at constant speed, and
-caps allow more, it goes up and down again, on top. The place where a ramp reaches a speed has a closed form: so it is
-known which cells it leaves before it is faster than their caps.
+so that ṡ and s̈ are averages too, and s⃛(t) = (σ̈(t) − σ̈(t − w))/w is bounded: a moving average as filter, as in Biagiotti
+& Melchiorri, *FIR filters for online trajectory planning with time- and frequency-domain specifications* (2012). Where
+the robot must stand the plan waits for w. The average of a stop of the plan is a stop of the robot, that keeps the same
+bounds from any s̈ on.
+
+What holds of s(t) in a cell k is asked of the plan in all cells within reach. If m is the largest σ̇ in the window, all
+σ(τ) in it are within m w/2 of s(t). Let c_k be what ṡ must keep to in cell k. It does if σ̇ ≤ min_k max(c_k, 2 d_jk/w)
+in each cell j, d_jk the distance between the cells: where σ̇ = m, d_jk ≤ m w/2, so m ≤ c_k. So all σ(τ) are within
+c_k w/2 of cell k. In all cells that are so near
+
+* |p σ̈ + c σ̇²| ≤ limit for all p and c in the boxes of q′ and of q″ over cell k, with 0 added to that of q″: then |q̈|
+  keeps to the limit, for ṡ² is no more than the average of σ̇²;
+* −B_k ≤ σ̈ ≤ A_k, with |q′|(A_k + B_k)/w + 3|q″|c_k max(A_k, B_k) + |q‴|c_k³ ≤ limit: so |q⃛| = |q‴ṡ³ + 3q″ṡs̈ + q′s⃛|
+  keeps to the limit. Without people A = B; beside them B is larger, for stops.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray
-from safe_ompl.trajectories.curve import Cells
-from safe_ompl.trajectories.kernels import fastest
+from safe_ompl.trajectories.curve import BENDS, Cells
+from safe_ompl.trajectories.kernels import cone, fastest, spread
 from safe_ompl.trajectories.limits import RateLimits
 
-_HALVINGS = 40
-_GAIN = 1.05  # ramps that gain less speed than this, relative, are left out
+_HALVINGS = 36
+_SHORTER, _WINDOWS = 0.75, 40  # windows that are tried: each the shorter by this; at most so many
+_LONGEST = 8.0  # the first of them, in times from no acceleration to all of it
+_SHORTEST = 1e-4  # [s] of averages that rounding does not touch
+_BENDS_BESIDE_PEOPLE = 0.1  # what `BENDS` is beside people
+_BRAKING = 2 / 3  # share of the range of σ̈ that is for stops beside people
+_TIGHTER, _WIDER = 1 - 1e-9, 1 + 1e-9  # of limits, and of reach: what rounding takes
 
 
 @dataclass(frozen=True)
@@ -40,7 +52,7 @@ class TimeLaw:
     squares : ndarray, shape (N + 1,)
         x = ṡ² there [rad²/s²].
     times : ndarray, shape (N + 1,)
-        When they are passed [s].
+        When they are reached [s].
     """
 
     edges: FloatArray
@@ -50,37 +62,60 @@ class TimeLaw:
     @classmethod
     def through(cls, edges: FloatArray, squares: FloatArray) -> TimeLaw:
         """Return the law with these ṡ² at the grid points; a cell takes 2h/(ṡ_start + ṡ_end)."""
-        speeds = np.sqrt(squares)
-        sizes, both = np.diff(edges), speeds[:-1] + speeds[1:]
-        steps = np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0)
-        return cls(edges, squares, np.concatenate([[0.0], np.cumsum(steps)]))
+        return cls(edges, squares, np.concatenate([[0.0], np.cumsum(_spans(edges, squares))]))
 
     @property
     def duration(self) -> float:
         """How long it takes [s]."""
         return float(self.times[-1])
 
+    @property
+    def pushes(self) -> FloatArray:
+        """s̈ (N,) in the cells [rad/s²]."""
+        sizes = np.diff(self.edges)
+        return np.divide(np.diff(self.squares), 2 * sizes, out=np.zeros(len(sizes)), where=sizes > 0)
+
     def squares_at(self, s: FloatArray) -> FloatArray:
         """Return ṡ² (S,) at arc lengths `s: (S,)` of the curve."""
         squares: FloatArray = np.interp(s, self.edges, self.squares)
         return squares
 
+    def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the least and the largest ṡ (C,) between arc lengths `edges: (C + 1,)`, grid points among them."""
+        ends = np.sqrt(self.squares_at(edges))
+        return np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
+
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
         cell: IntArray = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.edges) - 2)
-        sizes = np.diff(self.edges)
-        pushes = np.divide(np.diff(self.squares), 2 * sizes, out=np.zeros(len(sizes)), where=sizes > 0)
-        speeds = np.sqrt(self.squares)
         since = np.clip(t, 0.0, self.duration) - self.times[cell]
-        rate = speeds[cell] + pushes[cell] * since
-        s = self.edges[cell] + since * (speeds[cell] + rate) / 2
+        push, begin = self.pushes[cell], np.sqrt(self.squares[cell])
+        rate = begin + push * since
+        s = self.edges[cell] + since * (begin + rate) / 2
         outside = (t < 0) | (t > self.duration)
         return (
             cell,
             np.clip(s, self.edges[cell], self.edges[cell + 1]),
             np.where(outside, 0.0, np.maximum(rate, 0.0)),
-            np.where(outside, 0.0, pushes[cell]),
+            np.where(outside, 0.0, push),
         )
+
+    def planned(self, time: float) -> tuple[int, float, float]:
+        """Return cell, s and ṡ at a time [s]."""
+        cell, s, rate, _ = (x[0] for x in self.at(np.array([time])))
+        return int(cell), float(s), float(rate)
+
+    def stopped(self, time: float, edges: FloatArray, squares: FloatArray) -> TimeLaw:
+        """Return the law from a time [s] on that goes on with these ṡ² at grid points, from where it is."""
+        return TimeLaw.through(edges, squares)
+
+
+def _spans(edges: FloatArray, squares: FloatArray) -> FloatArray:
+    """Return how long the cells (N,) take."""
+    speeds = np.sqrt(squares)
+    sizes, both = np.diff(edges), speeds[:-1] + speeds[1:]
+    spans: FloatArray = np.divide(2 * sizes, both, out=np.zeros(len(sizes)), where=sizes > 0)
+    return spans
 
 
 def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
@@ -91,279 +126,282 @@ def velocity_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     return cap
 
 
-def fastest_law(cells: Cells, limits: RateLimits, cap: FloatArray, speed: float = 0.0) -> FloatArray:
-    """Return ṡ² (N+1,) of the fastest law within joint limits and a cap of ṡ.
+def fastest_law(
+    cells: Cells,
+    acceleration: FloatArray,
+    cap: FloatArray,
+    speed: float = 0.0,
+    push: FloatArray | None = None,
+) -> FloatArray:
+    """Return ṡ² (N+1,) of the fastest law within accelerations of the joints and a cap of ṡ.
 
     Parameters
     ----------
     cells : Cells
         The curve.
-    limits : RateLimits
-        Of the joints.
+    acceleration : ndarray, shape (n,)
+        Limits of the joints.
     cap : ndarray, shape (N,)
-        Largest ṡ in each cell.
+        Largest ṡ in each cell; no larger than velocities of the joints allow.
     speed : float
         ṡ where it begins. If nothing in time slows it down from there, it begins with the largest ṡ that is possible.
+    push : ndarray, shape (N,), optional
+        Largest |s̈| in each cell.
     """
-    within = np.minimum(cap, velocity_cap(cells, limits)) ** 2
+    boxes = [cells.slope_low, cells.slope_high, cells.bend_low, cells.bend_high]
+    if push is not None:  # one joint more, whose q′ is 1/push and whose limit is 1
+        more = 1 / push[:, None]
+        boxes = [np.column_stack([box, k * more]) for box, k in zip(boxes, (1, 1, 0, 0), strict=True)]
+        acceleration = np.append(acceleration, 1.0) * _TIGHTER
+    low, high, bend_low, bend_high = map(np.ascontiguousarray, boxes)
+    within = cap * cap
     most = np.minimum(np.append(within, 0.0), np.concatenate([[0.0], within]))
     most[0] = min(within[0], speed * speed)
     most[cells.stops] = 0.0
-    found: FloatArray = fastest(
-        cells.sizes,
-        cells.slope_low,
-        cells.slope_high,
-        cells.bend_low,
-        cells.bend_high,
-        limits.acceleration,
-        most,
-    )
+    found: FloatArray = fastest(cells.sizes, low, high, bend_low, bend_high, acceleration, most)
     return found
 
 
 # ------------------------------------------------------------------------------------------ with a limit of the jerk
 
 
-class Part(NamedTuple):
-    """A time of constant s⃛: how long [s], s⃛ [rad/s³], and ṡ [rad/s] at its end where s̈ vanishes there; else None."""
-
-    duration: float
-    jerk: float
-    end: float | None = None
-
-
-class Ramp(NamedTuple):
-    """A change of the speed ṡ from `low` ≥ 0 up to `high`, at rest in s̈ at both ends.
-
-    Attributes
-    ----------
-    low, high : float
-        [rad/s]
-    acceleration, jerk : float
-        Largest s̈ and s⃛ [rad/s², rad/s³], > 0.
-    """
-
-    low: float
-    high: float
-    acceleration: float
-    jerk: float
-
-    @property
-    def bend(self) -> float:
-        """How long the jerk lasts, at either end [s]."""
-        gain = self.high - self.low
-        return float(min(np.sqrt(gain / self.jerk), self.acceleration / self.jerk))
-
-    @property
-    def straight(self) -> float:
-        """How long s̈ is constant between [s]."""
-        return max(0.0, (self.high - self.low) / self.acceleration - self.acceleration / self.jerk)
-
-    @property
-    def distance(self) -> float:
-        """What it covers [rad]."""
-        return (self.low + self.high) / 2 * (2 * self.bend + self.straight)
-
-    def reach(self, speeds: FloatArray) -> FloatArray:
-        """Return how far from its start it reaches speeds `low` ≤ (S,) ≤ `high` [rad]."""
-        gain, whole, bend = speeds - self.low, self.high - self.low, self.bend
-        top = self.jerk * bend
-        bent = top * bend / 2  # gained while the jerk lasts
-        early = np.sqrt(2 * np.clip(gain, 0.0, bent) / self.jerk)
-        late = np.sqrt(2 * np.clip(whole - gain, 0.0, bent) / self.jerk)
-        between = np.clip((gain - bent) / top, 0.0, self.straight) if top > 0 else np.zeros(len(speeds))
-        first = self.low * early + self.jerk * early**3 / 6
-        middle = (self.low + bent) * between + top * between**2 / 2
-        last = self.high * late - self.jerk * late**3 / 6
-        found: FloatArray = np.where(gain <= whole - bent, first + middle, self.distance - last)
-        return found
-
-    def parts(self, up: bool) -> list[Part]:
-        """Return its phases: up, or down the same way."""
-        sign, end = (self.jerk, self.high) if up else (-self.jerk, self.low)
-        return [Part(self.bend, sign), Part(self.straight, 0.0), Part(self.bend, -sign, end)]
-
-
 @dataclass(frozen=True)
-class JerkLaw(TimeLaw):
-    """Arc length by time: constant s⃛ in every phase. ṡ rises, falls or stays in each of its cells.
+class SmoothLaw(TimeLaw):
+    """The average of a plan over a window; see the module. `squares` and `times` are those of the average.
 
     Attributes
     ----------
-    starts : ndarray, shape (P + 1,)
-        When the phases begin, and the end [s].
-    phases : ndarray, shape (P, 4)
-        s, ṡ, s̈ and s⃛ there.
+    window : float
+        w [s]
+    plan_squares, arrivals, leaves : ndarray, shape (N + 1,)
+        σ̇² at the grid points, and when the plan reaches and leaves them [s].
     """
 
-    starts: FloatArray
-    phases: FloatArray
+    window: float
+    plan_squares: FloatArray
+    arrivals: FloatArray
+    leaves: FloatArray
 
     @classmethod
-    def of(cls, edges: FloatArray, starts: FloatArray, phases: FloatArray) -> JerkLaw:
-        """Return the law of phases, on the grid points `edges` and where phases begin."""
-        edges = np.unique(np.concatenate([edges, phases[:, 0]]))
-        law = cls(edges, np.zeros(0), np.zeros(0), starts, phases)
-        times, squares = law._passed(edges)
-        return cls(edges, squares, times, starts, phases)
+    def averaged(cls, edges: FloatArray, squares: FloatArray, stops: IntArray, window: float) -> SmoothLaw:
+        """Return the average of the plan with these σ̇² at the grid points, of which `stops` are waited in."""
+        waits = np.zeros(len(edges))
+        waits[stops] = window
+        leaves = np.concatenate([[0.0], np.cumsum(_spans(edges, squares) + waits[1:])])
+        return cls._of(edges, window, squares, leaves - waits, leaves)
+
+    @classmethod
+    def _of(
+        cls,
+        edges: FloatArray,
+        window: float,
+        squares: FloatArray,
+        arrivals: FloatArray,
+        leaves: FloatArray,
+    ) -> SmoothLaw:
+        times = np.append(leaves[:-1], arrivals[-1] + window)
+        law = cls(edges, np.zeros(len(edges)), times, window, squares, arrivals, leaves)
+        passed = law._passed(edges)
+        times = np.where((leaves > arrivals) | (edges == edges[0]) | (edges == edges[-1]), times, passed)
+        return replace(law, times=times, squares=law.at(times)[2] ** 2)
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return float(self.arrivals[-1] + self.window)
 
     def squares_at(self, s: FloatArray) -> FloatArray:
         """Return ṡ² (S,) at arc lengths; as `TimeLaw`."""
-        return self._passed(s)[1]
+        squares: FloatArray = self.at(self._passed(s))[2] ** 2
+        return squares
+
+    def rates_between(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of ṡ; as `TimeLaw`, but not exact."""
+        times = np.maximum.accumulate(self._passed(edges))
+        ends, more = self.at(times)[2], np.diff(times) / 2 * self._most
+        low = np.minimum(ends[:-1], ends[1:]) - more
+        return np.maximum(low, 0.0), np.maximum(ends[:-1], ends[1:]) + more
 
     def at(self, t: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         """Return cell, s, ṡ and s̈ (T,) at times `t: (T,)` [s]; at rest before the start and after the end."""
-        phase = self._phase(t)
-        since = np.clip(t, 0.0, self.duration) - self.starts[phase]
-        s, rate, push = _after(self.phases[phase], since)
-        begins = self.phases[:, 0]
-        ends = np.append(begins[1:], self.edges[-1])
-        first = np.searchsorted(self.edges, begins)
-        last = np.maximum(np.searchsorted(self.edges, ends) - 1, first)
-        cell = np.clip(np.searchsorted(self.edges, s, side="right") - 1, first[phase], last[phase])
+        now, before = self._plan(t), self._plan(t - self.window)
+        place, rate, push = ((a - b) / self.window for a, b in zip(now[:3], before[:3], strict=True))
+        last: IntArray = np.searchsorted(self.leaves, t, side="right") - 1
+        first: IntArray = np.searchsorted(self.arrivals, t - self.window, side="right") - 1
+        cell = np.searchsorted(self.edges, place, side="right") - 1
+        cell = np.clip(np.clip(cell, first, np.maximum(last, first)), 0, len(self.edges) - 2)
+        s = np.clip(place, self.edges[cell], self.edges[cell + 1])
         outside = (t < 0) | (t > self.duration)
-        return (
-            cell,
-            np.clip(s, self.edges[cell], self.edges[cell + 1]),
-            np.where(outside, 0.0, np.maximum(rate, 0.0)),
-            np.where(outside, 0.0, push),
-        )
+        return cell, s, np.where(outside, 0.0, np.maximum(rate, 0.0)), np.where(outside, 0.0, push)
 
     def jerks(self, t: FloatArray) -> FloatArray:
         """Return s⃛ (T,) at times `t: (T,)` [s]."""
-        found: FloatArray = np.where((t < 0) | (t > self.duration), 0.0, self.phases[self._phase(t), 3])
+        jerks = (self._plan(t)[3] - self._plan(t - self.window)[3]) / self.window
+        return np.where((t < 0) | (t > self.duration), 0.0, jerks)
+
+    def planned(self, time: float) -> tuple[int, float, float]:
+        """Return the cell in which the plan is at a time [s], σ and σ̇."""
+        _, place, rate, _ = (float(x[0]) for x in self._plan(np.array([time])))
+        return int(self._cell(np.array([time]))[0]), place, rate
+
+    def stopped(self, time: float, edges: FloatArray, squares: FloatArray) -> SmoothLaw:
+        """Return the law from a time [s] on whose plan goes on with these σ̇²; as `TimeLaw`."""
+        first, last = self._cell(np.array([time - self.window, time]))
+        past = np.s_[first : last + 1]
+        if self.arrivals[last + 1] <= time:  # it stands
+            past, edges, squares = np.s_[first : last + 2], edges[:0], squares[:0]
+        after = np.concatenate([[0.0], np.cumsum(_spans(edges, squares))])[: len(edges)]
+        return SmoothLaw._of(
+            np.concatenate([self.edges[past], edges]),
+            self.window,
+            np.concatenate([self.plan_squares[past], squares]),
+            np.concatenate([self.arrivals[past] - time, after]),
+            np.concatenate([self.leaves[past] - time, after]),
+        )
+
+    def _cell(self, t: FloatArray) -> IntArray:
+        """Return the cell (T,) of the plan; the one before where it waits."""
+        found: IntArray = np.clip(np.searchsorted(self.leaves, t, side="right") - 1, 0, len(self.edges) - 2)
         return found
 
-    def _phase(self, t: FloatArray) -> IntArray:
-        found: IntArray = np.clip(np.searchsorted(self.starts, t, side="right") - 1, 0, len(self.phases) - 1)
-        return found
+    def _plan(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return ∫σ, σ, σ̇ and σ̈ (T,) of the plan at times."""
+        cell = self._cell(t)
+        begin, push = np.sqrt(self.plan_squares[cell]), self._pushes[cell]
+        since, end = t - self.leaves[cell], self.arrivals[cell + 1] - self.leaves[cell]
+        inside = np.clip(since, 0.0, end)
+        place = self.edges[cell] + inside * (begin + inside * push / 2)
+        area = self._areas[cell] + inside * (self.edges[cell] + inside * (begin / 2 + inside * push / 6))
+        area += (
+            np.minimum(since, 0.0) * self.edges[cell] + np.maximum(since - end, 0.0) * self.edges[cell + 1]
+        )
+        moves = (t >= self.leaves[cell]) & (t < self.arrivals[cell + 1])
+        return area, place, np.where(moves, begin + inside * push, 0.0), np.where(moves, push, 0.0)
 
-    def _passed(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return when arc lengths are passed, and ṡ² there, by bisection: s grows with time."""
-        begins = self.phases[:, 0]
-        phase = np.clip(np.searchsorted(begins, s, side="right") - 1, 0, len(begins) - 1)
-        rows = self.phases[phase]
-        early, late = np.zeros(len(s)), np.diff(self.starts)[phase]
-        exact = s == rows[:, 0]
-        for _ in range(60):
+    @cached_property
+    def _pushes(self) -> FloatArray:
+        return TimeLaw(self.edges, self.plan_squares, self.arrivals).pushes
+
+    @cached_property
+    def _most(self) -> float:
+        return float(np.abs(self._pushes).max())
+
+    @cached_property
+    def _areas(self) -> FloatArray:
+        """∫σ (N + 1,) up to when the plan leaves the grid points."""
+        spans, waits = self.arrivals[1:] - self.leaves[:-1], (self.leaves - self.arrivals)[1:]
+        begin = np.sqrt(self.plan_squares[:-1])
+        cells = spans * (self.edges[:-1] + spans * (begin / 2 + spans * self._pushes / 6))
+        return np.concatenate([[0.0], np.cumsum(cells + waits * self.edges[1:])])
+
+    def _passed(self, s: FloatArray) -> FloatArray:
+        """Return when arc lengths (S,) are passed, by bisection: s grows with time."""
+        cell = np.clip(np.searchsorted(self.edges, s, side="right") - 1, 0, len(self.edges) - 2)
+        early, late = self.arrivals[cell], self.arrivals[cell + 1] + self.window
+        for _ in range(_HALVINGS):
             middle = (early + late) / 2
-            before = _after(rows, middle)[0] <= s
-            early, late = np.where(before, middle, early), np.where(before, late, middle)
-        since = np.where(exact, 0.0, early)
-        rate = np.maximum(_after(rows, since)[1], 0.0)
-        times, squares = self.starts[phase] + since, rate * rate
-        end = s >= self.edges[-1]
-        return np.where(end, self.starts[-1], times), np.where(end, 0.0, squares)
+            area = (self._plan(middle)[0] - self._plan(middle - self.window)[0]) / self.window
+            early, late = np.where(area <= s, middle, early), np.where(area <= s, late, middle)
+        return early
 
 
-def _after(phases: FloatArray, since: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return s, ṡ and s̈ a time after phases (S, 4) began."""
-    s, rate, push, jerk = phases.T
-    return (
-        s + since * (rate + since * (push / 2 + since * jerk / 6)),
-        rate + since * (push + since * jerk / 2),
-        push + since * jerk,
-    )
+@dataclass(frozen=True)
+class SmoothLimits:
+    """What plans keep to whose average over a window keeps the limits of joints, in every cell; see the module.
+
+    Attributes
+    ----------
+    window : float
+        [s]
+    cells : Cells
+        The curve; the boxes of q′ and q″ hold those of all cells within reach, and 0 for q″.
+    caps : ndarray, shape (N,)
+        c: what ṡ keeps to in the cells.
+    pushes, brakes : ndarray, shape (N,)
+        A, which |σ̈| keeps to, and B, by which a stop may decelerate.
+    """
+
+    window: float
+    cells: Cells
+    caps: FloatArray
+    pushes: FloatArray
+    brakes: FloatArray
+
+    @classmethod
+    def of(
+        cls, cells: Cells, limits: RateLimits, caps: FloatArray, window: float, *, stops: bool = False
+    ) -> SmoothLimits:
+        """Return the limits in cells in which ṡ keeps to `caps: (N,)`; `stops` says whether it may stop at any time."""
+        assert limits.jerk is not None
+        share, braking = (_BENDS_BESIDE_PEOPLE, _BRAKING) if stops else (BENDS, 0.5)
+        bends = cells.bends
+        with np.errstate(divide="ignore"):
+            caps = np.minimum(caps, np.cbrt((share * limits.jerk / cells.swings).min(axis=1)))
+            caps = np.minimum(caps, np.sqrt((limits.acceleration / bends).min(axis=1)))
+            left = limits.jerk * np.where(cells.swings > 0, 1 - share, 1.0)
+            span = (left / (cells.slopes / window + 3 * bends * (braking * caps)[:, None])).min(axis=1)
+        span = np.minimum(span, np.linalg.norm(limits.acceleration) / braking)[:, None]  # of σ̈
+        low, high = np.minimum(cells.bend_low, 0.0), np.maximum(cells.bend_high, 0.0)
+        values = np.column_stack([cells.slope_low, -cells.slope_high, low, -high, span])
+        near = spread(cells.edges, _WIDER * window / 2 * caps, cells.stops, values)
+        boxes = np.split(near[:, :-1], 4, axis=1)
+        wide = replace(
+            cells, slope_low=boxes[0], slope_high=-boxes[1], bend_low=boxes[2], bend_high=-boxes[3]
+        )
+        return cls(window, wide, caps, (1 - braking) * near[:, -1], braking * near[:, -1])
+
+    def cone(self, caps: FloatArray) -> FloatArray:
+        """Return what σ̇ keeps to (N,) in each cell, so that ṡ keeps to `caps: (N,)`."""
+        found: FloatArray = cone(self.cells.edges, caps, self.window, self.cells.stops)
+        return found
+
+    def plan(self, limits: RateLimits, caps: FloatArray) -> FloatArray:
+        """Return σ̇² (N + 1,) of the fastest plan, with ṡ ≤ `caps: (N,)` besides."""
+        caps = self.cone(np.minimum(caps, self.caps))
+        return fastest_law(self.cells, limits.acceleration, caps, push=self.pushes)
+
+    def law(self, limits: RateLimits, caps: FloatArray) -> SmoothLaw:
+        """Return the average of that plan."""
+        return SmoothLaw.averaged(self.cells.edges, self.plan(limits, caps), self.cells.stops, self.window)
 
 
-def jerk_limited_law(cells: Cells, limits: RateLimits, cap: FloatArray) -> JerkLaw:
-    """Return a law from rest to rest within limits of the joints, jerk included, and a cap of ṡ in each cell.
-
-    The robot stops where the curve has corners. It is not the fastest such law: between ramps s̈ vanishes.
+def best_window(
+    cells: Cells,
+    limits: RateLimits,
+    caps: FloatArray,
+    times: FloatArray | None = None,
+    harmless: FloatArray | None = None,
+) -> float:
+    """Return the window [s] with which a law takes the least time, about.
 
     Parameters
     ----------
-    cells : Cells
-        A curve of straight lines.
-    limits : RateLimits
-        Of the joints; its jerk is not None.
-    cap : ndarray, shape (N,)
-        Largest ṡ in each cell, > 0; no larger than the velocities of the joints allow.
+    cells, limits, caps
+        As of `SmoothLimits.of`.
+    times, harmless : ndarray, shape (N, M), optional
+        Beside people, how long a stop may take in each cell [s], and the ṡ that need not stop.
     """
     assert limits.jerk is not None
-    assert not cells.bends.any()
-    ends = [0, *cells.stops.tolist(), len(cells)]
-    starts, phases, begun = [0.0], list[FloatArray](), 0.0
-    for first, last in pairwise(ends):
-        slopes = cells.slopes[first:last].max(axis=0)
-        moving = slopes > 0
-        acceleration, jerk = (
-            float((limit[moving] / slopes[moving]).min()) for limit in (limits.acceleration, limits.jerk)
-        )
-        edges = cells.edges[first : last + 1]
-        terrace = _Terrace(edges, cap[first:last], acceleration, jerk)
-        state = np.array([edges[0], 0.0, 0.0, 0.0])
-        for part in terrace.parts(0.0, float(edges[0]), float(edges[-1])):
-            if part.duration <= 0:
-                continue
-            state[3] = part.jerk
-            phases.append(state.copy())
-            begun += part.duration
-            starts.append(begun)
-            state[:3] = [float(x[0]) for x in _after(state[None], np.array([part.duration]))]
-            if part.end is not None:  # but for rounding it is so
-                state[1], state[2] = part.end, 0.0
-    return JerkLaw.of(cells.edges, np.array(starts), np.array(phases))
-
-
-class _Terrace(NamedTuple):
-    """A straight line: `edges: (N + 1,)`, `caps: (N,)` of ṡ in its cells, and the limits of s̈ and s⃛."""
-
-    edges: FloatArray
-    caps: FloatArray
-    acceleration: float
-    jerk: float
-
-    def parts(self, base: float, first: float, last: float) -> list[Part]:
-        """Return the phases from arc length first to last, with the speed `base` at both."""
-        found: list[Part] = []
-        at = first
-        for begin, end in self._free(base, first, last):
-            high = self._highest(base, begin, end)
-            if high <= base * _GAIN or high <= 0:
-                continue
-            if begin > at:
-                found.append(Part((begin - at) / base, 0.0, base))
-            ramp = Ramp(base, high, self.acceleration, self.jerk)
-            length = ramp.distance
-            found += ramp.parts(up=True)
-            found += self.parts(high, begin + length, end - length)
-            found += ramp.parts(up=False)
-            at = end
-        if last > at and base > 0:
-            found.append(Part((last - at) / base, 0.0, base))
-        return found
-
-    def _free(self, base: float, first: float, last: float) -> list[tuple[float, float]]:
-        """Return where caps allow more than `base`."""
-        more = (self.caps > base * _GAIN) & (self.edges[1:] > first) & (self.edges[:-1] < last)
-        changes = np.flatnonzero(np.diff(np.concatenate([[False], more, [False]])))
-        spans = zip(self.edges[changes[::2]], self.edges[changes[1::2]], strict=True)
-        return [(max(float(a), first), min(float(b), last)) for a, b in spans]
-
-    def _highest(self, base: float, begin: float, end: float) -> float:
-        """Return the highest speed to which the robot can go up from `base` and back between two arc lengths."""
-        rows = slice(
-            int(np.searchsorted(self.edges, begin, side="right")) - 1,
-            int(np.searchsorted(self.edges, end, side="left")),
-        )
-        caps = self.caps[rows]
-        left, right = self.edges[:-1][rows], self.edges[1:][rows]
-
-        def fits(high: float) -> bool:
-            ramp = Ramp(base, high, self.acceleration, self.jerk)
-            if 2 * ramp.distance > end - begin:
-                return False
-            low = caps < high
-            reach = ramp.reach(caps[low])
-            return bool(((right[low] - begin <= reach) | (end - left[low] <= reach)).all())
-
-        good, bad = base, float(caps.max())
-        if fits(bad):
-            return bad
-        if base > 0 and not fits(base * _GAIN):
-            return base
-        for _ in range(_HALVINGS):
-            middle = (good + bad) / 2
-            good, bad = (middle, bad) if fits(middle) else (good, middle)
-        return good
+    stops = times is not None
+    with np.errstate(divide="ignore"):
+        pushes = (limits.acceleration / cells.slopes).min(axis=1)
+    pushes = np.minimum(pushes, np.linalg.norm(limits.acceleration))
+    window = max(_LONGEST * float((cells.slopes * pushes[:, None] / limits.jerk).max()), _SHORTEST)
+    best, least, worse = window, np.inf, 0
+    for _ in range(_WINDOWS):
+        smooth = SmoothLimits.of(cells, limits, caps, window, stops=stops)
+        speeds, duration = caps, np.inf
+        if times is not None and harmless is not None:
+            braked = np.minimum(smooth.brakes, pushes)[:, None] * np.maximum(times - window, 0.0)
+            speeds = np.minimum(caps, np.maximum(braked, harmless).min(axis=1))
+        if speeds.min() > 0:
+            spans = _spans(cells.edges, smooth.plan(limits, speeds))
+            duration = float(spans.sum()) + window * (len(cells.stops) + 1)
+        if duration < least:
+            best, least, worse = window, duration, 0
+        elif least < np.inf:
+            worse += 1
+        window *= _SHORTER
+        if worse == 3 or window < _SHORTEST:
+            break
+    return best

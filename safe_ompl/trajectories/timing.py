@@ -14,18 +14,26 @@ from safe_ompl.danger import KinetostaticField
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories.body_speeds import BodySpeeds
-from safe_ompl.trajectories.caps import MotionCaps, Standstill, StandstillError, people_caps, speed_caps
-from safe_ompl.trajectories.curve import BlendedCurve, Cells, blended
-from safe_ompl.trajectories.danger import DangerCap, MovingDanger, danger_cap
+from safe_ompl.trajectories.caps import (
+    MotionCaps,
+    Standstill,
+    StandstillError,
+    arc_cap,
+    people_caps,
+    speed_caps,
+)
+from safe_ompl.trajectories.curve import BlendedCurve, blended
+from safe_ompl.trajectories.danger import MovingDanger, danger_cap
 from safe_ompl.trajectories.limits import RateLimits
 from safe_ompl.trajectories.separation import PeopleDistances
-from safe_ompl.trajectories.time_law import TimeLaw, fastest_law, jerk_limited_law, velocity_cap
+from safe_ompl.trajectories.time_law import SmoothLimits, TimeLaw, best_window, fastest_law, velocity_cap
 from safe_ompl.trajectories.trajectory import SpeedCap, Trajectory
 
 BLEND_TOLERANCE = 0.05  # [rad] of blends
 _STEP = 0.02  # [rad] largest cell
 _FINE, _COARSE = 0.02, 0.15  # share of the time that is left which the length of a cell may cost
 CELLS = 400  # at least, on the whole path
+_SEARCHED, _TURN = 100, 0.3  # cells, about, of the search for a window, and what q′ may change in one
 _SAME = 1e-9  # relative, of ṡ²
 
 
@@ -51,12 +59,12 @@ def time_path(
     robot : Robot
         The robot.
     limits : RateLimits, optional
-        Joint velocities and accelerations; default: `RateLimits.of(robot)`. If they limit the jerk, the robot stops
-        at every way point where the path turns, and the trajectory is not the fastest one.
+        Joint velocities and accelerations; default: `RateLimits.of(robot)`. If they limit the jerk the trajectory is
+        not quite the fastest one.
     motion : CertifiedMotion, optional
-        What proves the arcs that round the corners. Without it the robot stops in every corner.
+        What proves the blends that round the corners. Without it the robot stops in every corner.
     tolerance : float
-        How far arcs may be from the path [rad].
+        How far blends may be from the path [rad].
     people : People, optional
         Who may come near: the robot is nowhere faster than what is proven to stop before they touch it. Needs `motion`,
         whose scene says where people are.
@@ -169,10 +177,7 @@ class PathTimer:
             How many cells the curve has at least; see the class.
         """
         points = checked_path(path, self.robot)
-        if self.limits.jerk is None:
-            curve = blended(points, self.robot, self.tolerance, self.motion)
-        else:
-            curve = blended(points, self.robot, 0.0, None)
+        curve = blended(points, self.robot, self.tolerance, self.motion, self.limits)
         return self._timed(curve, 0.0, cells)
 
     def retimed(self, trajectory: Trajectory, time: float = 0.0, *, cells: int = CELLS) -> Trajectory:
@@ -199,35 +204,43 @@ class PathTimer:
         return self._timed(curve, float(rate[0]), cells)
 
     def _timed(self, curve: BlendedCurve, speed: float, number_of_cells: int) -> Trajectory:
-        limits, brakes, caps = self.limits, None, list[SpeedCap]()
+        limits, brakes, window, caps = self.limits, None, 0.0, list[SpeedCap]()
         speeds, max_danger = self.caps.speeds, self.caps.max_danger
         coarse = number_of_cells < CELLS
         step = curve.length / number_of_cells
         cells = curve.cells(step if coarse else min(_STEP, step))
         if self._distances is not None:
-            beside = people_caps(
-                curve, cells, self._bodies, limits, self._distances, loss=_COARSE if coarse else _FINE
+            loss = _COARSE if coarse else _FINE
+            cells, brakes, window, caps = people_caps(
+                curve, cells, self._bodies, limits, self._distances, loss=loss
             )
-            cells, brakes, caps = beside
+        elif limits.jerk is not None:
+            few = curve.cells(curve.length / _SEARCHED, _TURN)
+            window = best_window(few, limits, velocity_cap(few, limits))
         caps = [SpeedCap("joint velocity", velocity_cap(cells, limits)), *caps]
         if any(speeds):
             caps += speed_caps(self._bodies.bounds(curve, cells), *speeds)
         if self._danger is not None and max_danger is not None:
             most = np.min([cap.speeds for cap in caps], axis=0)
-            found = _danger_cap(curve, cells, self._danger, max_danger, most)
-            cells, caps = found.cells, [replace(cap, speeds=cap.speeds[found.parents]) for cap in caps]
-            brakes = None if brakes is None else brakes[found.parents]
-            caps.append(
-                SpeedCap("danger", np.where(found.speeds < most[found.parents], found.speeds, np.inf))
-            )
-        kept = self.people, *speeds, self.caps.danger, max_danger
-        if limits.jerk is not None:
-            smooth = jerk_limited_law(cells, limits, np.min([cap.speeds for cap in caps], axis=0))
-            of = np.searchsorted(cells.edges, (smooth.edges[1:] + smooth.edges[:-1]) / 2, side="right") - 1
-            caps = [SpeedCap(cap.name, cap.speeds[of]) for cap in caps]
+            cells, of, allowed = danger_cap(curve, cells, self._danger, max_danger, most)
+            for j in np.flatnonzero(allowed <= 0):
+                q = curve.at(cells.centres[j : j + 1]).q[0]
+                reason = (
+                    f"the danger of the robot at rest is {self._danger.field.field.value(q):.4g} there, "
+                    f"{max_danger:.4g} is allowed; allow more, or keep the path farther away"
+                )
+                raise StandstillError(Standstill(float(cells.centres[j]), q, reason))
+            caps = [replace(cap, speeds=cap.speeds[of]) for cap in caps]
             brakes = None if brakes is None else brakes[of]
-            return Trajectory(curve, smooth, limits, tuple(caps), brakes, *kept)
-        squares = fastest_law(cells, limits, np.min([cap.speeds for cap in caps], axis=0), speed)
+            caps.append(SpeedCap("danger", np.where(allowed < most[of], allowed, np.inf)))
+        kept = self.people, *speeds, self.caps.danger, max_danger
+        most = np.min([cap.speeds for cap in caps], axis=0)
+        if window:
+            own = velocity_cap(cells, limits)
+            own = own if self.people is None else np.minimum(own, arc_cap(cells, limits))
+            smooth = SmoothLimits.of(cells, limits, own, window, stops=self.people is not None)
+            return Trajectory(curve, smooth.law(limits, most), limits, tuple(caps), brakes, *kept)
+        squares = fastest_law(cells, limits.acceleration, most, speed)
         if squares[0] < speed * speed * (1 - _SAME):
             q = curve.at(np.zeros(1)).q[0]
             reason = (
@@ -236,26 +249,6 @@ class PathTimer:
             raise StandstillError(Standstill(0.0, q, reason))
         law = TimeLaw.through(cells.edges, squares)
         return Trajectory(curve, law, limits, tuple(caps), brakes, *kept)
-
-
-def _danger_cap(
-    curve: BlendedCurve,
-    cells: Cells,
-    danger: MovingDanger,
-    limit: float,
-    most: FloatArray,
-) -> DangerCap:
-    found = danger_cap(curve, cells, danger, limit, most)
-    for j in np.flatnonzero(found.speeds <= 0):
-        s = float(found.cells.centres[j])
-        q = curve.at(np.array([s])).q[0]
-        still = danger.field.field.value(q)
-        reason = (
-            f"the danger of the robot at rest is {still:.4g} there, {limit:.4g} is allowed; allow more, or keep the "
-            "path farther away"
-        )
-        raise StandstillError(Standstill(s, q, reason))
-    return found
 
 
 def checked_path(path: ArrayLike, robot: Robot) -> FloatArray:

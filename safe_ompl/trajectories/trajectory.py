@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import StringIO
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from safe_ompl.scene import People
 from safe_ompl.trajectories.curve import BlendedCurve
 from safe_ompl.trajectories.danger import MotionDanger, motion_danger
 from safe_ompl.trajectories.limits import RateLimits
-from safe_ompl.trajectories.time_law import JerkLaw, TimeLaw
+from safe_ompl.trajectories.time_law import SmoothLaw, TimeLaw
 
 RATE = 100.0  # [Hz]
 _BINDS = 1e-6  # relative: how near to its bound the speed must come for a cap to count as reached
@@ -70,7 +70,8 @@ class Trajectory:
     caps : tuple of SpeedCap
         What the speed along the path keeps to.
     brakes : ndarray, shape (N,), or None
-        Deceleration along the path that a stop may take in each cell [rad/s²]; caps by people rest on it.
+        Deceleration along the path that a stop (of the plan, where the jerk is limited) takes in each cell [rad/s²];
+        caps by people rest on it.
     people : People or None
         Beside whom it stops in time.
     tool_speed, link_speed : float or None
@@ -138,13 +139,14 @@ class Trajectory:
         InputError
             If the trajectory was made without a limit of it: it has impulses then; or as `at`.
         """
-        if not isinstance(self.law, JerkLaw):
+        if not isinstance(self.law, SmoothLaw):
             raise InputError("the jerk of the trajectory is not limited: give RateLimits a jerk")
         times = np.atleast_1d(float_array(time, (None,) if np.ndim(time) else (), "time"))
-        cell, s, _, _ = self.law.at(times)
+        cell, s, *rates = self.law.at(times)
         edges = self.law.edges
         place = self.curve.at(s, self.curve.piece_at((edges[cell] + edges[cell + 1]) / 2))
-        jerks: FloatArray = place.slope * self.law.jerks(times)[:, None]
+        rate, push, jerk = (values[:, None] for values in (*rates, self.law.jerks(times)))
+        jerks: FloatArray = place.swing * rate**3 + 3 * place.bend * rate * push + place.slope * jerk
         return jerks if np.ndim(time) else jerks[0]
 
     def sampled(self, rate: float = RATE) -> tuple[FloatArray, State]:
@@ -163,7 +165,8 @@ class Trajectory:
     def stop_from(self, time: float) -> Trajectory:
         """Return the stop on the path that begins at a time [s]: what is proven to end before anyone is reached.
 
-        It decelerates by the least of `brakes` from where it begins to where it is; its jerk is not limited.
+        It decelerates by the least of `brakes` from where it begins to where it is; where the jerk is limited the plan
+        does, of which the motion is the average (`safe_ompl.trajectories.time_law`), and the jerk keeps its limits.
 
         Raises
         ------
@@ -173,10 +176,10 @@ class Trajectory:
         if self.brakes is None:
             raise InputError("the trajectory was made without people: nothing says how it stops")
         begin = number("time", time, at_least=0.0, at_most=self.duration)
-        cells, at, rates, _ = self.law.at(np.array([begin]))
-        edges, squares, brake = [float(at[0])], [float(rates[0] ** 2)], np.inf
-        for cell in range(int(cells[0]), len(self.brakes)):
-            brake, end = min(brake, float(self.brakes[cell])), float(self.law.edges[cell + 1])
+        cell, at, rate = self.law.planned(begin)
+        edges, squares, brake = [at], [rate * rate], np.inf
+        for k in range(cell, len(self.brakes)):
+            brake, end = min(brake, float(self.brakes[k])), float(self.law.edges[k + 1])
             after = squares[-1] - 2 * brake * (end - edges[-1])
             if after <= 0:
                 end, after = edges[-1] + squares[-1] / (2 * brake), 0.0
@@ -187,8 +190,8 @@ class Trajectory:
                 break
         if len(edges) == 1:  # it stands already
             edges, squares = [edges[0], edges[0]], [0.0, 0.0]
-        law = TimeLaw.through(np.array(edges), np.array(squares))
-        return Trajectory(self.curve, law, replace(self.limits, jerk=None))
+        law = self.law.stopped(begin, np.array(edges), np.array(squares))
+        return Trajectory(self.curve, law, self.limits)
 
     def speed_bounds(self) -> FloatArray:
         """Return for each cell (N,) the least of all caps [rad/s]."""
@@ -197,7 +200,8 @@ class Trajectory:
 
     def binding(self) -> tuple[str | None, ...]:
         """Return for each cell the name of the cap that its speed reaches, if any; elsewhere accelerations bind."""
-        fastest = np.sqrt(np.maximum(self.law.squares[1:], self.law.squares[:-1]))
+        squares = self.law.plan_squares if isinstance(self.law, SmoothLaw) else self.law.squares
+        fastest = np.sqrt(np.maximum(squares[1:], squares[:-1]))
         names: list[str | None] = [None] * len(fastest)
         least = self.speed_bounds() if self.caps else np.full(len(fastest), np.inf)
         for cap in self.caps:

@@ -18,12 +18,14 @@ from safe_ompl.common import documents as document
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks, unpacked_robot
+from safe_ompl.motions import Motion
 from safe_ompl.paths import Curve
 from safe_ompl.planning import PlanResult, danger_field
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 CERTIFIED = "certified path"
+_SAMPLES = 200  # of a motion of polynomials
 _PLAYING_TIME = 8.0  # [s] to play a path once that has no times
 RECORDING_ENDING = ".jsonl"
 
@@ -83,7 +85,10 @@ class ViewerContent:
         path = np.array(content["path"], dtype=float)
         claim = content["danger"] or {}
         danger = {key: value for key, value in claim.items() if key != "bound"}
-        proof = Proof.of_certificate(content, robot, scene)
+        if content.get("motion") is not None:  # its proof has no intervals
+            motion = Motion.from_mapping(content["motion"])
+            path = motion.at(np.linspace(motion.times[0], motion.times[-1], _SAMPLES))
+        proof = None if content.get("motion") else Proof.of_certificate(content, robot, scene)
         return cls(robot, scene, {CERTIFIED: path}, danger=danger, proof=proof, title=f"{robot.name}, proven")
 
     @classmethod

@@ -70,6 +70,17 @@ def test_random_mutations_are_refused_or_claim_nothing_false(bench, quiet):
         (2, ("trajectory", "danger", "bound"), 0.9),
         (3, ("trajectory", "jerk", 1), 0.1),
         (3, ("trajectory", "stops", "contact", "person"), 0.2),
+        (4, ("tube", 1), 30),
+        (5, ("tube", 1), 20),
+        (5, ("margin",), 30),
+        (5, ("danger", "bound"), 0.8),
+        (5, ("motion", "velocity", 0), 0.5),
+        (5, ("motion", "acceleration", 0), 0.2),
+        (5, ("motion", "jerk", 0), 0.05),
+        (5, ("motion", "speeds", "machine"), 50),
+        (5, ("motion", "coefficients", 1, 0, 0), 1.1),
+        (6, ("motion", "coefficients", 20, 0, 0), 1.1),
+        (6, ("motion", "speeds", "machine"), 50),
     ],
 )
 def test_the_judge_finds_what_is_false_and_so_does_the_verifier(bench, quiet, number, at, factor):

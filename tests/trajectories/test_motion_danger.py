@@ -21,13 +21,13 @@ class _Free:
     def __init__(self, motion):
         pass
 
-    def holds(self, arc):
+    def holds(self, blend):
         return True
 
 
 @pytest.fixture
 def blends(monkeypatch):
-    monkeypatch.setattr("safe_ompl.trajectories.curve.ArcProof", _Free)
+    monkeypatch.setattr("safe_ompl.trajectories.curve.BlendProof", _Free)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

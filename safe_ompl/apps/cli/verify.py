@@ -66,7 +66,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     spec, robot = scenario_robot(options, scenario)
 
     def against_scenario() -> Verified:
-        terms = terms_of(scenario, robot, timed=content.get("trajectory") is not None)
+        terms = terms_of(scenario, robot, timed=_is_timed(content))
         return verify(content, robot, scenario.scene, terms=terms)
 
     other = "" if spec is scenario.robot else f" of {options.urdf or options.robot or 'the options'}"
@@ -94,6 +94,12 @@ def _verify(file: str, check: Callable[[], Verified], source: str) -> int:
     for line in lines:
         output_console().print(f"{file}: {line}", markup=False, soft_wrap=True)
     return 0
+
+
+def _is_timed(content: Mapping[str, Any]) -> bool:
+    """Return whether it claims rates of joints."""
+    motion = content.get("motion")
+    return content.get("trajectory") is not None or (isinstance(motion, Mapping) and "velocity" in motion)
 
 
 def _read_certificate(file: str) -> Mapping[str, Any]:
@@ -132,6 +138,7 @@ def certificate_of(
         clearance=None if wanted is None else wanted.as_dict(),
         moving_obstacles={"speeds": speeds, "time": time} if speeds else None,
         tool=setup.tool_claim(),
+        tube=setup.getConstraints().separation.tube or None,
         trajectory=trajectory,
         source={"scenario": document.file_name(scenario.file.resolve(), folder)},
     )

@@ -177,8 +177,7 @@ class PlainSpeeds:
     def exceeded(self, motion: PlainMotion, limit: float, *, tool: bool) -> float | None:
         """Return where on the curve [rad] the tip, or any body, is not proven to keep to a speed [m/s]; else None."""
         bodies = [self._tip] if tool else self._all
-        squares = np.maximum(motion.squares[:-1], motion.squares[1:])
-        for j, rate in enumerate(np.sqrt(squares).tolist()):
+        for j, rate in enumerate(motion.fastest.tolist()):
             start = motion.starts[motion.of[j]]
             piece = motion.pieces[motion.of[j]]
             waiting = [(float(motion.edges[j]) - start, float(motion.edges[j + 1]) - start)]
@@ -239,11 +238,12 @@ class PlainSpeeds:
     def _bend(self, body: _Body, steps: FloatArray, piece: PlainPiece, slid: FloatArray) -> float:
         """Return a bound of ‖x″‖ of the points of a body, by arc length."""
         length = float(np.linalg.norm(body.points, axis=1).max()) + body.pad
-        return bend_bound(self._robot, body.movers, length, steps, piece.curvature, slid)
+        bends = self._robot.coupling.reach(piece.bends)
+        return bend_bound(self._robot, body.movers, length, steps, bends, slid)
 
 
 def bend_bound(
-    robot: Robot, movers: list[int], length: float, steps: FloatArray, curvature: float, slid: FloatArray
+    robot: Robot, movers: list[int], length: float, steps: FloatArray, bends: FloatArray, slid: FloatArray
 ) -> float:
     """Return a bound of ‖x″‖ of points, by arc length.
 
@@ -253,10 +253,8 @@ def bend_bound(
         The joints that move the points, deepest first.
     length : float
         How far the points are from the origin of the first of them at most [m].
-    steps, slid : ndarray, shape (m,)
-        Bounds of |q′| of the joints of the model, and how far sliding joints are out at most [m].
-    curvature : float
-        Of the curve: |q″| ≤ curvature·|q′| with these bounds.
+    steps, bends, slid : ndarray, shape (m,)
+        Bounds of |q′| and |q″| of the joints of the model, and how far sliding joints are out at most [m].
     """
     sliding = robot.joint_prismatic
     beneath = float(sum(steps[i] for i in movers if not sliding[i]))
@@ -264,13 +262,14 @@ def bend_bound(
     for i in movers:
         radius, own = (1.0, 0.0) if sliding[i] else (length, float(steps[i]))
         beneath -= own
-        found += radius * steps[i] * (2 * beneath + own + curvature)
+        found += radius * float(steps[i] * (2 * beneath + own) + bends[i])
         length += float(np.linalg.norm(robot.shared.model.jointPlacements[i + 1].translation))
         length += float(slid[i]) if sliding[i] else 0.0
     return found
 
 
 _LEAST_TURN = 1e-5  # [rad or m] intervals in which the tool moves less are not divided any more
+_LEAST_STEP = 1e-7  # [rad or m] intervals in which no joint moves more, neither
 _TOOL_ROUNDING = 1e-7  # [rad or m], that of the arc cosine included
 
 
@@ -285,21 +284,26 @@ class PlainTool:
         moving = set(self._model.supports[carrier])
         self._moves = np.array([joint in moving for joint in range(1, self._model.njoints)])
 
-    def exceeded(self, start: FloatArray, delta: FloatArray) -> tuple[float, str] | None:
+    def exceeded(
+        self, start: FloatArray, delta: FloatArray, tube: FloatArray | float = 0.0
+    ) -> tuple[float, str] | None:
         """Return where on an edge, and which limit is not proven to be kept; else None."""
-        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta))
+        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), tube)
 
     def exceeded_along(
-        self, place: Callable[[float], FloatArray], steps: FloatArray
+        self, place: Callable[[float], FloatArray], steps: FloatArray, tube: FloatArray | float = 0.0
     ) -> tuple[float, str] | None:
-        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`."""
+        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`.
+
+        Joints may be off by the widths of a tube besides.
+        """
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()
-            for name, excess, change in self._excesses(place(centre), half * steps):
+            for name, excess, change in self._excesses(place(centre), half * steps + tube):
                 if excess + change <= _TOOL_ROUNDING:
                     continue
-                if excess > _TOOL_ROUNDING or change < _LEAST_TURN:
+                if excess > _TOOL_ROUNDING or change < _LEAST_TURN or half * steps.max() < _LEAST_STEP:
                     return centre, name
                 waiting += [(centre + half / 2, half / 2), (centre - half / 2, half / 2)]
                 break
@@ -316,7 +320,7 @@ class PlainTool:
             axis, direction = claim.orientation.axis, claim.orientation.direction
             cosine = (tip.rotation @ axis) @ direction / sqrt((axis @ axis) * (direction @ direction))
             angle = acos(min(1.0, max(-1.0, float(cosine))))
-            turned = float(reach[~robot.joint_prismatic].sum())
+            turned = self._turned(tip.rotation @ axis / sqrt(axis @ axis), reach)
             found.append(("orientation", angle - claim.orientation.angle, turned))
         if claim.position is not None:
             bounds = claim.position.items()
@@ -324,6 +328,15 @@ class PlainTool:
             outside = max(max(low - here[key], here[key] - high) for key, (low, high) in bounds)
             found.append(("position", float(outside), self._moved(tip.translation, reach)))
         return found
+
+    def _turned(self, tool: FloatArray, reach: FloatArray) -> float:
+        """Return how far [rad] an axis can turn while the model's joints move by `reach`: on cones about theirs."""
+        axes = self._robot.shared.chain.axes
+        turned = 0.0
+        for i in np.flatnonzero(reach * ~self._robot.joint_prismatic):
+            across = np.cross(self._data.oMi[int(i) + 1].rotation @ axes[i], tool)
+            turned += float(reach[i]) * sqrt(float(across @ across))
+        return turned
 
     def _moved(self, point: FloatArray, reach: FloatArray) -> float:
         """Return how far [m] the tip can move while the model's joints move by up to `reach`."""

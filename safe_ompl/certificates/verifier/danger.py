@@ -28,6 +28,7 @@ from safe_ompl.scene import Scene
 
 _ROUNDING = 1e-6
 _SMALLEST = 1e-5  # [m] intervals in which no key point moves farther are not divided any more
+_LEAST_STEP = 1e-7  # [rad or m] intervals in which no joint moves more, neither
 _TINY = 1e-12  # [m]
 _SHORTEST_INTERVAL = 1e-7  # [rad] intervals that are not divided any more
 _PARTS, _MOST_PARTS = 4, 256  # of a link
@@ -48,21 +49,30 @@ class PlainDanger:
         if not len(self.points):
             self.points, self.weights = np.full((1, 3), 1e9), np.ones(1)
 
-    def exceeded(self, start: FloatArray, delta: FloatArray, limit: float) -> tuple[float, float] | None:
+    def exceeded(
+        self, start: FloatArray, delta: FloatArray, limit: float, tube: FloatArray | float = 0.0
+    ) -> tuple[float, float] | None:
         """Return where on an edge, and by how much, a danger is not proven to keep to a limit; else None."""
-        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), limit)
+        return self.exceeded_along(lambda t: start + t * delta, np.abs(delta), limit, tube)
 
     def exceeded_along(
-        self, place: Callable[[float], FloatArray], steps: FloatArray, limit: float
+        self,
+        place: Callable[[float], FloatArray],
+        steps: FloatArray,
+        limit: float,
+        tube: FloatArray | float = 0.0,
     ) -> tuple[float, float] | None:
-        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`."""
+        """Return the same of a motion q(t), t from 0 to 1, along which joints move no faster than `steps: (n,)`.
+
+        Joints may be off by the widths of a tube besides.
+        """
         waiting = [(0.5, 0.5)]
         while waiting:
             centre, half = waiting.pop()
-            value, bound, moved = self._bounded(place(centre), half * steps)
+            value, bound, moved = self._bounded(place(centre), half * steps + tube)
             if bound <= limit * (1 + _ROUNDING):
                 continue
-            if value > limit * (1 + _ROUNDING) or moved < _SMALLEST:
+            if value > limit * (1 + _ROUNDING) or moved < _SMALLEST or half * steps.max() < _LEAST_STEP:
                 return centre, value
             waiting += [(centre + half / 2, half / 2), (centre - half / 2, half / 2)]
         return None
@@ -253,7 +263,7 @@ class PlainMovingDanger:
                 velocities[k] += turn if robot.joint_prismatic[i] else np.cross(turn, arm)
             if movers:
                 length = float(np.linalg.norm(places[k] - joints[carrier - 1].translation))
-                bends[k] = bend_bound(robot, movers, length, steps, piece.curvature, slid)
+                bends[k] = bend_bound(robot, movers, length, steps, coupling.reach(piece.bends), slid)
         speeds = _norm(velocities) + half * bends
         both = [np.maximum(of[self._start], of[self._end]) for of in (speeds, bends)]
         strokes = float(steps[robot.joint_prismatic].sum())

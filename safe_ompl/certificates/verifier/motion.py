@@ -1,22 +1,29 @@
 """The curve and the time law that a certificate claims, evaluated by plain means.
 
-Pieces are lines and circular arcs in joint space, q(σ) = start + r sin(σ/r)·forward + r (1 − cos(σ/r))·inward, one
-after the other, and ṡ² is linear in each cell between two grid points; or the jerk is constant in phases.
+Pieces are cubics in joint space, one after the other, and ṡ² is linear in each cell between two grid points; or such a
+law is a plan σ, and s(t) is its average over the window from t − w to t. In corners the plan waits for w.
+
+No σ(τ) of a window in which σ̇ ≤ m is farther than m w/2 from its average. So while the robot is in cell k, the largest
+σ̇ = m of the window is reached in a cell that is no farther away than m w/2, and all σ(τ) are in such cells.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
-from math import atan2, cos, hypot, pi, sin, sqrt
-from typing import NamedTuple
+from itertools import pairwise
+from math import sqrt
 
 import numpy as np
 
 from safe_ompl.certificates.claims import Piece, TimedMotion
-from safe_ompl.common import CertificateError, FloatArray, IntArray
+from safe_ompl.common import BoolArray, CertificateError, FloatArray, IntArray
 from safe_ompl.robot import Robot
 
-_SAME = 1e-9  # [rad] places, and directions, that differ by less are the same
+_SAME = 1e-9  # [rad] places that differ by less are the same
+_SMOOTH = (
+    1e-6  # [rad/s, rad/s²] jumps of velocities, and of accelerations where the jerk is limited, that are none
+)
 _ROUNDING = 1e-9  # relative, of speeds and accelerations
 _LONGEST = 1e4  # [rad] of a curve
 _HALVINGS = 60
@@ -24,62 +31,59 @@ _HALVINGS = 60
 
 @dataclass(frozen=True)
 class PlainPiece:
-    """A line or an arc."""
+    """A cubic: q, q′, q″ and q‴ where it begins, and its length."""
 
     start: FloatArray
-    forward: FloatArray
-    inward: FloatArray
+    first: FloatArray
+    second: FloatArray
+    third: FloatArray
     length: float
-    curvature: float
 
     def at(self, sigma: float) -> FloatArray:
         """Return the configuration (n,) at an arc length from its start."""
-        if self.curvature == 0:
-            return self.start + sigma * self.forward
-        angle = sigma * self.curvature
-        return self.start + (sin(angle) * self.forward + (1 - cos(angle)) * self.inward) / self.curvature
+        q: FloatArray = (
+            self.start + sigma * self.first + sigma**2 / 2 * self.second + sigma**3 / 6 * self.third
+        )
+        return q
 
     def slope(self, sigma: float) -> FloatArray:
         """Return q′ (n,) there."""
-        angle = sigma * self.curvature
-        return cos(angle) * self.forward + sin(angle) * self.inward
+        slope: FloatArray = self.first + sigma * self.second + sigma**2 / 2 * self.third
+        return slope
+
+    def bend(self, sigma: float) -> FloatArray:
+        """Return q″ (n,) there."""
+        return self.second + sigma * self.third
 
     def steps(self, half: float) -> FloatArray:
         """Return how far each joint (n,) moves at most in half an interval."""
-        return half * np.hypot(self.forward, self.inward)
+        low, high = self.slopes(0.0, self.length)
+        steps: FloatArray = half * np.maximum(-low, high)
+        return steps
+
+    @property
+    def bends(self) -> FloatArray:
+        """The largest |q″| (n,) on the piece."""
+        bends: FloatArray = np.maximum(np.abs(self.second), np.abs(self.bend(self.length)))
+        return bends
+
+    def slopes(self, first: float, last: float) -> tuple[FloatArray, FloatArray]:
+        """Return the least and the largest q′ (n,) between two arc lengths."""
+        values = [self.slope(first), self.slope(last)]
+        for i in np.flatnonzero(self.third):
+            turn = -self.second[i] / self.third[i]
+            if first < turn < last:
+                values.append(np.where(np.arange(len(self.third)) == i, self.slope(turn), values[0]))
+        return np.min(values, axis=0), np.max(values, axis=0)
 
     def box(self) -> tuple[FloatArray, FloatArray]:
         """Return the least and the largest value (n,) of each joint on the piece."""
         values = [self.start, self.at(self.length)]
-        low, high = np.minimum(*values), np.maximum(*values)
-        if self.curvature > 0:
-            for i, (f, n) in enumerate(zip(self.forward.tolist(), self.inward.tolist(), strict=True)):
-                turn = atan2(-f, n) % pi  # where q′ vanishes
-                while turn < self.length * self.curvature:
-                    value = self.at(turn / self.curvature)[i]
-                    low[i], high[i] = min(low[i], value), max(high[i], value)
-                    turn += pi
-        return low, high
-
-    def rates(self, first: float, last: float) -> list[tuple[float, float, float, float]]:
-        """Return for each joint the least and the largest q′, and q″, between two arc lengths."""
-        found = []
-        begin, end = first * self.curvature, last * self.curvature
-        for f, n in zip(self.forward.tolist(), self.inward.tolist(), strict=True):
-            size, lag = hypot(f, n), atan2(n, f)
-            slope = _cosines(begin - lag, end - lag)
-            bend = _cosines(begin - lag + pi / 2, end - lag + pi / 2)
-            swing = size * self.curvature
-            found.append((size * slope[0], size * slope[1], swing * bend[0], swing * bend[1]))
-        return found
-
-
-def _cosines(begin: float, end: float) -> tuple[float, float]:
-    """Return the least and the largest cosine of angles between two."""
-    ends = cos(begin), cos(end)
-    top = (end // (2 * pi)) > (begin // (2 * pi))
-    bottom = ((end - pi) // (2 * pi)) > ((begin - pi) // (2 * pi))
-    return -1.0 if bottom else min(ends), 1.0 if top else max(ends)
+        for i in range(len(self.start)):
+            for root in np.roots([self.third[i] / 2, self.second[i], self.first[i]]):
+                if 0 < root.real < self.length:  # that of a complex one is a value, too
+                    values.append(np.where(np.arange(len(self.start)) == i, self.at(root.real), self.start))
+        return np.min(values, axis=0), np.max(values, axis=0)
 
 
 class PlainMotion:
@@ -90,11 +94,15 @@ class PlainMotion:
     starts : list of float
         Arc lengths where the pieces begin.
     edges, squares : ndarray, shape (C + 1,)
-        Grid points, and ṡ² there.
+        Grid points, and ṡ² there; of the plan, if there is a window.
+    window : float
+        w [s]; 0: there is none.
     of : list of int
         The piece of each of the C cells.
     ends : ndarray of int, shape (C,)
         The grid point at which the robot stops in any case, after each cell.
+    fastest : ndarray, shape (C,)
+        Bounds of ṡ in the cells.
 
     Raises
     ------
@@ -107,60 +115,68 @@ class PlainMotion:
         corners = list(claim.corners)
         if any(not 0 < k < len(self.pieces) for k in corners):
             raise CertificateError(f"trajectory: {corners} are not corners between its pieces")
-        self._check_joined(corners, robot, path)
+        self._check_joined(robot, path)
         self.starts = [0.0]
         for piece in self.pieces:
             self.starts.append(self.starts[-1] + piece.length)
         self.edges, self.squares = claim.edges, claim.squares
         if len(self.edges) != len(self.squares):
             raise CertificateError("trajectory: it has not one speed for each grid point")
+        self.window = claim.window or 0.0
         self.of = self._check_grid()
-        self.phases: PlainPhases | None = None
-        if claim.phases is not None:
-            self._take_phases(PlainPhases(claim.phases, self.starts[-1]))
-        stops = {self._grid_point(self.starts[k]) for k in corners} | {0, len(self.edges) - 1}
+        self._corners = [self._grid_point(self.starts[k]) for k in corners]
+        stops = {0, len(self.edges) - 1, *self._corners}
         for j in sorted(stops):
             if self.squares[j] != 0:
                 where = f"{self.edges[j]:.6f} rad"
                 raise CertificateError(f"trajectory: it does not stand at {where}, where it must")
         self.ends = np.array([min(j for j in stops if j > cell) for cell in range(len(self.of))])
+        self._begins = np.array([max(j for j in stops if j <= cell) for cell in range(len(self.of))])
+        self._check_smooth(corners)
+        self._average = PlainAverage(self.edges, self.squares, self._corners, self.window)
+        self.fastest = self.fastest_near(np.sqrt(np.maximum(self.squares[1:], self.squares[:-1])))
 
     @property
     def duration(self) -> float:
         """How long it takes [s]."""
-        if self.phases is not None:
-            return self.phases.duration
-        speeds = np.sqrt(self.squares)
-        return float((2 * np.diff(self.edges) / (speeds[1:] + speeds[:-1])).sum())
+        return self._average.duration
 
     @property
-    def pushes(self) -> tuple[FloatArray, FloatArray]:
-        """The least and the largest s̈ (C,) in each cell."""
-        if self.phases is not None:
-            return self.phases.of(self.edges)[:2]
-        pushes = np.diff(self.squares) / (2 * np.diff(self.edges))
-        return pushes, pushes
+    def pushes(self) -> FloatArray:
+        """s̈ (C,) in each cell; of the plan, if there is a window."""
+        pushes: FloatArray = np.diff(self.squares) / (2 * np.diff(self.edges))
+        return pushes
 
     def rates_between(self, cell: int, first: float, last: float) -> tuple[float, float]:
-        """Return ṡ at two arc lengths of a cell, between which it rises or falls only."""
-        if self.phases is not None:
-            low, high = (self.phases.rate(s) for s in (first, last))
-            return low, high
-        begin, end = self.edges[cell], self.edges[cell + 1]
-        squares = np.interp([first, last], [begin, end], self.squares[cell : cell + 2])
-        return float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))
+        """Return the least and the largest ṡ between two arc lengths of a cell, or bounds of them."""
+        if not self.window:
+            begin, end = self.edges[cell], self.edges[cell + 1]
+            squares = np.interp([first, last], [begin, end], self.squares[cell : cell + 2])
+            return float(np.sqrt(squares.min())), float(np.sqrt(squares.max()))
+        times = [self._average.passed(cell, s) for s in (first, last)]
+        rates = [self._average.rate(t) for t in times]
+        more = max(times[1] - times[0], 0.0) / 2 * float(np.abs(self.pushes).max())
+        return max(min(rates) - more, 0.0), max(rates) + more
 
-    def _take_phases(self, phases: PlainPhases) -> None:
-        if any(piece.curvature for piece in self.pieces):
-            raise CertificateError(
-                "trajectory: its jerk is limited, but it has arcs: the acceleration jumps there"
-            )
-        found = phases.squares(self.edges)
-        if np.abs(found - self.squares).max() > _SAME * max(1.0, float(found.max())):
-            raise CertificateError("trajectory: its speeds are not those of its phases")
-        self.phases = phases
+    def near(self, k: int, speeds: FloatArray, cells: IntArray | None = None) -> BoolArray:
+        """Return in which cells (V,) the plan, if its σ̇ is `speeds: (V,)` there, may be while the robot is in cell k.
 
-    def _check_joined(self, corners: list[int], robot: Robot, path: FloatArray) -> None:
+        All those in which it is no slower than elsewhere in the window. By default of all cells.
+        """
+        cells = np.arange(len(self.of)) if cells is None else cells
+        if not self.window:
+            same: BoolArray = cells == k
+            return same
+        away = np.maximum(self.edges[cells] - self.edges[k + 1], self.edges[k] - self.edges[cells + 1])
+        between = (cells >= self._begins[k]) & (cells < self.ends[k])
+        near: BoolArray = between & (away <= np.maximum(self.window / 2 * speeds * (1 - _ROUNDING), 0.0))
+        return near
+
+    def fastest_near(self, speeds: FloatArray) -> FloatArray:
+        """Return bounds (C,) of ṡ in the cells for a plan whose σ̇ is at most `speeds: (C,)` in them."""
+        return np.array([speeds[self.near(k, speeds)].max() for k in range(len(self.of))])
+
+    def _check_joined(self, robot: Robot, path: FloatArray) -> None:
         first, last = self.pieces[0], self.pieces[-1]
         ends = ("begin", first.start, path[0]), ("end", last.at(last.length), path[-1])
         for name, q, wanted in ends:
@@ -170,9 +186,6 @@ class PlainMotion:
             before, after = self.pieces[k - 1], self.pieces[k]
             if np.abs(before.at(before.length) - after.start).max() > _SAME:
                 raise CertificateError(f"trajectory: piece {k} does not begin where the one before ends")
-            turn = np.abs(before.slope(before.length) - after.forward).max()
-            if k not in corners and turn > 1e3 * _SAME:
-                raise CertificateError(f"trajectory: piece {k} begins in another direction, but is no corner")
         for k, piece in enumerate(self.pieces):
             low, high = piece.box()
             for i in np.flatnonzero(~robot.continuous):
@@ -199,122 +212,112 @@ class PlainMotion:
     def _grid_point(self, s: float) -> int:
         return int(np.abs(self.edges - s).argmin())
 
+    def _check_smooth(self, corners: list[int]) -> None:
+        """Refuse pieces that begin with another velocity, or acceleration, than those before end with."""
+        most = float(self.squares.max())
+        for k, (before, after) in enumerate(pairwise(self.pieces), 1):
+            if k in corners:
+                continue
+            if np.abs(before.slope(before.length) - after.first).max() * sqrt(most) > _SMOOTH:
+                raise CertificateError(f"trajectory: piece {k} begins in another direction, but is no corner")
+            if self.window and np.abs(before.bend(before.length) - after.second).max() * most > _SMOOTH:
+                raise CertificateError(f"trajectory: the acceleration jumps where piece {k} begins")
+
     def exceeded(
-        self, squares: FloatArray, pushes: FloatArray, velocity: FloatArray, acceleration: FloatArray
+        self,
+        squares: FloatArray,
+        pushes: FloatArray,
+        velocity: FloatArray,
+        acceleration: FloatArray,
+        jerk: FloatArray | None,
     ) -> str | None:
         """Return which joint exceeds its limits (n,) where, if any does.
 
-        In the cells ṡ² is linear between the `squares: (C, 2)` at their ends, and s̈ is `pushes: (C,)`.
+        In each cell the law, or its plan, is in the convex hull of pairs of ṡ² and s̈, `squares, pushes: (C, K)`.
         """
-        for j, (x, a) in enumerate(zip(squares.tolist(), pushes.tolist(), strict=True)):
-            piece, start = self.pieces[self.of[j]], self.starts[self.of[j]]
-            rates = piece.rates(self.edges[j] - start, self.edges[j + 1] - start)
-            fastest = sqrt(max(x))
-            for i, (low, high, bend_low, bend_high) in enumerate(rates):
-                if max(-low, high) * fastest > velocity[i] * (1 + _ROUNDING):
-                    return f"joint {i} is faster than its limit at {self.edges[j]:.6f} rad"
-                corners = [p * a + c * y for p in (low, high) for c in (bend_low, bend_high) for y in x]
-                if max(max(corners), -min(corners)) > acceleration[i] * (1 + _ROUNDING):
-                    return f"joint {i} accelerates more than its limit at {self.edges[j]:.6f} rad"
-        return None
-
-    def jerk_exceeded(self, jerk: FloatArray) -> str | None:
-        """Return which joint exceeds its jerk `(n,)` where, if any does; on lines it is q′s⃛."""
-        if self.phases is None:
+        if jerk is not None and not self.window:
             return "the jerk is not limited"
-        for j, change in enumerate(self.phases.of(self.edges)[2].tolist()):
-            slopes = np.abs(self.pieces[self.of[j]].forward)
-            for i in np.flatnonzero(slopes * change > jerk * (1 + _ROUNDING)):
-                return f"joint {i} has more jerk than its limit at {self.edges[j]:.6f} rad"
+        most = self.fastest_near(np.sqrt(squares.max(axis=1)))
+        for k, fastest in enumerate(most.tolist()):
+            piece, start = self.pieces[self.of[k]], self.starts[self.of[k]]
+            ends = self.edges[k] - start, self.edges[k + 1] - start
+            slopes = piece.slopes(*ends)
+            bends = [piece.bend(end) for end in ends]
+            if self.window:  # ṡ² may be less than the average of those of the plan
+                bends.append(np.zeros_like(bends[0]))
+            near = self.near(k, np.full(len(most), fastest))
+            x, push = squares[near].reshape(-1, 1), pushes[near].reshape(-1, 1)
+            slope, bend = np.maximum(-slopes[0], slopes[1]), np.abs(bends).max(axis=0)
+            felt = np.max([np.abs(p * push + c * x).max(axis=0) for p in slopes for c in bends], axis=0)
+            wrong = [
+                ("is faster", slope * fastest > velocity * (1 + _ROUNDING)),
+                ("accelerates more", felt > acceleration * (1 + _ROUNDING)),
+            ]
+            if jerk is not None:
+                low, high = min(float(push.min()), 0.0), max(float(push.max()), 0.0)
+                jerks = np.abs(piece.third) * fastest**3 + 3 * bend * fastest * max(-low, high)
+                jerks = jerks + slope * (high - low) / self.window
+                wrong.append(("has more jerk", jerks > jerk * (1 + _ROUNDING)))
+            for what, joints in wrong:
+                for i in np.flatnonzero(joints):
+                    return f"joint {i} {what} than its limit at {self.edges[k]:.6f} rad"
         return None
 
 
 def _piece(k: int, piece: Piece) -> PlainPiece:
-    start, forward, inward = piece.start, piece.forward, piece.inward
-    length, curvature = piece.length, piece.curvature
-    unit = abs(float(forward @ forward) - 1) <= _SAME
-    if curvature == 0:
-        fits = unit and not inward.any()
-    else:
-        fits = unit and abs(float(inward @ inward) - 1) <= _SAME and abs(float(forward @ inward)) <= _SAME
-    if not (fits and 0 < length <= _LONGEST and 0 <= curvature * length <= pi):
-        raise CertificateError(f"trajectory: piece {k} is neither a line nor an arc")
-    return PlainPiece(start, forward, inward, length, curvature)
+    vectors = piece.start, piece.slope, piece.bend, piece.swing
+    if not (all(np.isfinite(vector).all() for vector in vectors) and piece.length <= _LONGEST):
+        raise CertificateError(f"trajectory: piece {k} is no curve")
+    return PlainPiece(*vectors, piece.length)
 
 
-class _State(NamedTuple):
-    s: float
-    rate: float
-    push: float
+class PlainAverage:
+    """When the robot is where, if it is at the average of a plan (C + 1,) over a window [s].
 
-    def after(self, time: float, jerk: float) -> _State:
-        """Return the state a time later."""
-        return _State(
-            self.s + self.rate * time + self.push * time**2 / 2 + jerk * time**3 / 6,
-            self.rate + self.push * time + jerk * time**2 / 2,
-            self.push + jerk * time,
-        )
-
-
-class PlainPhases:
-    """Where on its curve, of a length [rad], the robot is when; from rest to rest in phases (P, 2) of duration and s⃛.
-
-    Raises
-    ------
-    CertificateError
-        If it is no such law; if ṡ both rises and falls in a phase.
+    In the grid points `corners` the plan waits for as long.
     """
 
-    def __init__(self, claim: FloatArray, length: float) -> None:
-        state, self._begins, self._claim = _State(0.0, 0.0, 0.0), list[_State](), list[tuple[float, float]]()
-        for duration, jerk in claim.tolist():
-            if not duration > 0:
-                raise CertificateError("trajectory: a phase lasts no time")
-            after = state.after(duration, jerk)
-            if min(state.push, after.push) < -1e3 * _SAME and max(state.push, after.push) > 1e3 * _SAME:
-                raise CertificateError("trajectory: the speed both rises and falls in a phase")
-            if after.rate < -_SAME:
-                raise CertificateError("trajectory: it moves backwards in a phase")
-            self._begins.append(state)
-            self._claim.append((duration, jerk))
-            state = after
-        if abs(state.s - length) > _SAME or abs(state.rate) > _SAME or abs(state.push) > 1e3 * _SAME:
-            raise CertificateError("trajectory: its phases do not end at rest where the curve does")
-        self.end = state
-        self.starts: FloatArray = np.array([begin.s for begin in self._begins])
-        self.duration = sum(duration for duration, _ in self._claim)
+    def __init__(self, edges: FloatArray, squares: FloatArray, corners: list[int], window: float) -> None:
+        self._edges, self._speeds, self._window = edges.tolist(), np.sqrt(squares).tolist(), window
+        self._reaches, self._leaves, self._areas = [0.0], [0.0], [0.0]
+        for k in range(len(edges) - 1):
+            self._reaches.append(self._leaves[k] + self._span(k))
+            self._leaves.append(self._reaches[-1] + (window if k + 1 in corners else 0.0))
+            self._areas.append(self._areas[k] + self._area(k, self._leaves[k + 1]))
+        self.duration = self._reaches[-1] + window
 
-    def squares(self, edges: FloatArray) -> FloatArray:
-        """Return ṡ² (C + 1,) at grid points, all starts of phases among them; by bisection, for s grows with time."""
-        for start in self.starts.tolist():
-            if np.abs(edges - start).min() > _SAME:
-                raise CertificateError(
-                    f"trajectory: a phase begins at {start:.6f} rad, which is no grid point"
-                )
-        found = [self.rate(float(s)) ** 2 for s in edges]
-        for j in (0, -1):
-            found[j] = 0.0
-        return np.array(found)
+    def _span(self, k: int) -> float:
+        size, both = self._edges[k + 1] - self._edges[k], self._speeds[k] + self._speeds[k + 1]
+        return float(2 * size / both)
 
-    def rate(self, s: float) -> float:
-        """Return ṡ at an arc length [rad]."""
-        near = np.abs(self.starts - s).argmin()
-        if abs(self.starts[near] - s) <= 1e-3 * _SAME:
-            rate = self._begins[near].rate
-            return rate if rate > _SAME else 0.0
-        k = max(int(np.searchsorted(self.starts, s, side="right")) - 1, 0)
-        duration, jerk = self._claim[k]
-        early, late = 0.0, duration
+    def _plan(self, k: int, time: float) -> tuple[float, float]:
+        """Return σ and ∫σ in cell k at a time."""
+        since = min(time - self._leaves[k], self._span(k))
+        begin, push = self._speeds[k], (self._speeds[k + 1] - self._speeds[k]) / self._span(k)
+        later = time - self._leaves[k] - since
+        area = since * (self._edges[k] + since * (begin / 2 + since * push / 6))
+        return self._edges[k] + since * (begin + since * push / 2), area + later * self._edges[k + 1]
+
+    def _area(self, k: int, time: float) -> float:
+        return self._plan(k, time)[1]
+
+    def _at(self, time: float) -> tuple[float, float]:
+        """Return σ and ∫σ at a time; it is at rest before and after."""
+        if time <= 0:
+            return self._edges[0], self._edges[0] * time
+        k = min(bisect_right(self._leaves, time), len(self._edges) - 1) - 1
+        place, area = self._plan(k, time)
+        return place, self._areas[k] + area
+
+    def rate(self, time: float) -> float:
+        """Return ṡ at a time [s]."""
+        return (self._at(time)[0] - self._at(time - self._window)[0]) / self._window
+
+    def passed(self, cell: int, s: float) -> float:
+        """Return when the robot is at an arc length of a cell [rad]; by bisection, for s grows with time."""
+        early, late = self._reaches[cell], self._reaches[cell + 1] + self._window
         for _ in range(_HALVINGS):
             middle = (early + late) / 2
-            early, late = (middle, late) if self._begins[k].after(middle, jerk).s <= s else (early, middle)
-        return max(self._begins[k].after(late, jerk).rate, 0.0)
-
-    def of(self, edges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return for each cell (C,) the least and the largest s̈ of its phase, and |s⃛|."""
-        middles = (edges[1:] + edges[:-1]) / 2
-        which: IntArray = np.maximum(np.searchsorted(self.starts, middles, side="right") - 1, 0)
-        begin = np.array([state.push for state in self._begins])
-        end = np.append(begin[1:], self.end.push)
-        jerks = np.abs([jerk for _, jerk in self._claim])
-        return np.minimum(begin, end)[which], np.maximum(begin, end)[which], jerks[which]
+            place = (self._at(middle)[1] - self._at(middle - self._window)[1]) / self._window
+            early, late = (middle, late) if place <= s else (early, middle)
+        return late

@@ -1,11 +1,12 @@
 """A timed motion that a certificate claims, checked by plain means: limits, freedom, stops.
 
-**Stops.** A stop that begins in cell j decelerates by min(b_j … b_k) in cell k. It takes longest from the end of the
-cell, at the largest speed there; and when it is in cell k, then no later than the stop from the start of cell j that
-ends at the end of cell k. The later of both over all j that get there is the latest instant τ_k at which a stop can
-still move in cell k. The robot must be farther from every limb there than the clearance, and what the limb
-covers at its speed in the reaction time and in τ_k. Where a contact is claimed to be slow only those stops count that
-enter the cell with a speed at which some point of the robot may be faster than the limit of contact with the limb.
+**Stops.** A stop that begins in cell j (of the plan, if there is a window: the robot is later by the window at most)
+decelerates by min(b_j … b_k) in cell k. It takes longest from the end of the cell, at the largest speed there; and when
+it is in cell k, then no later than the stop from the start of cell j that ends at the end of cell k. The later of both
+over all j that get there is the latest instant τ_k at which a stop can still move in cell k. The robot must be farther
+from every limb there than the clearance, and what the limb covers at its speed in the reaction time and in τ_k. Where a
+contact is claimed to be slow only those stops count that enter the cell with a speed at which some point of the robot
+may be faster than the limit of contact with the limb.
 
 **Distances.** An interval in which every pair is farther apart at the centre than the two can approach each other, plus
 what they must keep, holds; pairs that are not are looked at again in both halves.
@@ -41,13 +42,12 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
     takes = motion.duration
     if abs(takes - claim.duration) > _ROUNDING * takes:
         raise CertificateError(f"trajectory: it takes {takes:.6f} s, {claim.duration} s are claimed")
-    sizes, squares = np.diff(motion.edges), motion.squares
-    limits = claim.velocity, claim.acceleration
-    for pushes in motion.pushes:
-        failure = motion.exceeded(np.column_stack([squares[:-1], squares[1:]]), pushes, *limits)
-        if failure is not None:
-            raise CertificateError(f"trajectory: {failure}")
-    _check_jerk_and_speeds(claim, motion, robot)
+    sizes, squares = np.diff(motion.edges), np.column_stack([motion.squares[:-1], motion.squares[1:]])
+    limits, pushes = (claim.velocity, claim.acceleration, claim.jerk), np.column_stack([motion.pushes] * 2)
+    failure = motion.exceeded(squares, pushes, *limits)
+    if failure is not None:
+        raise CertificateError(f"trajectory: {failure}")
+    _check_speeds(claim, motion, robot)
     if claim.danger is not None:
         at = PlainMovingDanger(robot, scene, claim.danger).exceeded(motion)
         if at is not None:
@@ -60,21 +60,19 @@ def check_trajectory(claims: Certificate, robot: Robot, scene: Scene, separation
         if stops.brakes.shape != sizes.shape:
             raise CertificateError(f"trajectory: {len(stops.brakes)} brakes for {len(sizes)} cells")
         visits = visits_of_stops(motion, stops.brakes)
-        fastest = visits.fastest()
-        failure = motion.exceeded(np.column_stack([fastest, fastest]), -stops.brakes, *limits)
+        fastest, still = visits.fastest(), np.zeros(len(sizes))
+        squares = np.column_stack([squares, still, still, fastest, fastest])
+        pushes = np.column_stack([pushes, still, -stops.brakes, still, -stops.brakes])
+        failure = motion.exceeded(squares, pushes, *limits)
         if failure is not None:
             raise CertificateError(f"trajectory: in a stop {failure}")
         swiftness = PlainSpeeds(robot).bounds(motion) if stops.contact else np.zeros(len(sizes))
-        required = Required(scene, stops, visits, swiftness)
+        required = Required(scene, stops, visits, swiftness, motion)
     _check_free(motion, separations, required)
     _check_danger_and_tool(claims, motion, robot, scene)
 
 
-def _check_jerk_and_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot) -> None:
-    if claim.jerk is not None:
-        failure = motion.jerk_exceeded(claim.jerk)
-        if failure is not None:
-            raise CertificateError(f"trajectory: {failure}")
+def _check_speeds(claim: TimedMotion, motion: PlainMotion, robot: Robot) -> None:
     for limit, who in ((claim.tool_speed, "the tool"), (claim.link_speed, "a link")):
         if limit is not None:
             at = PlainSpeeds(robot).exceeded(motion, limit, tool=who == "the tool")
@@ -96,11 +94,19 @@ class Visits(NamedTuple):
         np.maximum.at(found, self.cells, self.squares)
         return found
 
-    def latest(self, harmless: FloatArray | None = None) -> FloatArray:
-        """Return the latest instants in each cell (C,), of stops above `harmless: (C,)` ṡ² there; −inf if none is."""
+    def latest(self) -> FloatArray:
+        """Return the latest instants in each cell (C,), −inf if there is none."""
         found = np.full(self.number, -np.inf)
-        above = slice(None) if harmless is None else self.squares > harmless[self.cells]
-        np.maximum.at(found, self.cells[above], self.times[above])
+        np.maximum.at(found, self.cells, self.times)
+        return found
+
+    def latest_above(self, slow: FloatArray, motion: PlainMotion) -> FloatArray:
+        """Return the latest instants (C,) at which the robot may be in a cell faster than `slow: (C,)`."""
+        found = np.full(self.number, -np.inf)
+        above = np.sqrt(self.squares)
+        for k in range(self.number):
+            near = motion.near(k, above, self.cells) & (self.squares > slow[k] ** 2 * (1 + _ROUNDING))
+            found[k] = self.times[near].max(initial=-np.inf)
         return found
 
 
@@ -109,10 +115,6 @@ def visits_of_stops(motion: PlainMotion, brakes: FloatArray) -> Visits:
     if not (brakes > 0).all():
         raise CertificateError("trajectory: a stop does not decelerate")
     sizes, squares = np.diff(motion.edges), motion.squares
-    if motion.phases is not None and (motion.pushes[0] < -brakes * (1 + _ROUNDING)).any():
-        raise CertificateError(
-            "trajectory: it slows down harder than its stops: one that begins later is too late"
-        )
     cells, entered, times = [], [], []
     for j in range(len(sizes)):
         end = int(motion.ends[j])
@@ -168,18 +170,19 @@ class Required:
         stops: Stops | None = None,
         visits: Visits | None = None,
         swiftness: FloatArray | None = None,
+        motion: PlainMotion | None = None,
     ) -> None:
         self._stops = stops
         self._limbs: dict[str, tuple[float, FloatArray]] = {}
-        if stops is None or visits is None or swiftness is None:
+        if stops is None or visits is None or swiftness is None or motion is None:
             return
-        contact, whenever = stops.contact or {}, visits.latest()
+        contact, whenever = stops.contact or {}, visits.latest() + motion.window
         for name in stops.who:
             for part, _, _ in scene[name].geometries():
                 latest = whenever
                 if part in contact:
                     slow = contact[part] / np.maximum(swiftness, _TINY)
-                    latest = visits.latest(slow**2 * (1 + _ROUNDING))
+                    latest = visits.latest_above(slow, motion) + motion.window
                 self._limbs[schema.OBSTACLE + part] = stops.speed_of(part[len(name) + 1 :]), latest
 
     def of(self, part: str, first: int, last: int) -> float:

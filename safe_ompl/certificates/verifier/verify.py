@@ -17,6 +17,7 @@ import numpy as np
 from safe_ompl.certificates.claims import Certificate, Interval
 from safe_ompl.certificates.verifier.bodies import PlainTool, Separations, plain_name
 from safe_ompl.certificates.verifier.danger import PlainDanger
+from safe_ompl.certificates.verifier.polynomials import check_polynomials
 from safe_ompl.certificates.verifier.trajectory import check_trajectory
 from safe_ompl.common import CertificateError, FloatArray, InputError
 from safe_ompl.common import documents as document
@@ -33,13 +34,15 @@ _GAP = 1e-9  # of an edge: intervals that are nearer to each other leave nothing
 class Verified:
     """What was checked of a certificate that holds."""
 
-    edges: int  # How many of each
+    # How many of each; of a motion of polynomials its pieces, and the parts of these that were looked at
+    edges: int
     intervals: int
     distances: int
     # What holds, in words; the first sentence says so if robot or scene are the file's own
     claims: tuple[str, ...]
     # What a certificate can claim, but this one does not: of "clearance", "danger", "moving obstacles", "tool"
-    # and, where it claims a trajectory, its "stops", "jerk", "tool speed", "link speed" and "danger in motion"
+    # and, where it claims a trajectory, its "stops", "jerk", "tool speed", "link speed" and "danger in motion";
+    # where it claims polynomials, "tube", and of those in time "velocity", "acceleration" and "jerk"
     not_claimed: tuple[str, ...]
     # Of what nothing is proven: links without collision geometry, checks that were only sampled
     not_covered: tuple[str, ...]
@@ -111,7 +114,8 @@ def verify(
 
 def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, ...]) -> Verified:
     path = claims.path
-    _check_limits(robot, path)
+    if claims.motion is None:
+        _check_limits(robot, path)
     claims.check(robot, scene)
     ends = path[1:] if len(path) > 1 else path
     if len(claims.edges) != len(ends):
@@ -119,23 +123,26 @@ def _verified(claims: Certificate, robot: Robot, scene: Scene, own: tuple[str, .
     separations = Separations(robot, scene, claims)
     if sorted(claims.pairs) != sorted(separations.names):
         raise CertificateError("its pairs of bodies are not those of robot and scene")
-    intervals = 0
+    intervals, distances = 0, 0
     for k, (edge, start, end) in enumerate(zip(claims.edges, path, ends, strict=False)):
         _check_cover(k, edge)
         delta = robot.difference(start, end)
         for j, interval in enumerate(edge):
-            _check_interval(f"edge {k}, interval {j}", interval, start, delta, separations, claims.pairs)
-            intervals += 1
-    _check_danger_and_tool(claims, robot, scene, ends)
-    check_trajectory(claims, robot, scene, separations)
+            _check_interval(f"edge {k}, interval {j}", interval, start, delta, separations, claims)
+            intervals, distances = intervals + 1, distances + len(separations.names)
+    if claims.motion is None:
+        _check_danger_and_tool(claims, robot, scene, ends)
+        check_trajectory(claims, robot, scene, separations)
+    else:
+        intervals, distances = check_polynomials(claims, claims.motion, robot, scene, separations)
     lacking = links_without_collision(robot)
     about = f", for the {' and the '.join(own)} that the file itself carries" if own else ""
     not_covered = [f"links without collision geometry: {', '.join(lacking)}"] if lacking else []
     not_covered += [] if claims.also_sampled is None else [claims.also_sampled]
     return Verified(
-        edges=len(ends),
+        edges=len(ends) if claims.motion is None else len(claims.motion.coefficients),
         intervals=intervals,
-        distances=intervals * len(separations.names),
+        distances=distances,
         claims=claims.sentences(about),
         not_claimed=claims.not_claimed,
         not_covered=tuple(not_covered),
@@ -196,15 +203,16 @@ def _check_interval(
     start: FloatArray,
     delta: FloatArray,
     separations: Separations,
-    pairs: tuple[tuple[str, str], ...],
+    claims: Certificate,
 ) -> None:
+    pairs, tube = claims.pairs, 0.0 if claims.tube is None else claims.tube
     centre, half = interval.centre, interval.half_length
     name = f"{name} (centre {centre:.6f}, half-length {half:.6f})"
     if len(interval.margins) != len(pairs):
         raise CertificateError(f"{name}: {len(interval.margins)} margins for {len(pairs)} pairs")
     margins = dict(zip(pairs, interval.margins.tolist(), strict=True))
     for pair, distance, approach, required in separations.examined(
-        start + centre * delta, half * np.abs(delta)
+        start + centre * delta, half * np.abs(delta) + tube
     ):
         if not margins[pair] >= approach + required:
             raise CertificateError(
@@ -225,15 +233,16 @@ def _between(pair: tuple[str, str]) -> str:
 def _check_danger_and_tool(claims: Certificate, robot: Robot, scene: Scene, ends: FloatArray) -> None:
     danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger)
     tool = None if claims.tool is None else PlainTool(robot, claims.tool)
+    tube = 0.0 if claims.tube is None else claims.tube
     for k, (start, end) in enumerate(zip(claims.path, ends, strict=False)):
         delta = robot.difference(start, end)
         if danger is not None and claims.danger is not None:
             bound = claims.danger.bound
-            high = danger.exceeded(start, delta, bound)
+            high = danger.exceeded(start, delta, bound, tube)
             if high is not None:
                 words = f"danger {high[1]:.4f} near {high[0]:.6f} of it, {bound:.4f} is claimed"
                 raise CertificateError(f"edge {k}: {words}")
-        lost = None if tool is None else tool.exceeded(start, delta)
+        lost = None if tool is None else tool.exceeded(start, delta, tube)
         if lost is not None:
             raise CertificateError(
                 f"edge {k}: the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of it"
@@ -258,8 +267,13 @@ class Terms:
 
     def check(self, claims: Certificate) -> None:
         """Raise CertificateError, naming what differs, unless everything that is claimed agrees."""
-        timed = claims.trajectory
+        timed, motion = claims.trajectory, claims.motion
         self._compare("danger", claims.danger, self.danger)
+        if motion is not None and self.motion is not None:
+            said = {
+                name: limit for name, limit in self.motion.items() if getattr(motion, name, None) is not None
+            }
+            self._compare("motion", motion if said else None, said)
         if timed is None:
             return
         self._compare("danger in motion", timed.danger, self.danger)

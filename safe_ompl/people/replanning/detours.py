@@ -259,7 +259,8 @@ class Roadmap:
 
 def _line(step: FloatArray, start: FloatArray) -> BlendedCurve:
     length = float(np.linalg.norm(step))
-    return BlendedCurve([Piece(start, step / length, np.zeros(len(step)), length, 0.0)], [])
+    still = np.zeros(len(step))
+    return BlendedCurve([Piece(start, step / length, still, still, length)], [])
 
 
 _log = logging.getLogger(__name__)

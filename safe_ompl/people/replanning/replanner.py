@@ -26,7 +26,7 @@ from safe_ompl.people.replanning.guarded_path import (
 )
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories import ArcProof, BlendedCurve, Trajectory
+from safe_ompl.trajectories import BlendedCurve, BlendProof, Trajectory
 
 _log = logging.getLogger(__name__)
 
@@ -341,12 +341,12 @@ def _check_motion(motion: CertifiedMotion, robot: Robot, still: Scene) -> None:
 
 def _prove(curve: BlendedCurve, motion: CertifiedMotion) -> None:
     """Raise InputError unless all of a curve is proven free of still obstacles."""
-    arcs = ArcProof(motion)
+    blends = BlendProof(motion)
     for k, piece in enumerate(curve.pieces):
-        if piece.curvature:
-            free = arcs.holds(piece)
+        if piece.straight:
+            free = motion.is_free(piece.start, piece.start + piece.length * piece.slope)
         else:
-            free = motion.is_free(piece.start, piece.start + piece.length * piece.forward)
+            free = blends.holds(piece)
         if not free:
             raise InputError(
                 f"piece {k} of the trajectory, from {piece.start.round(3).tolist()} on, is not free of what stands "

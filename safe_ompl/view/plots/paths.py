@@ -153,7 +153,8 @@ def plot_motion(
     """Draw a trajectory.
 
     Above its speed along the path, in the colour of the cap that binds, and the caps themselves; below the velocities
-    and accelerations of its joints as shares of their limits, and the danger where it is given.
+    and accelerations of its joints, and the jerks if they are limited, as shares of their limits, and the danger where
+    it is given.
 
     Parameters
     ----------
@@ -164,7 +165,8 @@ def plot_motion(
     title : str, optional
         Above the axes; by default how long it takes.
     """
-    rows = 3 + (danger is not None)
+    jerk = trajectory.limits.jerk
+    rows = 3 + (jerk is not None) + (danger is not None)
     with Page(file, 7.5, 0.6 + 2.2 * rows + 0.8, dpi) as page:
         upper, *lower = page.figure.subplots(rows, 1, height_ratios=[1.5] + [1.0] * (rows - 1))
         _draw_speed(upper, trajectory)
@@ -173,12 +175,14 @@ def plot_motion(
         state, limits = trajectory.at(times), trajectory.limits
         _draw_joints(lower[0], times, state.qd / limits.velocity, "velocity / limit")
         _draw_joints(lower[1], times, state.qdd / limits.acceleration, "acceleration / limit")
+        if jerk is not None:
+            _draw_joints(lower[2], times, trajectory.jerks_at(times) / jerk, "jerk / limit")
         for k, name in enumerate(trajectory.joint_names):
             lower[0].plot([], [], color=_JOINTS[k % len(_JOINTS)], label=name)
         names = lower[0].lines[-len(trajectory.joint_names) :]
         page.figure.legend(handles=names, loc="outside lower center", ncols=4, fontsize=8)
         if danger is not None:
-            _draw_danger_in_motion(lower[2], danger)
+            _draw_danger_in_motion(lower[-1], danger)
         lower[-1].set_xlabel("time [s]")
     return page.figure
 

@@ -2,14 +2,19 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from safe_ompl import Scenario
+from safe_ompl import RateLimits, Scenario
 from safe_ompl.apps import main
 from safe_ompl.apps.cli.verify import certificate_of
+from safe_ompl.certificates import motion_certificate
+from safe_ompl.collision import Separation
 from safe_ompl.io.schema import digest
+from safe_ompl.motions import Motion, check
 from safe_ompl.planning import setup_scenario
 from safe_ompl.scene import find_scenario
 
@@ -313,3 +318,30 @@ goal: {configuration: [0.4, -1.5, 0.6, 0.3, 0.2, 0]}
     status, out, err = call("verify", "proof.json")
     assert (status, err) == (0, "")
     assert "robot ur5 and scene are the file's own, compared with no scenario: post" in out
+
+
+def test_a_tube_and_a_motion_of_polynomials(call, written):
+    scenario = Scenario.load(written / "planar3.yaml")
+    setup = setup_scenario(scenario, scenario.build_robot())
+    tube = (0.002,) * setup.robot.n
+    setup.setConstraints(replace(setup.getConstraints(), separation=Separation(tube=tube)))
+    result = setup.plan("SafeRRTConnect", time=20, seed=0)
+    content = certificate_of(result, setup, scenario, str(written / "tube.json"))
+    assert content["tube"] == list(tube)
+    limits = RateLimits.of(setup.robot, scenario.motion.velocity, scenario.motion.acceleration)
+    motion = Motion.through(result.path, 10.0 * len(result.path) * np.linspace(0, 1, len(result.path)))
+    proven = check(motion, setup.robot, setup.scene, tube=tube)
+    Path("tube.json").write_text(json.dumps(content))
+    Path("motion.json").write_text(json.dumps(motion_certificate(proven)))
+    for file in ("tube.json", "motion.json"):
+        status, out, err = call("verify", file, "planar3.yaml")
+        assert (status, err) == (0, "")
+        assert "; the same with joints off by up to (0.002, 0.002, 0.002) [rad or m]" in out
+    assert f"{motion.pieces} edges" in out
+    faster = json.loads(Path("motion.json").read_text())
+    faster["motion"]["velocity"] = (2 * limits.velocity).tolist()
+    Path("faster.json").write_text(json.dumps({**faster, "digest": digest(faster)}))
+    assert call("verify", "faster.json")[0] == 0
+    status, _, err = call("verify", "faster.json", "planar3.yaml")
+    assert status == 1
+    assert "motion: velocity is" in err

@@ -277,6 +277,14 @@ def test_speed_and_what_binds_it(trajectory, tmp_path):
         assert 0.3 < abs(shares).max() <= 1 + 1e-9
 
 
+def test_jerk_is_drawn_where_it_is_limited(panda, tmp_path):
+    limits = RateLimits.of(panda, 1.0, 4.0, 100.0)
+    axes = plot_motion(time_path(PATH, panda, limits, tool_speed=0.4), tmp_path / "motion.png").axes
+    assert axes[3].get_ylabel() == "jerk / limit"
+    shares = np.concatenate([line.get_ydata() for line in axes[3].lines if len(line.get_ydata()) > 2])
+    assert 0.3 < abs(shares).max() <= 1 + 1e-9
+
+
 def test_nothing_is_cut_at_the_edges(trajectory, tmp_path):
     figure = plot_motion(trajectory, tmp_path / "motion.png")
     renderer = figure.canvas.get_renderer()

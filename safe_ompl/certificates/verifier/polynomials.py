@@ -1,0 +1,209 @@
+"""A motion of polynomials that a certificate claims, checked by plain means.
+
+A piece is a Bézier curve. Its control points are found exactly, in rational numbers, and those of its parts by halving;
+a part is in the box of its control points. No joint is farther from the centre of that box than half its width and what
+the piece allows for: slack, rounding, the jump before it, and the tube. A part holds if every pair is farther apart
+there than the two can approach each other then; pairs that are not are looked at again in both halves. Derivatives are
+no larger than their own control points.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import pairwise
+from math import comb, perm
+
+import numpy as np
+
+from safe_ompl.certificates.claims import Certificate, PolynomialMotion
+from safe_ompl.certificates.verifier.bodies import PlainTool, Separations, plain_name
+from safe_ompl.certificates.verifier.danger import PlainDanger
+from safe_ompl.common import CertificateError, FloatArray
+from safe_ompl.io import schema
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scene
+
+_GJK = 1e-5  # [m] coal's distances are at most this far off
+_FARTHEST = 1e4  # [rad] a joint that turns on and on farther than this has no exact angle any more
+_LARGEST_JUMP = 1e-6  # [rad or m] between pieces
+_WITHIN = 2e-9  # [rad or m] by which a joint may be outside its limits
+_ABOVE = 2e-6  # relative: what rates may be above their limits
+_SMALLEST = 1e-8  # [rad or m] parts in which no joint moves more are not divided any more
+_HALVINGS = 50
+_ROUNDING = 1e-13  # relative, of fifty halvings
+
+
+def check_polynomials(
+    claims: Certificate, claim: PolynomialMotion, robot: Robot, scene: Scene, separations: Separations
+) -> tuple[int, int]:
+    """Return how many parts of the motion were looked at, and how many distances.
+
+    Raises
+    ------
+    CertificateError
+        If it is not one motion, or anything that is claimed of it does not hold.
+    """
+    spans = [Fraction(end) - Fraction(start) for start, end in pairwise(claim.times.tolist())]
+    pieces = [_derivatives(*piece) for piece in zip(claim.coefficients, spans, strict=True)]
+    allowed = _allowed(claim, pieces)
+    _check_limits(robot, pieces, allowed)
+    _check_rates(claim, robot, pieces)
+    tube = 0.0 if claims.tube is None else claims.tube
+    widths = [
+        row + tube + _ROUNDING * np.abs(piece[0]).max(axis=0)
+        for row, piece in zip(allowed, pieces, strict=True)
+    ]
+    _check_danger_and_tool(claims, robot, scene, pieces, widths)
+    parts = distances = 0
+    speeds = {
+        schema.OBSTACLE + part: speed
+        for name, speed in (claim.speeds or {}).items()
+        for part, _, _ in scene[name].geometries()
+    }
+    for k, ((points, *_), width) in enumerate(zip(pieces, widths, strict=True)):
+        start, span = float(claim.times[k] - claim.times[0]), float(spans[k])
+        waiting = [(points, 0.0, 1.0, set(separations.names))]
+        while waiting:
+            part, first, last, pairs = waiting.pop()
+            low, high = part.min(axis=0), part.max(axis=0)
+            half, near = (high - low) / 2, set()
+            for pair, distance, approach, kept in separations.examined((low + high) / 2, half + width, pairs):
+                distances += 1
+                wanted = approach + kept + speeds.get(pair[1], 0.0) * (start + last * span)
+                if distance - _GJK > wanted:
+                    continue
+                if half.max() < _SMALLEST:
+                    between = " and ".join(repr(plain_name(name)) for name in pair)
+                    raise CertificateError(
+                        f"motion: {between} are {1e3 * distance:.3f} mm apart near {first:.6f} of piece {k}, "
+                        f"{1e3 * wanted:.3f} mm are needed"
+                    )
+                near.add(pair)
+            parts += 1
+            if near:
+                middle, (before, after) = (first + last) / 2, _halves(part)
+                waiting += [(before, first, middle, near), (after, middle, last, near)]
+    return parts, distances
+
+
+def _derivatives(coefficients: FloatArray, span: Fraction) -> list[FloatArray]:
+    """Return the control points (d − k + 1, n), at least one, of the k-th derivative by time, for k = 0 … 3."""
+    degree, powers = len(coefficients) - 1, [list(map(Fraction, row)) for row in coefficients.tolist()]
+    rows = [
+        [
+            sum(Fraction(comb(i, k), comb(degree, k)) * c[k] for k in range(i + 1))
+            for c in zip(*powers, strict=True)
+        ]
+        for i in range(degree + 1)
+    ]
+    found = []
+    for left in range(degree, degree - 4, -1):
+        found.append(np.array(rows, dtype=np.float64))
+        rows = [[left * (b - a) / span for a, b in zip(*both, strict=True)] for both in pairwise(rows)] or [
+            [Fraction(0)] * len(rows[0])
+        ]
+    return found
+
+
+def _halves(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the control points of both halves of a curve, from the means of neighbours, of these, and so on."""
+    before, after = [], []
+    while len(points):
+        before.append(points[0])
+        after.append(points[-1])
+        points = (points[:-1] + points[1:]) / 2
+    return np.array(before), np.array(after[::-1])
+
+
+def _above(points: FloatArray, limit: FloatArray) -> int | None:
+    """Return which of some polynomials is not proven to be below its limit everywhere; else None."""
+    waiting = [(points, 0)]
+    while waiting:
+        part, depth = waiting.pop()
+        above = part > limit
+        if not above.any():
+            continue
+        if above[[0, -1]].any() or depth == _HALVINGS:
+            return int(above.any(axis=0).argmax())
+        waiting += [(half, depth + 1) for half in _halves(part)]
+    return None
+
+
+def _allowed(claim: PolynomialMotion, pieces: list[list[FloatArray]]) -> FloatArray:
+    """Return how far (K, n) the motion may be from each polynomial; CertificateError if they are not one motion."""
+    ends = [(before[0][-1], after[0][0]) for before, after in pairwise(pieces)]
+    jumps = np.array([np.zeros(pieces[0][0].shape[1]), *(np.abs(a - b) for a, b in ends)])
+    for k in np.flatnonzero((jumps > _LARGEST_JUMP).any(axis=1)).tolist():
+        raise CertificateError(f"motion: piece {k} does not begin where the one before ends")
+    for widths in (claim.slack, claim.rounding):
+        jumps += 0.0 if widths is None else widths
+    return jumps
+
+
+def _check_limits(robot: Robot, pieces: list[list[FloatArray]], allowed: FloatArray) -> None:
+    low = np.where(robot.continuous, -_FARTHEST, robot.lower - _WITHIN)
+    high = np.where(robot.continuous, _FARTHEST, robot.upper + _WITHIN)
+    for k, (piece, width) in enumerate(zip(pieces, allowed, strict=True)):
+        for points, limit in ((piece[0], high), (-piece[0], -low)):
+            joint = _above(points, limit - width)
+            if joint is not None:
+                raise CertificateError(
+                    f"motion: piece {k} leaves the limits of joint {robot.joint_names[joint]!r}"
+                )
+
+
+def _check_rates(claim: PolynomialMotion, robot: Robot, pieces: list[list[FloatArray]]) -> None:
+    """Raise CertificateError unless rates keep to their limits; what is limited must not jump before."""
+    limits = [None, claim.velocity, claim.acceleration, claim.jerk]
+    kinds = ("position", "velocity", "acceleration", "jerk")
+    spans = np.diff(claim.times)[:, None]
+    error = np.zeros((len(pieces), robot.n)) if claim.rounding is None else claim.rounding
+    degrees = np.array([len(piece) - 1 for piece in claim.coefficients])
+    for order, limit in enumerate(limits):
+        if limit is None:
+            continue
+        rough = np.array([[perm(degree, order)] for degree in degrees.tolist()]) * error / spans**order
+        for k, piece in enumerate(pieces):
+            for points in (piece[order], -piece[order]):
+                joint = _above(points, limit * (1 + _ABOVE) - rough[k])
+                if joint is not None:
+                    name = robot.joint_names[joint]
+                    raise CertificateError(
+                        f"motion: {kinds[order]} of joint {name!r} above its limit in piece {k}"
+                    )
+        following = limits[order + 1] if order < 3 else None
+        for k in range(1, len(pieces)) if following is not None else ():
+            jump = np.abs(pieces[k][order][0] - pieces[k - 1][order][-1])
+            if (jump > _ABOVE * limit + rough[k] + rough[k - 1]).any():
+                raise CertificateError(f"motion: the {kinds[order]} jumps where piece {k} begins")
+
+
+def _check_danger_and_tool(
+    claims: Certificate,
+    robot: Robot,
+    scene: Scene,
+    pieces: list[list[FloatArray]],
+    widths: list[FloatArray],
+) -> None:
+    danger = None if claims.danger is None else PlainDanger(robot, scene, claims.danger)
+    tool = None if claims.tool is None else PlainTool(robot, claims.tool)
+    for k, ((points, *_), width) in enumerate(zip(pieces, widths, strict=True)):
+
+        def place(t: float, points: FloatArray = points) -> FloatArray:
+            while len(points) > 1:
+                points = (1 - t) * points[:-1] + t * points[1:]
+            return points.reshape(-1)
+
+        steps = (len(points) - 1) * np.abs(np.diff(points, axis=0)).max(axis=0)
+        if danger is not None and claims.danger is not None:
+            high = danger.exceeded_along(place, steps, claims.danger.bound, width)
+            if high is not None:
+                raise CertificateError(
+                    f"motion: danger {high[1]:.4f} near {high[0]:.6f} of piece {k}, and "
+                    f"{claims.danger.bound:.4f} is claimed of all that is allowed there"
+                )
+        lost = None if tool is None else tool.exceeded_along(place, steps, width)
+        if lost is not None:
+            raise CertificateError(
+                f"motion: the {lost[1]} of the tool is not as claimed near {lost[0]:.6f} of piece {k}"
+            )

@@ -1,0 +1,373 @@
+"""Claims of motions of polynomials, and of tubes: what is proven verifies, what is accepted holds, nothing is faked."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from scipy import interpolate
+
+from safe_ompl import (
+    CertificateError,
+    Constraints,
+    DangerField,
+    DangerLimit,
+    InputError,
+    Obstacle,
+    PathTimer,
+    PlanningError,
+    RateLimits,
+)
+from safe_ompl.certificates import certificate, motion_certificate, verify
+from safe_ompl.certificates.claims import PolynomialMotion
+from safe_ompl.certificates.verifier.bodies import Separations
+from safe_ompl.certificates.verifier.polynomials import check_polynomials
+from safe_ompl.certificates.verifier.verify import Terms
+from safe_ompl.collision import Separation, ToolOrientation
+from safe_ompl.danger import CertifiedDanger
+from safe_ompl.io.schema import digest, record
+from safe_ompl.motions import Motion, check, checked
+from safe_ompl.view import ViewerContent
+
+TIMES = np.array([0.0, 0.8, 1.5, 2.4])
+POINTS = np.array([[0, -1.5, 0.5, 0, 0, 0], [0.25, -1.4, 0.6, 0.1, 0, 0], [0.4, -1.6, 0.4, 0.1, 0.2, 0]])
+POINTS = np.vstack([POINTS, [0.6, -1.5, 0.5, 0.1, 0, 0.1]])
+TUBE = (0.004, 0.004, 0.006, 0.01, 0.02, 0.02)
+FINE = np.linspace(0.0, 2.4, 121)
+
+
+def spline():
+    return interpolate.CubicSpline(TIMES, POINTS, bc_type="clamped")
+
+
+def motions():
+    rates = [np.zeros(6), *np.gradient(POINTS, TIMES, axis=0)[1:-1], np.zeros(6)]
+    return {
+        "SciPy's cubic spline": spline(),
+        "quintic Hermite": Motion.hermite(TIMES, POINTS, rates, np.zeros((4, 6))),
+        "B-spline of degree 5": interpolate.make_interp_spline(FINE[::12], spline()(FINE[::12]), k=5),
+        "path": Motion.through(POINTS),
+        "Bézier of degree 9": Motion.bezier(np.repeat(POINTS, [2, 3, 3, 2], axis=0)[None], [0.0, 2.4]),
+        "bare samples": Motion.sampled(FINE, spline()(FINE), 0.5),
+    }
+
+
+def travelled(content):
+    return json.loads(json.dumps(content))
+
+
+def signed(content):
+    return {**content, "digest": digest(content)}
+
+
+def tampered(content, change):
+    content = copy.deepcopy(content)
+    change(content)
+    return signed(content)
+
+
+@pytest.fixture(scope="module")
+def fast(ur5):
+    return RateLimits.of(ur5, 1.5, 8.0)
+
+
+@pytest.fixture(scope="module")
+def written(ur5, clutter, fast):
+    """Return the certificate of a spline with a tube, a clearance, an upright tool, and limits of its rates."""
+    setting = Separation(tube=TUBE, margin=0.01)
+    limit = ToolOrientation.as_at(ur5, POINTS[0], [0, 0, 1], 1.2)
+    wanted = Constraints(separation=setting, tool=(limit,))
+    found = check(spline(), ur5, clutter, constraints=wanted, limits=fast, speeds={"ball": 0.02})
+    return travelled(motion_certificate(found))
+
+
+@pytest.mark.parametrize("tube", [None, TUBE])
+@pytest.mark.parametrize("kind", motions())
+def test_what_is_proven_verifies(ur5, clutter, kind, tube):
+    found = check(motions()[kind], ur5, clutter, tube=tube)
+    assert found, found
+    content = travelled(motion_certificate(found))
+    for said in (verify(content, ur5, clutter), verify(content)):
+        assert said.edges == found.motion.pieces <= said.intervals < said.distances
+        assert ("tube" in said.not_claimed) == (tube is None)
+        assert any("polynomials" in sentence for sentence in said.claims)
+        assert any("joints off by up to (0.004, " in sentence for sentence in said.claims) == (
+            tube is not None
+        )
+
+
+def test_all_that_is_proven_is_claimed_and_said(ur5, clutter, written, fast):
+    said = verify(written, ur5, clutter)
+    assert said.claims[1] == "no moving link nearer than 10 mm to any obstacle"
+    assert said.claims[2].startswith("the tool's axis (")
+    assert (
+        said.claims[3]
+        == "the same with joints off by up to (0.004, 0.004, 0.006, 0.01, 0.02, 0.02) [rad or m]"
+    )
+    assert said.claims[4] == "a motion of 3 polynomials in 2.400 s"
+    assert said.claims[5].startswith("the joints within velocities of (1.5, 1.5, ")
+    assert said.claims[6] == "the same while obstacles move from its start on no faster than ball 0.02 m/s"
+    assert said.not_claimed == ("clearance", "danger", "moving obstacles", "jerk")
+    assert verify(written, ur5, clutter, terms=Terms(motion={"velocity": fast.velocity, "jerk": None}))
+    with pytest.raises(CertificateError, match="motion: velocity is"):
+        verify(written, ur5, clutter, terms=Terms(motion={"velocity": 1.1 * fast.velocity}))
+
+
+@pytest.mark.parametrize("tube", [None, TUBE])
+def test_a_limit_of_the_danger(ur5, clutter, tube):
+    scene = weighed(clutter)
+    field = DangerField.of_scene(ur5, scene)
+    peak = CertifiedDanger(field).of_path(spline()(FINE)).upper
+    wanted = Constraints(danger=DangerLimit(field, 1.2 * peak))
+    content = travelled(motion_certificate(check(spline(), ur5, scene, constraints=wanted, tube=tube)))
+    assert verify(content, ur5, scene).claims[1].startswith("danger at most")
+    with pytest.raises(CertificateError, match=r"motion: danger .* near .* of piece"):
+        verify(tampered(content, lambda c: c["danger"].update(bound=0.99 * peak)), ur5, scene)
+    with pytest.raises(InputError, match="danger points of the field are not those of the scene"):
+        motion_certificate(check(spline(), ur5, scene, constraints=wanted), spacing=0.07)
+
+
+def raised(*at, by):
+    def change(content):
+        inner = content
+        for key in at[:-1]:
+            inner = inner[key]
+        inner[at[-1]] = by(inner[at[-1]])
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (raised("motion", "coefficients", 1, 0, 0, by=lambda x: x + 2e-6), "piece 1 does not begin where"),
+        (raised("motion", "coefficients", 2, 3, 4, by=lambda x: x + 0.5), "velocity jumps|above its limit"),
+        (raised("motion", "coefficients", by=lambda all: all[1:]), "times: must be 3 numbers"),
+        (
+            raised("motion", "times", by=lambda t: [0.2 * x for x in t]),
+            "velocity of joint .* above its limit",
+        ),
+        (raised("motion", "times", 2, by=lambda t: t - 0.3), "the velocity jumps where piece"),
+        (
+            raised("motion", "velocity", 0, by=lambda x: 0.2 * x),
+            "velocity of joint 'shoulder_pan_joint' above",
+        ),
+        (
+            raised("motion", "acceleration", 2, by=lambda x: 0.1 * x),
+            "acceleration of joint 'elbow_joint' above",
+        ),
+        (
+            raised("motion", by=lambda motion: {**motion, "jerk": [0.1] * 6}),
+            "jerk of joint .* above its limit",
+        ),
+        (raised("motion", "speeds", "ball", by=lambda x: 50 * x), "'ball' are .* mm apart near"),
+        (raised("tube", by=lambda tube: [10 * x for x in tube]), "mm apart near .* of piece .* are needed"),
+        (raised("margin", by=lambda x: 30 * x), "mm apart near .* of piece"),
+        (
+            raised("tool", "orientation", "angle", by=lambda x: 0.05 * x),
+            "motion: the orientation of the tool",
+        ),
+        (raised("pairs", by=lambda pairs: pairs[1:]), "its pairs of bodies are not those"),
+    ],
+)
+def test_what_is_tampered_with_is_refused(ur5, clutter, written, change, words):
+    with pytest.raises((CertificateError, InputError), match=words):
+        verify(tampered(written, change), ur5, clutter)
+
+
+def test_a_motion_into_an_obstacle_and_one_outside_its_limits_are_refused(ur5, clutter, written):
+    def led_to(q, content):
+        straight = Motion.through([POINTS[0], q])
+        for key in ("velocity", "acceleration", "speeds"):
+            content["motion"].pop(key)
+        content["motion"] |= {key: straight.to_mapping()[key] for key in ("times", "coefficients", "timed")}
+        content["motion"].pop("rounding")
+
+    touching = POINTS[0] + [0.5, 1.2, 0, 0, 0, 0]
+    assert not check(Motion.through([POINTS[0], touching]), ur5, clutter)
+    with pytest.raises(CertificateError, match=r"mm apart near|orientation of the tool"):
+        verify(tampered(written, lambda content: led_to(touching, content)), ur5, clutter)
+    outside = [*POINTS[0][:5], ur5.upper[5] + 1e-6]
+    with pytest.raises(CertificateError, match="piece 0 leaves the limits of joint 'wrist_3_joint'"):
+        verify(tampered(written, lambda content: led_to(outside, content)), ur5, clutter)
+
+
+def test_slack_counts_and_its_digest_is_looked_at(ur5, clutter):
+    found = check(Motion.sampled(FINE, spline()(FINE), 0.5), ur5, clutter)
+    content = travelled(motion_certificate(found))
+    assert "whatever is within (0.0" in verify(content).claims[1]
+    smaller = tampered(content, raised("motion", "slack", 3, by=lambda row: [0.0] * 6))
+    with pytest.raises(CertificateError, match="digest differs"):
+        verify({**smaller, "digest": content["digest"]})
+    with pytest.raises(CertificateError, match=r"of piece 3, .* are needed"):
+        verify(tampered(content, raised("motion", "slack", 3, by=lambda row: [20 * x for x in row])))
+    with pytest.raises(InputError, match=r"motion\.velocity: needs a motion in time, without slack"):
+        verify(tampered(content, raised("motion", by=lambda motion: {**motion, "velocity": [9.0] * 6})))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"coefficients": []}, r"motion\.coefficients: must name one piece"),
+        (
+            {"coefficients": [[[0] * 6], [[0] * 6], [[0] * 6]]},
+            r"coefficients\[0\]: must be 2 to 16 rows of 6",
+        ),
+        ({"times": [0, 1, 1, 2]}, r"motion\.times: must be 4 numbers that increase"),
+        ({"timed": 1}, "unknown timed"),
+        ({"timed": False}, r"motion\.velocity: needs a motion in time"),
+        ({"slack": [[-1] * 6] * 3}, r"motion\.slack: must be 3 rows of 6 numbers >= 0"),
+        ({"rounding": [[0] * 6]}, r"motion\.rounding: must be 3 rows"),
+        ({"velocity": None}, r"motion\.acceleration: needs velocities"),
+        ({"jerk": [0] * 6}, r"motion\.jerk: must be 6 positive numbers"),
+        ({"speeds": {"bell": 1}}, "unknown obstacle 'bell'"),
+        ({"extra": 1}, "unknown key"),
+    ],
+)
+def test_claims_without_meaning_are_refused(written, change, words):
+    with pytest.raises(InputError, match=words):
+        verify(tampered(written, lambda content: content["motion"].update(change)))
+
+
+def test_a_tube_or_a_path_that_has_no_meaning_there_is_refused(written):
+    for change, words in (
+        (raised("tube", by=lambda tube: tube[1:]), "tube: must be 6 numbers >= 0"),
+        (raised("path", by=lambda path: [[0.0] * 6]), "motion: must come without a path"),
+    ):
+        with pytest.raises(InputError, match=words):
+            verify(tampered(written, change))
+
+
+def test_what_is_not_proven_has_no_certificate(ur5, clutter, fast):
+    bad = check(Motion.through([POINTS[0], POINTS[0] + [0.5, 1.2, 0, 0, 0, 0]]), ur5, clutter)
+    with pytest.raises(PlanningError, match="the motion is not proven, and has no certificate: collision at"):
+        motion_certificate(bad)
+
+    class Own:
+        name = "mine"
+        allows = holds_within = staticmethod(lambda *_: True)
+
+    found = check(spline(), ur5, clutter)
+    with pytest.raises(InputError, match="limits: no certificate has a claim of 'mine'"):
+        motion_certificate(checked(spline(), found.proof.with_limits([Own()])))
+    bare = check(Motion.sampled(FINE, spline()(FINE), 0.5), ur5, clutter, limits=fast)
+    assert "velocity" not in bare.claims
+    assert "velocity" not in motion_certificate(bare)["motion"]
+
+
+def test_it_can_be_shown(written):
+    shown = ViewerContent.of_certificate(written)
+    (path,) = shown.paths.values()
+    assert np.allclose(path[[0, -1]], POINTS[[0, -1]])
+    assert shown.proof is None
+
+
+# ------------------------------------------------------------------------------------- tubes of straight paths
+
+
+def weighed(scene):
+    beam = scene["beam"]
+    return scene.without("beam").with_obstacles(Obstacle("beam", beam.shape, beam.pose, weight=1.5))
+
+
+@pytest.fixture(scope="module")
+def path_with_tube(ur5, clutter):
+    scene = weighed(clutter)
+    upright = ToolOrientation.as_at(ur5, POINTS[0], [0, 0, 1], 1.2)
+    return scene, travelled(
+        certificate(
+            POINTS,
+            ur5,
+            scene,
+            field=DangerField.of_scene(ur5, scene),
+            clearance={"distance": 0.02, "obstacles": ["ball"], "exempt": []},
+            tool={"orientation": upright.as_dict()},
+            tube=TUBE,
+        )
+    )
+
+
+def test_a_tube_of_a_straight_path_is_claimed_and_verified(ur5, path_with_tube):
+    scene, content = path_with_tube
+    said = verify(content, ur5, scene)
+    assert (
+        said.claims[-1]
+        == "the same with joints off by up to (0.004, 0.004, 0.006, 0.01, 0.02, 0.02) [rad or m]"
+    )
+    narrow = certificate(POINTS, ur5, scene, field=DangerField.of_scene(ur5, scene))
+    assert "tube" not in narrow
+    peak = CertifiedDanger(DangerField.of_scene(ur5, scene)).of_path(POINTS).upper
+    assert verify(tampered(narrow, lambda c: c["danger"].update(bound=1.001 * peak)), ur5, scene)
+    for change, words in (
+        (raised("tube", by=lambda tube: [1.2 * x for x in tube]), "edge 0, interval 0 .*: the margin of"),
+        (raised("danger", "bound", by=lambda _: 1.001 * peak), "edge .: danger .* is claimed"),
+        (
+            raised("tool", "orientation", "angle", by=lambda x: 0.05 * x),
+            "the orientation of the tool is not as",
+        ),
+    ):
+        with pytest.raises(CertificateError, match=words):
+            verify(tampered(content, change), ur5, scene)
+
+
+def test_a_tube_that_is_too_wide_or_of_a_trajectory_is_refused(ur5, clutter, written, path_with_tube):
+    with pytest.raises(PlanningError, match="edge 0 cannot be certified: too near at"):
+        certificate(POINTS, ur5, clutter, tube=np.full(6, 0.5))
+    tool = {"orientation": ToolOrientation.as_at(ur5, POINTS[0], [0, 0, 1], 0.08).as_dict()}
+    certificate(POINTS[:1], ur5, clutter, tool=tool, tube=TUBE)
+    with pytest.raises(PlanningError, match="its tool orientation is not proven"):
+        certificate(POINTS[:1], ur5, clutter, tool=tool, tube=[0, 0.02, 0.02, 0.04, 0.02, 0])
+    limits = RateLimits.of(ur5, 1.0, 4.0)
+    trajectory = PathTimer(ur5, limits).time(POINTS, cells=12)
+    with pytest.raises(
+        InputError, match="tube: is claimed of paths and polynomials, and not of a trajectory"
+    ):
+        certificate(POINTS, ur5, clutter, trajectory=trajectory, tube=TUBE)
+
+
+# ------------------------------------------------------------------------------------- what is accepted holds
+
+
+def random_curve(robot, rng, degree):
+    room = 0.02 * (robot.upper - robot.lower)
+    start = rng.uniform(robot.lower + room, robot.upper - room)
+    points = start + rng.uniform(0.1, 0.8) * rng.normal(size=(degree + 1, robot.n))
+    return np.clip(points, robot.lower + room, robot.upper - room)
+
+
+class OfTube:
+    """Claims of nothing but that a motion is free within a tube."""
+
+    danger = tool = None
+
+    def __init__(self, tube):
+        self.tube = tube
+
+    def required(self, link, obstacle):
+        return 0.0
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "slider", "twin_arm"])
+def test_what_the_verifier_accepts_touches_nothing_and_what_is_proven_it_accepts(
+    robot_named, clutter, plain_check, rng, name
+):
+    robot, accepted, refused = robot_named(name), 0, 0
+    plain = plain_check(robot, clutter)
+    for _ in range(24):
+        motion = Motion.bezier(random_curve(robot, rng, int(rng.integers(1, 8)))[None])
+        tube = rng.choice([0.0, 0.005, 0.03]) * rng.uniform(0, 1, robot.n)
+        said = motion.to_mapping()
+        keys = ("times", "coefficients", "timed", "rounding")
+        claim = record(PolynomialMotion)("motion", {key: said[key] for key in keys if key in said})
+        claims = OfTube(tube)
+        try:
+            check_polynomials(claims, claim, robot, clutter, Separations(robot, clutter, claims))
+        except CertificateError:
+            refused += 1
+            assert not check(motion, robot, clutter, tube=tube)
+            continue
+        accepted += 1
+        for t in np.linspace(0.0, 1.0, 150):
+            assert plain.nearest(motion.at(t) + rng.choice([-1.0, 1.0], robot.n) * tube) > 0.0
+    assert accepted > 0
+    assert refused > 0
