@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     )
     from safe_ompl.danger import CertifiedDanger, DangerField, DangerLimit, KinetostaticField
     from safe_ompl.geometry import Box, Capsule, Cylinder, Mesh, Obstacle, Person, PointCloud, Pose, Sphere
-    from safe_ompl.io import JointPath, load, save
+    from safe_ompl.io import JointPath, load, read_motion, save
     from safe_ompl.motions import Motion
     from safe_ompl.paths import PathReport, simplify_danger
     from safe_ompl.people import Tracker
@@ -114,6 +114,7 @@ __all__ = [
     "plan",
     "planner_data",
     "planner_names",
+    "read_motion",
     "save",
     "simplify_danger",
     "time_path",

@@ -8,6 +8,7 @@ A bool is never taken for a number, and NaN never for a value.
 from __future__ import annotations
 
 import math
+import re
 from numbers import Integral, Real
 from typing import Any
 
@@ -185,8 +186,8 @@ def positive(value: Any, name: str, kind: str = "number") -> float:
 
 
 def shown(value: Any) -> str:
-    """Return how a value reads in a message: its `repr`, cut where it is long."""
-    written = repr(value)
+    """Return how a value reads in a message: its `repr` on one line, cut where it is long."""
+    written = re.sub(r"\s*\n\s*", " ", repr(value))
     return written if len(written) <= _SHOWN else f"{written[:_SHOWN]}…"
 
 

@@ -8,6 +8,7 @@ from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
     from safe_ompl.io.files import load, marked, read_json, result_to_mapping, save, strict_json
+    from safe_ompl.io.motion_files import read_motion
     from safe_ompl.io.motions import ACCELERATION, JointPath, TimedMotion
     from safe_ompl.io.problems import unpacked_robot
     from safe_ompl.io.robot_document import RobotDocument, built_robot, carried_robot, links_without_collision
@@ -65,6 +66,7 @@ __all__ = [
     "parse",
     "plain",
     "read_json",
+    "read_motion",
     "read_ticks",
     "record",
     "result_to_mapping",

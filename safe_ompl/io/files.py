@@ -15,13 +15,14 @@ from safe_ompl.common import documents as document
 from safe_ompl.io.motions import JointPath, TimedMotion
 from safe_ompl.io.problems import Problem
 from safe_ompl.io.scene_document import built_scene, carried_scene
+from safe_ompl.motions import Motion
 from safe_ompl.paths import ClearanceReport, DangerReport, PathReport
 from safe_ompl.planning import Improvement, PlanResult
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 
 FORMAT, VERSION = "safe-ompl", 1
-KINDS = ("result", "path", "scene", "trajectory")
+KINDS = ("result", "path", "scene", "trajectory", "motion")
 
 
 def marked(kind: str, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -151,18 +152,18 @@ def _report(data: Mapping[str, Any]) -> PathReport:
 
 # -------------------------------------------------------------------------------------------------------- files
 
-Saveable: TypeAlias = PlanResult | JointPath | Scene
+Saveable: TypeAlias = PlanResult | JointPath | Scene | Motion
 Loaded: TypeAlias = Saveable | TimedMotion
 
 
 def save(thing: Saveable, file: str | Path, *, meshes: bool | None = None) -> None:
-    """Write a result, a path or a scene as JSON that `load` reads back.
+    """Write a result, a path, a motion or a scene as JSON that `load` reads back.
 
     A result carries its robot and its scene; a scene its meshes and points. Numbers are read back exactly.
 
     Parameters
     ----------
-    thing : PlanResult, JointPath or Scene
+    thing : PlanResult, JointPath, Scene or Motion
         What to write.
     file : path-like
         The file.
@@ -185,7 +186,11 @@ def saved(thing: Saveable, meshes: bool | None = None) -> dict[str, Any]:
         return marked("path", thing.to_mapping())
     if isinstance(thing, Scene):
         return marked("scene", {"scene": carried_scene(thing)})
-    raise InputError(f"can be a PlanResult, a JointPath or a Scene, not {type(thing).__name__}", "to save")
+    if isinstance(thing, Motion):
+        return marked("motion", thing.to_mapping())
+    raise InputError(
+        f"can be a PlanResult, a JointPath, a Scene or a Motion, not {type(thing).__name__}", "to save"
+    )
 
 
 def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence[str | Path] = ()) -> Loaded:
@@ -214,4 +219,6 @@ def load(file: str | Path, *, robot: Robot | None = None, package_dirs: Sequence
             return TimedMotion.from_mapping(content, robot, folders)
         if kind == "path":
             return JointPath.from_mapping(content)
+        if kind == "motion":
+            return Motion.from_mapping(content)
         return built_scene(document.mapping("scene", document.require(content, "scene")))

@@ -80,16 +80,9 @@ class JointPath:
         InputError
             If it cannot be read; names the line.
         """
-        try:
-            with Path(file).open(newline="", encoding="utf-8") as stream:
-                rows = list(csv.reader(stream))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise InputError(f"cannot be read as CSV: {error}", str(file)) from None
-        if not rows:
-            raise InputError("is empty; the first line must name the joints", str(file))
-        points = [_numbers(row, len(rows[0]), f"{file}:{k}") for k, row in enumerate(rows[1:], start=2)]
+        header, values = read_table(file)
         with document.within(str(file), ": "):
-            return cls(tuple(rows[0]), np.reshape(points, (-1, len(rows[0]))))
+            return cls(header, values)
 
     def to_csv(self, file: str | Path) -> None:
         """Write the path as CSV, which `from_csv` reads back exactly."""
@@ -119,13 +112,33 @@ class JointPath:
         return cls(tuple(names), document.require(data, "path"))
 
 
+def read_table(file: str | Path) -> tuple[tuple[str, ...], FloatArray]:
+    """Return the first line of a CSV file (m names), and the numbers below it (N, m).
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; names the line.
+    """
+    try:
+        with Path(file).open(newline="", encoding="utf-8-sig") as stream:  # as spreadsheets write it
+            rows = [(k, row) for k, row in enumerate(csv.reader(stream), start=1) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot be read as CSV: {error}", str(file)) from None
+    if not rows:
+        raise InputError("is empty; the first line must name the joints", str(file))
+    header = tuple(rows[0][1])
+    values = [_numbers(row, len(header), f"{file}:{k}") for k, row in rows[1:]]
+    return header, np.reshape(values, (-1, len(header)))
+
+
 def _numbers(row: Iterable[str], count: int, place: str) -> list[float]:
     try:
         values = [float(cell) for cell in row]
     except ValueError as error:
         raise InputError(f"must be numbers ({error})", place) from None
     if len(values) != count:
-        raise InputError(f"must have {count} numbers, one for each joint, got {len(values)}", place)
+        raise InputError(f"must have {count} numbers, one for each column, got {len(values)}", place)
     return values
 
 

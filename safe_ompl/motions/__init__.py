@@ -7,8 +7,24 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
+    from safe_ompl.motions.checks import MotionCheck, Violation, check, checked, widest_tube
     from safe_ompl.motions.motion import Motion
+    from safe_ompl.motions.rates import Extremes, RateViolation, extremes, rate_violations
+    from safe_ompl.motions.repair import Repair, repaired
 
-__all__ = ["Motion"]
+__all__ = [
+    "Extremes",
+    "Motion",
+    "MotionCheck",
+    "RateViolation",
+    "Repair",
+    "Violation",
+    "check",
+    "checked",
+    "extremes",
+    "rate_violations",
+    "repaired",
+    "widest_tube",
+]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

@@ -2,24 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import factorial, perm
+from math import perm
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, documents, finite_array, float_array, number, shown
+from safe_ompl.common import (
+    FloatArray,
+    InputError,
+    documents,
+    finite_array,
+    float_array,
+    number,
+    shown,
+    whole_number,
+)
 from safe_ompl.motions import polynomials
+from safe_ompl.motions.inputs import (
+    DEGREE,
+    columns,
+    increasing,
+    named,
+    of_degree,
+    path_states,
+    rate_rows,
+    slack_between,
+    vectors,
+)
 from safe_ompl.motions.polynomials import EPS
-from safe_ompl.planning.ompl import StateBridge
 from safe_ompl.robot import Robot
 
-DEGREE = (
-    15  # the power basis loses a factor of 3 in precision per degree: 1.6e-7 rad at 15, in the worst case
-)
 JUMP = 1e-6  # [rad or m] between pieces, which proofs add to what they allow for
 _TURNS = 4 * np.pi  # [rad] beyond which a joint that has limits is not in radians
 
@@ -36,7 +52,7 @@ class Motion:
         Where pieces begin and end, increasing [s].
     coefficients : array_like, shape (K, d + 1, n)
         c_0 … c_d of every piece [rad or m]; d ≤ 15.
-    joint_names : sequence of str, optional
+    joint_names : tuple of str, optional
         The n joints. Default: those of the robot, in its order.
     slack : array_like, shape (K, n), optional
         Where not every configuration is known: how far the motion may be from the polynomial, ≥ 0 [rad or m].
@@ -64,21 +80,16 @@ class Motion:
 
     def __post_init__(self) -> None:
         coefficients = finite_array(self.coefficients, (None, None, None), "coefficients")
-        while coefficients.shape[1] > 2 and not coefficients[:, -1].any():
-            coefficients = coefficients[:, :-1]
-        pieces, size, n = coefficients.shape
+        pieces, size, n = of_degree(coefficients).shape
         if not (pieces and size and n):
             raise InputError(
                 f"must have pieces, powers and joints, got shape {coefficients.shape}", "coefficients"
             )
-        if size > DEGREE + 1:
-            raise InputError(
-                f"must have a degree of {DEGREE} at most, beyond which powers lose digits, got {size - 1}",
-                "motion",
-            )
         if self.short_way and size != 2:
             raise InputError(f"is for straight pieces, not for a degree of {size - 1}", "short_way")
-        times = _increasing(self.times, pieces + 1, "times")
+        times = finite_array(self.times, (pieces + 1,), "times")
+        if not (np.diff(times) > 0).all():
+            raise InputError(f"must increase, got {shown(times.tolist())}", "times")
         for name, values in (("slack", self.slack), ("rounding", self.rounding)):
             if values is not None:
                 array = finite_array(values, (pieces, n), name)
@@ -86,7 +97,7 @@ class Motion:
                     raise InputError(f"must not be negative, got {array.min():g}", name)
                 _freeze(self, name, array)
         if self.joint_names is not None:
-            object.__setattr__(self, "joint_names", _names(self.joint_names, n))
+            object.__setattr__(self, "joint_names", named(self.joint_names, n))
         _freeze(self, "times", times)
         _freeze(self, "coefficients", coefficients)
         jumps = self._jumps
@@ -162,6 +173,7 @@ class Motion:
         InputError
             If a time is not a number.
         """
+        order = whole_number("order", order, at_least=0)
         given = float_array(time, (None,) if np.ndim(time) else (), "time")
         if np.isnan(given).any():
             raise InputError("time must be a number of seconds, got nan")
@@ -228,19 +240,7 @@ class Motion:
             If joints are missing or there are more; without names, if the number of columns differs. If a joint that
             has limits moves beyond 4π rad, which degrees look like.
         """
-        order = list(range(self.n))
-        if self.joint_names is None:
-            if self.n != robot.n:
-                names = ", ".join(robot.joint_names)
-                raise InputError(f"must have {robot.n} columns, for {names}, got {self.n}", "motion")
-        else:
-            missing = [name for name in robot.joint_names if name not in self.joint_names]
-            surplus = [name for name in self.joint_names if name not in robot.joint_names]
-            if missing or surplus:
-                said = [f"lacks the joints {', '.join(missing)}"] * bool(missing)
-                said += [f"has joints that the robot has not: {', '.join(surplus)}"] * bool(surplus)
-                raise InputError("; ".join(said), "motion")
-            order = [self.joint_names.index(name) for name in robot.joint_names]
+        order = columns(self.joint_names, self.n, robot)
         units = np.where(robot.prismatic, 1.0, np.pi / 180 if degrees else 1.0)
         coefficients = self.coefficients[:, :, order] * units
         slack, rounding = (
@@ -275,45 +275,38 @@ class Motion:
     def through(
         cls, points: ArrayLike, times: ArrayLike | None = None, names: Sequence[str] | None = None
     ) -> Motion:
-        """Return the straight lines through way points; continuous joints go the short way, as on planned paths.
+        """Return the straight lines through way points (N, n); continuous joints go the short way, as on planned paths.
 
-        Parameters
-        ----------
-        points : array_like, shape (N, n)
-            Way points [rad or m].
-        times : array_like, shape (N,), optional
-            When it is there, increasing [s]. Default: it is a path, without time.
-        names : sequence of str, optional
-            The joints.
-
-        Raises
-        ------
-        InputError
-            As the class.
+        Without `times` (N,) [s] it is a path.
         """
         held = finite_array(points, (None, None), "way points")
         if times is None and len(held) == 1:
             held = np.repeat(held, 2, axis=0)  # a path that stays
         if len(held) < 2:
             raise InputError(f"must be two at least, got {len(held)}", "way points")
-        at = np.arange(float(len(held))) if times is None else _increasing(times, len(held), "times")
-        return cls._through(at, held, names, timed=times is not None, short_way=True)
+        at = np.arange(float(len(held))) if times is None else increasing(times, len(held), "times")
+        return cls._straight(at, held, names, timed=times is not None, short_way=True)
 
     @classmethod
-    def _through(
-        cls, times: FloatArray, points: FloatArray, names: Sequence[str] | None, **options: Any
+    def _straight(
+        cls, at: FloatArray, held: FloatArray, names: Sequence[str] | None, **options: Any
     ) -> Motion:
-        steps = np.diff(points, axis=0)
-        coefficients = np.stack([points[:-1], steps], axis=1)
-        return cls(times, coefficients, _tuple(names), rounding=EPS * np.abs(steps), **options)
+        ends = np.stack([held[:-1], held[1:]], axis=1)
+        return cls._made(at, *polynomials.hermite(np.diff(at), ends, None, None), names, **options)
+
+    @classmethod
+    def _made(
+        cls, times: FloatArray, coefficients: FloatArray, rounding: FloatArray, names: Any, **options: Any
+    ) -> Motion:
+        return cls(times, coefficients, names, rounding=rounding, **options)
 
     @classmethod
     def hermite(
         cls,
         times: ArrayLike,
         positions: ArrayLike,
-        velocities: ArrayLike | None = None,
-        accelerations: ArrayLike | None = None,
+        velocities: Any = None,
+        accelerations: Any = None,
         names: Sequence[str] | None = None,
     ) -> Motion:
         """Return what ROS 2's joint_trajectory_controller interpolates; the numbers of continuous joints as they are.
@@ -335,10 +328,10 @@ class Motion:
         InputError
             As the class, or if a point has accelerations but no velocities, which the controller does not interpolate.
         """
-        at = _increasing(times, None, "times")
+        at = increasing(times, None, "times")
         held = finite_array(positions, (len(at), None), "positions")
-        rates, has_rates = _rows(velocities, held.shape, "velocities")
-        bends, has_bends = _rows(accelerations, held.shape, "accelerations")
+        rates, has_rates = rate_rows(velocities, held.shape, "velocities")
+        bends, has_bends = rate_rows(accelerations, held.shape, "accelerations")
         if (has_bends & ~has_rates).any():
             point = int(np.flatnonzero(has_bends & ~has_rates)[0])
             raise InputError(f"point {point} has accelerations, but no velocities", "motion")
@@ -349,45 +342,27 @@ class Motion:
         for degree in set(degrees.tolist()):
             which = np.flatnonzero(degrees == degree)
             ends = which[:, None] + [0, 1]
-            pieces = polynomials.hermite_control_points(
-                at[which + 1] - at[which],
-                held[ends],
-                rates[ends] if degree > 1 else None,
-                bends[ends] if degree > 3 else None,
-            )
-            coefficients[which, : degree + 1], rounding[which] = polynomials.powers(*pieces)
-        return cls(at, coefficients, _tuple(names), rounding=rounding)
+            v, a = rates[ends] if degree > 1 else None, bends[ends] if degree > 3 else None
+            made = polynomials.hermite(at[which + 1] - at[which], held[ends], v, a)
+            coefficients[which, : degree + 1], rounding[which] = made
+        return cls._made(at, coefficients, rounding, names)
 
     @classmethod
     def bezier(
         cls, control_points: ArrayLike, times: ArrayLike | None = None, names: Sequence[str] | None = None
     ) -> Motion:
-        """Return Bézier curves one after another.
-
-        Parameters
-        ----------
-        control_points : array_like, shape (K, d + 1, n)
-            Of each piece [rad or m].
-        times : array_like, shape (K + 1,), optional
-            Where pieces begin and end, increasing [s]. Default: it is a path, without time.
-        names : sequence of str, optional
-            The joints.
-
-        Raises
-        ------
-        InputError
-            As the class.
-        """
-        points = _of_degree(finite_array(control_points, (None, None, None), "control points"))
-        at = np.arange(len(points) + 1.0) if times is None else _increasing(times, len(points) + 1, "times")
+        """Return Bézier curves of control points (K, d + 1, n) one after another; without `times` (K + 1,), a path."""
+        points = of_degree(finite_array(control_points, (None, None, None), "control points"))
+        count = len(points) + 1
+        at = np.arange(float(count)) if times is None else increasing(times, count, "times")
         made = polynomials.powers(points, np.zeros_like(points[:, 0]))
-        return cls(at, made[0], _tuple(names), timed=times is not None, rounding=made[1])
+        return cls._made(at, *made, names, timed=times is not None)
 
     @classmethod
     def bspline(
         cls, knots: ArrayLike, coefficients: ArrayLike, degree: int, names: Sequence[str] | None = None
     ) -> Motion:
-        """Return a B-spline on the part of its knots where it is defined.
+        """Return a B-spline where it is defined, from knot `degree` to knot N [s].
 
         Parameters
         ----------
@@ -405,8 +380,7 @@ class Motion:
         InputError
             As the class, or if the knots are none of such a spline.
         """
-        if not 1 <= degree <= DEGREE:
-            raise InputError(f"must be 1 to {DEGREE}, got {degree}", "degree of the B-spline")
+        degree = whole_number("degree of the B-spline", degree, at_least=1, at_most=DEGREE)
         held = finite_array(coefficients, (None, None), "control points")
         at = finite_array(knots, (None,), "knots")
         if len(at) != len(held) + degree + 1 or len(held) <= degree:
@@ -417,9 +391,7 @@ class Motion:
             )
         if (np.diff(at) < 0).any() or not at[len(held)] > at[degree]:
             raise InputError(f"must not decrease, and span some time, got {shown(at.tolist())}", "knots")
-        times, points, error = polynomials.spline_control_points(at, held, degree)
-        made = polynomials.powers(points, error)
-        return cls(times, made[0], _tuple(names), rounding=made[1])
+        return cls._made(*polynomials.spline(at, held, degree), names)
 
     @classmethod
     def profile(
@@ -461,25 +433,14 @@ class Motion:
         spans = finite_array(durations, (None,), "durations")
         if (spans < 0).any():
             raise InputError(f"must not be negative, got {spans.min():g}", "durations")
-        kind, given = ("accelerations", accelerations) if jerks is None else ("jerks", jerks)
-        assert given is not None
-        pushes = finite_array(given, (len(spans), len(q)), kind)[spans > 0]
-        spans = spans[spans > 0]
+        kind, phases = ("accelerations", accelerations) if jerks is None else ("jerks", jerks)
+        pushes = finite_array(phases, (len(spans), len(q)), kind)  # type: ignore[arg-type]
         rates = (("velocity", velocity), ("acceleration", acceleration))[: 1 if jerks is None else 2]
         zero = np.zeros(len(q))
         state = [q, *(zero if rate is None else finite_array(rate, q.shape, name) for name, rate in rates)]
-        coefficients = np.zeros((len(spans), len(state) + 1, len(q)))
-        rounding, errors = np.zeros((len(spans), len(q))), [zero] * (len(state) + 1)
-        for j, (span, push) in enumerate(zip(spans.tolist(), pushes, strict=True)):
-            orders = [*state, push]
-            coefficients[j] = _taylor(orders, span)
-            rounding[j] = sum(_taylor(errors, span)) + 4 * EPS * np.abs(coefficients[j]).sum(axis=0)
-            state = [np.sum(_taylor(orders[k:], span), axis=0) for k in range(len(state))]
-            sizes = [np.abs(_taylor(orders[k:], span)).sum(axis=0) for k in range(len(state))]
-            errors = [
-                np.sum(_taylor(errors[k:], span), axis=0) + 8 * EPS * size for k, size in enumerate(sizes)
-            ] + [zero]
-        return cls(np.append(0.0, np.cumsum(spans)), coefficients, _tuple(names), rounding=rounding)
+        moving = spans > 0
+        made = polynomials.integrated(np.array(state), spans[moving], pushes[moving])
+        return cls._made(np.append(0.0, np.cumsum(spans[moving])), *made, names)
 
     @classmethod
     def sampled(
@@ -510,25 +471,9 @@ class Motion:
         InputError
             As the class, or if samples are farther apart than that velocity allows.
         """
-        at = _increasing(times, None, "times")
+        at = increasing(times, None, "times")
         held = finite_array(positions, (len(at), None), "positions")
-        n = held.shape[1]
-        most = np.full(n, max_velocity) if np.ndim(max_velocity) == 0 else max_velocity
-        v = finite_array(most, (n,), "largest velocity")
-        if (v <= 0).any():
-            raise InputError(f"must be positive, got {v.min():g}", "largest velocity")
-        spans = np.diff(at)[:, None]
-        means = np.abs(np.diff(held, axis=0)) / spans
-        if (means > v * (1 + 1e-9)).any():
-            sample, joint = np.unravel_index((means / v).argmax(), means.shape)
-            raise InputError(
-                f"column {joint} moves at {means[sample, joint]:.4g} after {at[sample]:.6g} s, faster than the "
-                f"largest velocity {v[joint]:.4g}",
-                "samples",
-            )
-        v = np.maximum(v, means)
-        slack = (v - means) * (v + means) * spans / (2 * v) * (1 + 8 * EPS)
-        return cls._through(at, held, names, slack=slack)
+        return cls._straight(at, held, names, slack=slack_between(at, held, max_velocity))
 
     @classmethod
     def of(cls, thing: Any, names: Sequence[str] | None = None, space: Any = None) -> Motion:
@@ -551,16 +496,16 @@ class Motion:
         """
         kinds = {kind.__name__ for kind in type(thing).__mro__}
         if isinstance(thing, Motion):
-            return thing if names is None else replace(thing, joint_names=_tuple(names))
+            return thing if names is None else replace(thing, joint_names=tuple(names))
         if kinds & {"PPoly", "BPoly"}:
             return cls._of_pieces(thing, "BPoly" in kinds, names)
         if "BSpline" in kinds:
             knots, degree = np.asarray(thing.t), int(thing.k)
-            return cls.bspline(knots, _columns(thing.c)[: len(knots) - degree - 1], degree, names)
+            return cls.bspline(knots, vectors(thing, 2)[: len(knots) - degree - 1], degree, names)
         if hasattr(thing, "getSolutionPath"):
             thing, space = thing.getSolutionPath(), thing.getStateSpace()
         if hasattr(thing, "getStateCount"):
-            return cls.through(_states(thing, space), names=names)
+            return cls.through(path_states(thing, space), names=names)
         if hasattr(thing, "joint_names") and (hasattr(thing, "path") or hasattr(thing, "points")):
             path = thing.path if hasattr(thing, "path") else thing.points
             if path is None:
@@ -578,21 +523,18 @@ class Motion:
     @classmethod
     def _of_pieces(cls, thing: Any, is_bernstein: bool, names: Sequence[str] | None) -> Motion:
         """Return SciPy's piecewise polynomials: of (t − x_j), highest power first, or of Bernstein."""
-        held = np.asarray(thing.c)
-        if held.ndim != 3:
-            raise InputError(f"must have values of shape (n,), got {held.shape[2:]}", type(thing).__name__)
-        pieces = np.swapaxes(finite_array(held, (None, None, None), "coefficients"), 0, 1)
-        times = _increasing(thing.x, len(pieces) + 1, "times")
+        pieces = finite_array(np.swapaxes(vectors(thing, 3), 0, 1), (None, None, None), "coefficients")
         if is_bernstein:
-            return cls.bezier(pieces, times, names)
-        rising = pieces[:, ::-1]
-        while rising.shape[1] > 1 and not rising[:, -1].any():
-            rising = rising[:, :-1]
-        rising = _of_degree(rising)
-        orders = np.arange(rising.shape[1])
+            return cls.bezier(pieces, thing.x, names)
+        times = increasing(thing.x, len(pieces) + 1, "times")
+        zeros = int(
+            (np.cumsum(np.abs(pieces[:, :-1]).sum(axis=(0, 2))) == 0).sum()
+        )  # powers that no piece has
+        rising = of_degree(pieces[:, zeros:][:, ::-1])
+        orders = np.arange(float(rising.shape[1]))
         coefficients = rising * (np.diff(times)[:, None] ** orders)[..., None]
-        rounding = EPS * np.einsum("k,jkn->jn", orders + 3.0, np.abs(coefficients))
-        return cls(times, coefficients, _tuple(names), rounding=rounding)
+        rounding = EPS * np.einsum("k,jkn->jn", np.where(orders > 0, orders + 3, 0.0), np.abs(coefficients))
+        return cls._made(times, coefficients, rounding, names)
 
     # ------------------------------------------------------------------------------------------------ files
 
@@ -635,17 +577,6 @@ class Motion:
         return f"column {column}" if self.joint_names is None else f"joint {self.joint_names[column]!r}"
 
 
-def _states(path: Any, space: Any) -> FloatArray:
-    """Return the configurations (N, n) of OMPL's `PathGeometric`."""
-    count = path.getStateCount()
-    if not count:
-        raise InputError("has no states", "PathGeometric")
-    if space is None:
-        raise InputError("does not know its state space: give space, or the SimpleSetup", "PathGeometric")
-    bridge = StateBridge(space)
-    return np.array([bridge.read(path.getState(i)) for i in range(count)])
-
-
 def _unwound(
     coefficients: FloatArray, rounding: FloatArray | None, robot: Robot
 ) -> tuple[FloatArray, FloatArray]:
@@ -655,64 +586,6 @@ def _unwound(
     unwound = coefficients - np.stack([before, turns], axis=1)
     error = 2 * EPS * (np.abs(coefficients).sum(axis=1) + np.abs(before)) * robot.continuous
     return unwound, error if rounding is None else rounding + error
-
-
-def _taylor(rates: Sequence[FloatArray], span: float) -> FloatArray:
-    """Return r_k hᵏ / k! of the derivatives r_0 … of a polynomial: its coefficients on the unit interval."""
-    return np.array([rate * (span**k / factorial(k)) for k, rate in enumerate(rates)])
-
-
-def _increasing(times: ArrayLike, count: int | None, name: str) -> FloatArray:
-    found = finite_array(times, (None,), name)
-    if count is not None and len(found) != count:
-        raise InputError(f"must be {count}, got {len(found)}", name)
-    if len(found) < 2:
-        raise InputError(f"must be two at least, got {len(found)}", name)
-    wrong = np.flatnonzero(np.diff(found) <= 0)
-    if len(wrong):
-        k = int(wrong[0])
-        raise InputError(f"must increase, got {found[k + 1]:.9g} after {found[k]:.9g} (number {k + 1})", name)
-    return found
-
-
-def _rows(values: Any, shape: tuple[int, int], name: str) -> tuple[FloatArray, np.ndarray[Any, Any]]:
-    """Return rates (N, n), and which points have any; rows of points that have none are 0."""
-    if values is None:
-        return np.zeros(shape), np.zeros(shape[0], dtype=bool)
-    if isinstance(values, np.ndarray) or len(values) != shape[0] or all(row is not None for row in values):
-        return finite_array(values, shape, name), np.ones(shape[0], dtype=bool)
-    rows, there = np.zeros(shape), np.array([row is not None for row in values])
-    for k in np.flatnonzero(there):
-        rows[k] = finite_array(values[k], shape[1:], f"{name} of point {k}")
-    return rows, there
-
-
-def _of_degree(pieces: FloatArray) -> FloatArray:
-    if pieces.shape[1] > DEGREE + 1:
-        raise InputError(f"must have a degree of {DEGREE} at most, got {pieces.shape[1] - 1}", "motion")
-    return pieces
-
-
-def _columns(values: Any) -> FloatArray:
-    held = np.asarray(values)
-    if held.ndim != 2:
-        raise InputError(f"must have values of shape (n,), got {held.shape[1:]}", "B-spline")
-    return held
-
-
-def _tuple(names: Iterable[str] | None) -> tuple[str, ...] | None:
-    return None if names is None else tuple(names)
-
-
-def _names(names: Iterable[str], n: int) -> tuple[str, ...]:
-    found = tuple(documents.text("joint name", name) for name in names)
-    if len(set(found)) < len(found):
-        raise InputError(f"must differ, got {', '.join(found)}", "joint names")
-    if len(found) != n:
-        raise InputError(
-            f"must be {n}, one for each column, got {len(found)}: {', '.join(found)}", "joint names"
-        )
-    return found
 
 
 def _freeze(motion: Motion, name: str, array: FloatArray) -> None:

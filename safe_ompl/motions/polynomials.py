@@ -6,7 +6,7 @@ Arrays of coefficients have the shape (K, d + 1, n): pieces, powers or Bernstein
 from __future__ import annotations
 
 from functools import cache
-from math import comb
+from math import comb, factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -40,25 +40,27 @@ def bernstein(coefficients: FloatArray) -> FloatArray:
 def powers(control_points: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients of polynomials in Bernstein form, and a bound (K, n) of the sum of their errors.
 
-    The entries of T have Σ|T_ki| = 3^d, and a sum of d + 1 products rounds by (d + 2) ε of what it adds up.
+    c_0 is b_0 as it stands, and the others come from b_i − b_0. The entries of T have Σ|T_ki| = 3^d, and a sum of
+    d + 1 products of rounded differences errs by (d + 3) ε of what it adds up.
 
     Parameters
     ----------
     control_points : ndarray, shape (K, d + 1, n)
         Bernstein coefficients.
     error : ndarray, shape (K, n)
-        How far each may be from what is meant.
+        How far each b_i − b_0 may be from what is meant.
     """
     degree = control_points.shape[1] - 1
-    coefficients = _power_from_bernstein(degree) @ control_points
-    rounding = (degree + 2) * EPS * np.abs(control_points).max(axis=1) + error
-    return coefficients, 3.0**degree * rounding
+    steps = control_points - control_points[:, :1]
+    coefficients = _power_from_bernstein(degree) @ steps
+    coefficients[:, 0] = control_points[:, 0]
+    return coefficients, 3.0**degree * ((degree + 3) * EPS * np.abs(steps).max(axis=1) + error)
 
 
-def hermite_control_points(
+def hermite(
     spans: FloatArray, positions: FloatArray, velocities: FloatArray | None, accelerations: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return Bernstein coefficients of Hermite pieces (K, d + 1, n), d = 1, 3 or 5, and a bound (K, n) of their error.
+    """Return the coefficients (K, d + 1, n) of Hermite pieces, and a bound (K, n) of the sum of their errors.
 
     Parameters
     ----------
@@ -67,24 +69,25 @@ def hermite_control_points(
     positions, velocities, accelerations : ndarray, shape (K, 2, n)
         At both ends of each piece; the degree is 1, 3 or 5 by how many are given.
     """
-    start, end = positions[:, 0], positions[:, 1]
-    if velocities is None:
-        return np.stack([start, end], axis=1), np.zeros_like(start)
-    degree = 3 if accelerations is None else 5
-    out, back = np.moveaxis(velocities * (spans / degree)[:, None, None], 1, 0)
-    size = np.abs(positions).max(axis=1) + 2 * np.maximum(np.abs(out), np.abs(back))
-    if accelerations is None:
-        return np.stack([start, start + out, end - back, end], axis=1), 8 * EPS * size
-    bend, turn = np.moveaxis(accelerations * (spans**2 / 20)[:, None, None], 1, 0)
-    size += np.maximum(np.abs(bend), np.abs(turn))
-    points = [start, start + out, start + 2 * out + bend, end - 2 * back + turn, end - back, end]
-    return np.stack(points, axis=1), 8 * EPS * size
+    start, step = positions[:, 0], positions[:, 1] - positions[:, 0]
+    points = [np.zeros_like(step), step]
+    size = np.abs(step)
+    if velocities is not None:
+        degree = 3 if accelerations is None else 5
+        out, back = np.moveaxis(velocities * (spans / degree)[:, None, None], 1, 0)
+        size = size + 2 * np.maximum(np.abs(out), np.abs(back))
+        points = [points[0], out, step - back, step]
+        if accelerations is not None:
+            bend, turn = np.moveaxis(accelerations * (spans**2 / 20)[:, None, None], 1, 0)
+            size += np.maximum(np.abs(bend), np.abs(turn))
+            points = [points[0], out, 2 * out + bend, step - 2 * back + turn, step - back, step]
+    coefficients, rounding = powers(np.stack(points, axis=1), 8 * EPS * size)
+    coefficients[:, 0] = start
+    return coefficients, rounding
 
 
-def spline_control_points(
-    knots: FloatArray, coefficients: FloatArray, degree: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times (K + 1,), Bernstein coefficients (K, d + 1, n) of a B-spline, and a bound (K, n) of their error.
+def spline(knots: FloatArray, held: FloatArray, degree: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times (K + 1,) and coefficients (K, d + 1, n) of a B-spline, and a bound (K, n) of their errors' sum.
 
     The i-th Bernstein coefficient on [a, b] is the blossom at d − i times a and i times b. De Boor's scheme with one
     of the arguments on each level finds it; between neighbouring knots all of its steps are convex combinations.
@@ -93,17 +96,18 @@ def spline_control_points(
     ----------
     knots : ndarray, shape (N + d + 1,)
         Not decreasing; the spline is defined from knot d to knot N, which differ.
-    coefficients : ndarray, shape (N, n)
-        Control points.
+    held : ndarray, shape (N, n)
+        Its coefficients.
     degree : int
-        Degree d ≥ 0.
+        d ≥ 1.
     """
-    at = np.arange(degree, len(coefficients))
+    at = np.arange(degree, len(held))
     at = at[knots[at + 1] > knots[at]]
-    held = coefficients[at[:, None] + np.arange(-degree, 1)]
-    points = np.empty_like(held)
+    origin = held[at - degree, None]
+    local = held[at[:, None] + np.arange(-degree, 1)] - origin
+    points = np.empty_like(local)
     for i in range(degree + 1):
-        row = held
+        row = local
         for level in range(1, degree + 1):
             along = np.arange(level, degree + 1)
             low, high = knots[at[:, None] - degree + along], knots[at[:, None] + along + 1 - level]
@@ -111,11 +115,41 @@ def spline_control_points(
             share = ((argument[:, None] - low) / (high - low))[..., None]
             row = (1 - share) * row[:, :-1] + share * row[:, 1:]
         points[:, i] = row[:, 0]
-    return np.append(knots[at], knots[at[-1] + 1]), points, 8 * degree * EPS * np.abs(held).max(axis=1)
+    coefficients, rounding = powers(points, 16 * degree * EPS * np.abs(local).max(axis=1))
+    coefficients[:, :1] += origin
+    rounding += EPS * (np.abs(coefficients[:, 0]) + np.abs(local).max(axis=1) * 8 * degree)
+    return np.append(knots[at], knots[at[-1] + 1]), coefficients, rounding
+
+
+def integrated(state: FloatArray, spans: FloatArray, pushes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the coefficients (K, m + 1, n) of phases of constant m-th derivative, and a bound (K, n) of their errors.
+
+    Parameters
+    ----------
+    state : ndarray, shape (m, n)
+        Position and derivatives at the start.
+    spans : ndarray, shape (K,)
+        Durations > 0.
+    pushes : ndarray, shape (K, n)
+        The m-th derivatives.
+    """
+    size = len(state) + 1
+    coefficients = np.zeros((len(spans), size, state.shape[1]))
+    rounding, errors = np.zeros_like(pushes), np.zeros(coefficients.shape[1:])
+    for j, (span, push) in enumerate(zip(spans.tolist(), pushes, strict=True)):
+        steps = np.array([span**k / factorial(k) for k in range(size)])[:, None]
+        orders = np.vstack([state, push])
+        coefficients[j] = orders * steps
+        rounding[j] = (errors * steps).sum(axis=0) + 4 * EPS * np.abs(coefficients[j]).sum(axis=0)
+        state = np.array([(orders[k:] * steps[: size - k]).sum(axis=0) for k in range(size - 1)])
+        sizes = [np.abs(orders[k:] * steps[: size - k]).sum(axis=0) for k in range(size - 1)]
+        errors = np.array([(errors[k:] * steps[: size - k]).sum(axis=0) for k in range(size)])
+        errors[:-1] += 8 * EPS * np.array(sizes)
+    return coefficients, rounding
 
 
 def restricted(coefficients: FloatArray, first: float, last: float) -> FloatArray:
-    """Return the coefficients (d + 1, n) on [first, last] ⊂ [0, 1]; their errors sum to at most 4 (d + 1) ε Σ_k |c_k|.
+    """Return the coefficients (d + 1, n) on [first, last] ⊂ [0, 1]; their errors add up to 4 (d + 1) ε Σ_k |c_k|.
 
     c′_k = (last − first)^k Σ_{i ≥ k} C(i, k) first^(i−k) c_i
     """

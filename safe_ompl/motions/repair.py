@@ -20,7 +20,7 @@ import pinocchio as pin
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict, fresh_data
 from safe_ompl.common import FloatArray
 from safe_ompl.motions import polynomials
-from safe_ompl.motions.check import MotionCheck, PieceProof, PieceProofs, checked
+from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, checked
 from safe_ompl.motions.motion import Motion
 from safe_ompl.trajectories import RateLimits
 
@@ -290,7 +290,8 @@ class Gaps:
 
 def _parts(curve: FloatArray, span: float) -> int:
     """Return in how many parts a piece (d + 1, n) is divided so that none moves farther than about a span."""
-    return max(1, int(np.ceil(np.linalg.norm(np.abs(curve[1:]).sum(axis=0)) / span)))
+    at = np.polynomial.polynomial.polyval(np.array(_PLACES), curve).T
+    return max(1, int(np.ceil(np.linalg.norm(np.diff(at, axis=0), axis=1).sum() / span)))
 
 
 def _divided(motion: Motion, parts: dict[int, int]) -> Motion:
@@ -337,11 +338,8 @@ def _basis(motion: Motion) -> FloatArray:
     first, last = motion.times[[0, -1]]
     knots = np.concatenate([np.full(degree + 1, first), inner, np.full(degree + 1, last)])
     number = len(knots) - degree - 1
-    kept = min(
-        degree, 3 if motion.timed else 1
-    )  # position, and velocity and acceleration of a motion in time
-    _, points, error = polynomials.spline_control_points(knots, np.eye(number), degree)
-    coefficients, _ = polynomials.powers(points, error)
+    kept = min(degree, 3 if motion.timed else 1)  # derivatives at the ends, positions among them
+    _, coefficients, _ = polynomials.spline(knots, np.eye(number), degree)
     return coefficients[:, :, kept : number - kept]
 
 

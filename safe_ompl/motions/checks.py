@@ -1,4 +1,4 @@
-"""Proofs of motions that something else made, and what stands in the way of one."""
+"""Checks: proofs of motions that something else made, and what stands in the way of one."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from safe_ompl.scene import Scene
 from safe_ompl.trajectories import RateLimits
 
 _FINEST = 2.0**-7  # of a piece: so finely it is said where a piece is not proven
+_TOUCHING = 1e-6  # [m] What is to be kept for rounding alone is no clearance.
 _UNITS = {"collision": (1e3, "mm"), "clearance": (1e3, "mm")}
 
 
@@ -176,13 +177,15 @@ def checked(
     if speeds and not motion.timed:
         raise InputError("has no times, and obstacles that move need them", "motion")
     found = list(map(_rate, rate_violations(motion, proof.checker.robot, limits)))
+    stretches: list[Violation] = []
     for piece in PieceProofs(motion, proof, speeds):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
         named = what == "its limits" and joint in proof.checker.robot.joint_names  # by its rates
         if verdict.verdict is not Verdict.FREE and not named:
-            found += piece.violations()
+            stretches += piece.unproven()
     claims = ["joint limits", *(limits.kinds if limits is not None else ()), *_claims(proof)]
+    found += _joined(stretches)
     found.sort(key=lambda violation: (violation.at, violation.kind))
     return MotionCheck(motion, tuple(claims), tuple(found), proof.separation)
 
@@ -304,25 +307,15 @@ class PieceProof:
         span = self.time(low) - self._begin, self.time(high) - self._begin
         return self.proof.check_curve(curve, self._speeds, span)
 
-    def violations(self) -> list[Violation]:
-        """Return the stretches of the piece that are not proven, by time."""
-        stretches: list[list[Violation]] = []
-        for found in self._leaves(0.0, 1.0):
-            if stretches and stretches[-1][-1].last == found.first and stretches[-1][-1].kind == found.kind:
-                stretches[-1].append(found)
-            else:
-                stretches.append([found])
-        return [_joined(stretch) for stretch in stretches]
-
-    def _leaves(self, low: float, high: float) -> Iterator[Violation]:
-        """Yield short stretches that are not proven."""
+    def unproven(self, low: float = 0.0, high: float = 1.0) -> Iterator[Violation]:
+        """Yield short stretches between two fractions of the piece that are not proven, by time."""
         found = self.verdict(low, high)
         if found.verdict is Verdict.FREE:
             return
         if high - low > _FINEST:
             middle = 0.5 * (low + high)
-            yield from self._leaves(low, middle)
-            yield from self._leaves(middle, high)
+            yield from self.unproven(low, middle)
+            yield from self.unproven(middle, high)
             return
         yield self._said(found, low, high)
 
@@ -371,8 +364,8 @@ class PieceProofs:
             yield known[widths]
 
 
-def _joined(stretch: list[Violation]) -> Violation:
-    """Return neighbouring stretches as one, with what is worst in any of them."""
+def _joined(stretches: list[Violation]) -> Iterator[Violation]:
+    """Yield stretches of one kind that follow each other as one, with what is worst in any of them."""
 
     def depth(violation: Violation) -> float:
         if violation.value is None or violation.limit is None:
@@ -380,9 +373,15 @@ def _joined(stretch: list[Violation]) -> Violation:
         beyond = violation.value - violation.limit
         return -beyond if violation.kind in _UNITS else beyond
 
-    decided = [violation for violation in stretch if violation.decided]
-    worst = max(decided or stretch, key=depth)
-    return replace(worst, first=stretch[0].first, last=stretch[-1].last)
+    groups: list[list[Violation]] = []
+    for found in stretches:
+        if groups and (groups[-1][-1].last, groups[-1][-1].kind) == (found.first, found.kind):
+            groups[-1].append(found)
+        else:
+            groups.append([found])
+    for group in groups:
+        worst = max([violation for violation in group if violation.decided] or group, key=depth)
+        yield replace(worst, first=group[0].first, last=group[-1].last)
 
 
 def _values(
@@ -398,17 +397,14 @@ def _values(
                 return limit.name, (), limit.excess(q), 0.0
             return str(name), (), None, None
     checker, required = proof.checker, proof.separation.required(proof.checker)
-    distances = checker.pair_distances(q)
-    nearest = int(distances.argmin()) if len(distances) else None
-    if found.pair is None and nearest is not None and distances[nearest] > 0.0:
-        return "collision", checker.pair_names[nearest], float(distances[nearest]), 0.0
-    if nearest is not None and distances[nearest] <= 0.0:
-        return "collision", checker.pair_names[nearest], float(distances[nearest]), 0.0
-    pair = found.pair or ()
-    rows = [k for k, names in enumerate(required.pairs.names) if names == pair]
-    bound = float(required.at_start[rows].max()) if rows else None
-    near = [distance for names, distance in zip(checker.pair_names, distances, strict=True) if names == pair]
-    return "clearance", pair, float(min(near)) if near else None, bound
+    distances = checker.pair_distances(q)  # of the pairs that may touch, the first of those required
+    if not len(distances):
+        return "collision", (), None, None
+    least = required.at_start[: len(distances)]
+    worst = int((distances - least).argmin())
+    distance, bound = float(distances[worst]), float(least[worst])
+    kind = "clearance" if distance > 0.0 and bound > _TOUCHING else "collision"
+    return kind, checker.pair_names[worst], distance, bound if kind == "clearance" else 0.0
 
 
 def _rate(found: RateViolation) -> Violation:

@@ -1,0 +1,226 @@
+"""Motions from files: tables (CSV), arrays (NPZ), messages of ROS and MoveIt (JSON, YAML), and our own JSON."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, InputError
+from safe_ompl.common import documents as document
+from safe_ompl.io.files import kind_of, read_json
+from safe_ompl.io.motions import JointPath, read_table
+from safe_ompl.motions import Motion
+from safe_ompl.robot import Robot
+
+_RATES = ("velocities", "accelerations")
+_POINT = ("positions", *_RATES, "effort", "time_from_start")
+_COLUMN = re.compile(r"(.+)_(position|velocity|acceleration)")
+_ARRAYS = ("joint_names", "times", "positions", *_RATES, "coefficients", "slack")
+_EXPECTED = (
+    "must hold joint_names and points (trajectory_msgs/JointTrajectory), a joint_trajectory with them "
+    "(moveit_msgs/RobotTrajectory), or what safe_ompl.save writes"
+)
+
+
+def read_motion(file: str | Path, robot: Robot | None = None, *, degrees: bool = False) -> Motion:
+    """Read a motion that something else made; files without times hold paths.
+
+    What is between points is what ROS 2's joint_trajectory_controller makes of them (`Motion.hermite`).
+
+    Parameters
+    ----------
+    file : path-like
+        By its ending:
+
+        .csv
+            A line with names of columns, then numbers: `time` [s] or none; and a column for each joint, or columns
+            `<joint>_position`, `_velocity` and `_acceleration`, as `Trajectory.to_csv` writes.
+        .npz
+            Arrays `positions` (N, n), and `times`, `velocities`, `accelerations`, `joint_names` as far as known; or
+            `coefficients` and `times` of a `Motion`.
+        .json, .yaml, .yml
+            A message `trajectory_msgs/JointTrajectory` or `moveit_msgs/RobotTrajectory`; or JSON of `safe_ompl.save`
+            and `safe-ompl plan --json` or `--trajectory`.
+    robot : Robot, optional
+        Put the columns in the order of its joints, as `Motion.for_robot`.
+    degrees : bool
+        Whether joints that turn are in degrees; which ones do only the robot knows.
+
+    Raises
+    ------
+    InputError
+        If the file is of another kind, or holds no motion; names file, place and value.
+    """
+    path = Path(file)
+    readers = {
+        ".csv": _from_table,
+        ".npz": _from_arrays,
+        ".json": _from_json,
+        ".yaml": _from_yaml,
+        ".yml": _from_yaml,
+    }
+    if path.suffix.lower() not in readers:
+        raise InputError(f"must be a motion, with one of the endings {', '.join(readers)}", str(file))
+    if degrees and robot is None:
+        raise InputError("need the robot, which knows the joints that turn", "degrees")
+    motion = readers[path.suffix.lower()](path)
+    with document.within(str(file), ": "):
+        return motion if robot is None else motion.for_robot(robot, degrees)
+
+
+def _from_points(
+    names: Sequence[str] | None, times: Any, positions: Any, velocities: Any = None, accelerations: Any = None
+) -> Motion:
+    """Return the motion through points, with velocities and accelerations or None; a path without times."""
+    if times is not None:
+        return Motion.hermite(times, positions, velocities, accelerations, names)
+    if velocities is not None or accelerations is not None:
+        raise InputError("are missing, but needed where there are velocities or accelerations", "times")
+    return Motion.through(positions, names=names)
+
+
+# ------------------------------------------------------------------------------------------------------- tables
+
+
+def _from_table(path: Path) -> Motion:
+    header, values = read_table(path)
+    with document.within(str(path), ": "):
+        columns = {name.strip(): values[:, k] for k, name in enumerate(header)}
+        if len(columns) < len(header):
+            raise InputError(f"must differ, got {', '.join(header)}", "names of columns")
+        times = columns.pop("time", None)
+        if not columns or any(_is_number(name) for name in columns):
+            raise InputError(f"must name the joints, got {', '.join(header)}", "the first line")
+        parts = [_COLUMN.fullmatch(name) for name in columns]
+        if not all(parts):
+            return _from_points(tuple(columns), times, np.stack([*columns.values()], axis=1))
+        joints = tuple(dict.fromkeys(part[1] for part in parts if part))
+        kinds = {part[2] for part in parts if part} | {"position"}
+        tables = {
+            kind: np.stack([document.require(columns, f"{joint}_{kind}") for joint in joints], axis=1)
+            for kind in kinds
+        }
+        rates = (tables.get("velocity"), tables.get("acceleration"))
+        return _from_points(joints, times, tables["position"], *rates)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+# ------------------------------------------------------------------------------------------------------- arrays
+
+
+def _from_arrays(path: Path) -> Motion:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            held: dict[str, FloatArray] = {name: archive[name] for name in archive.files}
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", str(path)) from None
+    except (AttributeError, BadZipFile, EOFError, TypeError, ValueError):
+        raise InputError("is no archive of arrays of numbers and text (NPZ)", str(path)) from None
+    with document.within(str(path), ": "):
+        document.check_keys(held, _ARRAYS)
+        names = held.get("joint_names")
+        if names is not None and (names.dtype.kind != "U" or names.ndim != 1):
+            raise InputError(f"must be a list of text, got {names.dtype} {names.shape}", "joint_names")
+        if "coefficients" in held:
+            return Motion.from_mapping(held)
+        joints = None if names is None else tuple(names.tolist())
+        positions = document.require(held, "positions")
+        return _from_points(joints, held.get("times"), positions, *(held.get(name) for name in _RATES))
+
+
+# ---------------------------------------------------------------------------------------------------- documents
+
+
+def _from_yaml(path: Path) -> Motion:
+    try:
+        text = path.read_text(encoding="utf-8").rstrip().removesuffix("\n---")  # as `ros2 topic echo` ends it
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read as YAML: {error}", str(path)) from None
+    with document.within(str(path), ": "):
+        return _from_document(document.parse_document(text))
+
+
+def _from_json(path: Path) -> Motion:
+    content = read_json(path)
+    with document.within(str(path), ": "):
+        return _from_document(content)
+
+
+def _from_document(content: Any) -> Motion:
+    if not isinstance(content, Mapping):
+        raise InputError(f"{_EXPECTED}, got {document.kind_of(content)}")
+    if "format" in content:
+        return _from_own(content, kind_of(content))
+    for key in ("trajectory", "joint_trajectory"):
+        inner = content.get(key)
+        if isinstance(inner, Mapping):
+            others = content.get("multi_dof_joint_trajectory")
+            if isinstance(others, Mapping) and others.get("points"):
+                raise InputError(
+                    "must be empty: joints of several axes are not known", "multi_dof_joint_trajectory"
+                )
+            with document.within(key):
+                return _from_document(inner)
+    if not {"joint_names", "points"} <= set(content):
+        raise InputError(f"{_EXPECTED}, got the keys {', '.join(map(str, content)) or '(none)'}")
+    return _from_message(content)
+
+
+def _from_own(content: Mapping[str, Any], kind: str) -> Motion:
+    """Return what is in a file of our own form."""
+    if kind == "motion":
+        return Motion.from_mapping(content)
+    if kind == "path":
+        return Motion.of(JointPath.from_mapping(dict(content)))
+    if kind == "trajectory":
+        return _from_message(content)
+    if kind == "result" and content.get("path") is not None:
+        return Motion.of(JointPath.from_mapping(dict(content)))
+    reason = f"no path was found ({content.get('status')})" if kind == "result" else f"it holds a {kind}"
+    raise InputError(f"must hold a motion, but {reason}", "kind")
+
+
+def _from_message(content: Mapping[str, Any]) -> Motion:
+    """Return what ROS's trajectory_msgs/JointTrajectory says, as plain data."""
+    names = tuple(document.sequence("joint_names", document.require(content, "joint_names")))
+    times: list[float | None] = []
+    rows: dict[str, list[Any]] = {key: [] for key in ("positions", *_RATES)}
+    for k, point in enumerate(document.sequence("points", document.require(content, "points"))):
+        with document.within(f"points[{k}]"):
+            held = document.mapping("point", point)
+            document.check_keys(held, _POINT)
+            document.require(held, "positions")
+            times.append(_seconds(held.get("time_from_start")))
+            if k and (times[0] is None) != (times[k] is None):
+                raise InputError("must be there in all points, or in none", "time_from_start")
+            for key, found in rows.items():
+                values = held.get(key)
+                is_there = key == "positions" or values not in (None, [])
+                found.append(document.numbers(key, values, len(names)) if is_there else None)
+    if not times:
+        raise InputError("must be two at least, got 0", "points")
+    rates = [None if not any(rows[key]) else rows[key] for key in _RATES]
+    return _from_points(names, None if times[0] is None else times, rows["positions"], *rates)
+
+
+def _seconds(value: Any) -> float | None:
+    """Return a time [s] that is a number, or has the fields of ROS 2 or 1."""
+    if isinstance(value, Mapping):
+        seconds, rest = ("secs", "nsecs") if "secs" in value else ("sec", "nanosec")
+        with document.within("time_from_start"):
+            document.check_keys(value, (seconds, rest))
+            parts = [document.number(key, value.get(key, 0)) for key in (seconds, rest)]
+        return parts[0] + 1e-9 * parts[1]
+    return None if value is None else document.number("time_from_start", value)

@@ -1,0 +1,212 @@
+"""Proven extremes of positions, velocities, accelerations and jerks of a motion, and where they exceed limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import perm
+from typing import NamedTuple
+
+import numpy as np
+
+from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.motions.motion import Motion
+from safe_ompl.motions.polynomials import EPS, bernstein, peaks
+from safe_ompl.robot import Robot
+from safe_ompl.trajectories import RateLimits
+
+_KINDS = ("position", "velocity", "acceleration", "jerk")
+_UNITS = ("", "/s", "/s²", "/s³")
+_WITHIN = 1e-9  # [rad or m] by which a position may be outside its limits, as for `Robot.within_limits`
+_ABOVE = 1e-6  # relative: what rates may be above limits, for files and solvers round
+
+
+class Extremes(NamedTuple):
+    """Bounds of a derivative on every piece, each (K, n).
+
+    Attributes
+    ----------
+    low, high : ndarray
+        No value is outside; both are within 1e-9 of what is taken, relative to the largest control point, but for
+        slack and rounding.
+    low_at, high_at : ndarray
+        When they are taken [s].
+    """
+
+    low: FloatArray
+    high: FloatArray
+    low_at: FloatArray
+    high_at: FloatArray
+
+
+class RateViolation(NamedTuple):
+    """The worst of a stretch in which a joint exceeds a limit.
+
+    Attributes
+    ----------
+    time : float
+        When [s], or the path's parameter.
+    joint : str
+        Its name.
+    kind : str
+        "position", "velocity", "acceleration", "jerk"; "velocity jump" and "acceleration jump", of which the next
+        derivative is infinite.
+    value : float
+        What is reached [rad or m, by s, s² or s³].
+    limit : float
+        What is allowed.
+    unit : str
+        Of both.
+    """
+
+    time: float
+    joint: str
+    kind: str
+    value: float
+    limit: float
+    unit: str
+
+    def __str__(self) -> str:
+        limit = "" if self.kind.endswith("jump") else f", limit {self.limit:.6g}"
+        return f"at {self.time:.6g}: joint {self.joint!r}, {self.kind} {self.value:.6g} {self.unit}{limit}"
+
+
+def extremes(
+    motion: Motion, order: int, low: FloatArray | float = np.inf, high: FloatArray | float = -np.inf
+) -> Extremes:
+    """Return proven bounds of the derivative of an order: 0 for positions, 1 for velocities.
+
+    A derivative of rounded coefficients Σ|δc_k| ≤ ρ errs by d!/(d − order)! ρ / Δtᵒ.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion.
+    order : int
+        ≥ 0.
+    low, high : float or ndarray of shape (n,), optional
+        Bounds that are not below `low`, or not above `high`, need not be near to what is taken. Default: all are near.
+    """
+    held = motion.derivative_coefficients(order)
+    spans = np.diff(motion.times)[:, None]
+    error = (held.shape[1] + 2) * EPS * np.abs(held).sum(axis=1)
+    if order == 0:
+        error += motion.allowance
+    elif motion.rounding is not None:
+        error += perm(motion.degree, order) * motion.rounding / spans**order
+    points = bernstein(held)
+    top, top_at = _peaks(points, high - error)
+    bottom, bottom_at = _peaks(-points, -low - error)
+    times = motion.times[:-1, None]
+    return Extremes(-bottom - error, top + error, times + spans * bottom_at, times + spans * top_at)
+
+
+def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return upper bounds (K, n) of pieces, near where they are above `enough`, and where in [0, 1] they are taken."""
+    bound: FloatArray = points.max(axis=1)
+    at: FloatArray = points.argmax(axis=1) / max(points.shape[1] - 1, 1)
+    chosen = bound > enough
+    if chosen.any():
+        found = peaks(np.moveaxis(points, 1, 2)[chosen])
+        bound[chosen], at[chosen] = found.bound, found.at
+    return bound, at
+
+
+def rate_violations(
+    motion: Motion, robot: Robot, limits: RateLimits | None = None, kinds: Sequence[str] | None = None
+) -> list[RateViolation]:
+    """Return where a motion exceeds limits of joints; none are proven not to be exceeded anywhere.
+
+    Of each joint and each run of pieces on which it exceeds a limit the worst is named. Positions may be 1e-9 rad or m
+    outside, rates 1e-6 of their limit above it. Motions that are no function of time, and bare samples, have no rates:
+    of them positions are looked at.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion.
+    robot : Robot
+        Whose positions are limited; continuous joints are not.
+    limits : RateLimits, optional
+        Default: rates are not looked at.
+    kinds : sequence of str, optional
+        Which rates: "velocity", "acceleration", "jerk". Default: all that are limited. Where accelerations are looked
+        at, velocities must not jump between pieces, and where jerks are, neither must accelerations.
+
+    Returns
+    -------
+    list of RateViolation
+        By time.
+
+    Raises
+    ------
+    InputError
+        If the motion or the limits are not this robot's, or have no limit of a kind.
+    """
+    motion = motion.for_robot(robot)
+    found = list(_outside(motion, robot))
+    if limits is not None and motion.rated:
+        if limits.joint_names != robot.joint_names:
+            raise InputError(
+                f"are of other joints than the robot's: {', '.join(limits.joint_names)}", "limits"
+            )
+        for kind in limits.kinds if kinds is None else kinds:
+            if kind not in limits.kinds:
+                raise UnknownNameError("limit", kind, limits.kinds)
+            order = _KINDS.index(kind)
+            most: FloatArray = getattr(limits, kind)
+            bounds = extremes(motion, order, -most, most)
+            is_low = -bounds.low > bounds.high
+            values = np.where(is_low, bounds.low, bounds.high)
+            times = np.where(is_low, bounds.low_at, bounds.high_at)
+            excess = np.abs(values) - most * (1 + _ABOVE)
+            found += _worst(robot, order, kind, times, values, excess, most)
+            if order > 1:
+                below = getattr(limits, _KINDS[order - 1])
+                found += _jumps(motion, robot, order - 1, _ABOVE * below)
+    return sorted(found)
+
+
+def _outside(motion: Motion, robot: Robot) -> Iterator[RateViolation]:
+    """Yield where positions are outside limits."""
+    low, high, low_at, high_at = extremes(motion, 0, robot.lower, robot.upper)
+    free = np.where(robot.continuous, np.inf, _WITHIN)
+    yield from _worst(robot, 0, "position", low_at, low, robot.lower - free - low, robot.lower)
+    yield from _worst(robot, 0, "position", high_at, high, high - robot.upper - free, robot.upper)
+
+
+def _jumps(motion: Motion, robot: Robot, order: int, tolerance: FloatArray) -> Iterator[RateViolation]:
+    """Yield where a derivative jumps between pieces by more than a tolerance (n,)."""
+    held = motion.derivative_coefficients(order)
+    steps = held[1:, 0] - held[:-1].sum(axis=1)
+    if motion.rounding is not None:
+        rough = perm(motion.degree, order) * motion.rounding / np.diff(motion.times)[:, None] ** order
+        tolerance = tolerance + rough[1:] + rough[:-1]
+    times = np.broadcast_to(motion.times[1:-1, None], steps.shape)
+    kind = f"{_KINDS[order]} jump"
+    yield from _worst(robot, order, kind, times, steps, np.abs(steps) - tolerance, np.zeros(robot.n))
+
+
+def _worst(
+    robot: Robot,
+    order: int,
+    kind: str,
+    times: FloatArray,
+    values: FloatArray,
+    excess: FloatArray,
+    limits: FloatArray,
+) -> Iterator[RateViolation]:
+    """Yield of each joint and each run of rows with an excess > 0 the one of the largest; arrays are (K, n)."""
+    for joint in np.flatnonzero((excess > 0).any(axis=0)).tolist():
+        rows = np.flatnonzero(excess[:, joint] > 0)
+        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            high = excess[run, joint].max() - 1e-9 * np.abs(values[run, joint]).max()
+            worst = run[(excess[run, joint] >= high).argmax()]  # the first of equals
+            unit = ("m" if robot.prismatic[joint] else "rad") + _UNITS[order]
+            yield RateViolation(
+                float(times[worst, joint]),
+                robot.joint_names[joint],
+                kind,
+                float(values[worst, joint]),
+                float(limits[joint]),
+                unit,
+            )

@@ -1,0 +1,266 @@
+"""Motions of others: what is proven holds everywhere, what is not is named, and repairs keep ends and form."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from crank import CRANK
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from safe_ompl import (
+    Box,
+    CertifiedMotion,
+    CollisionChecker,
+    Constraints,
+    DangerField,
+    DangerLimit,
+    InputError,
+    Motion,
+    Obstacle,
+    Pose,
+    RateLimits,
+    Robot,
+    Scene,
+    Sphere,
+    TipBounds,
+    Verdict,
+)
+from safe_ompl.motions import check, checked, repaired, widest_tube
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def spline(robot, seed, knots=6, spread=0.5):
+    """Return a clamped spline through random configurations near each other, within the limits."""
+    rng = np.random.default_rng(seed)
+    room = 0.2 * (robot.upper - robot.lower)
+    q = rng.uniform(robot.lower + room, robot.upper - room)
+    points = q + np.cumsum(spread * rng.normal(size=(knots, robot.n)) / np.sqrt(robot.n), axis=0)
+    return CubicSpline(
+        np.arange(float(knots)), np.clip(points, robot.lower + room, robot.upper - room), bc_type="clamped"
+    )
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "twin_arm", "slider"])
+def test_no_proven_motion_touches_and_what_is_refused_is_there(robot_named, clutter, name):
+    robot = robot_named(name)
+    proof = CertifiedMotion(CollisionChecker(robot, clutter))
+    verdicts = set()
+    for seed in range(25):
+        motion = Motion.of(spline(robot, seed)).for_robot(robot)
+        found = checked(motion, proof)
+        touching = [t for t in np.linspace(0, 5, 800) if proof.checker.touches(motion.at(t))]
+        verdicts.add(bool(found))
+        assert not (found and touching)
+        for t in touching:
+            assert any(v.first <= t <= v.last for v in found.violations)
+        for violation in found.violations:
+            if violation.kind == "collision" and violation.decided:
+                assert violation.value <= 0
+                assert proof.checker.touches(motion.at(violation.at))
+                assert violation.first <= violation.at <= violation.last
+    assert verdicts == {True, False}
+
+
+@given(seeds)
+@settings(max_examples=25)
+def test_straight_motions_are_proven_alike_as_edges_and_as_curves(panda, clutter, seed):
+    rng = np.random.default_rng(seed)
+    proof = CertifiedMotion(CollisionChecker(panda, clutter))
+    start = rng.uniform(panda.lower, panda.upper)
+    end = np.clip(start + rng.normal(scale=0.3, size=7), panda.lower, panda.upper)
+    edge = proof.check(start, end)
+    line = proof.check_curve([start, end - start])
+    raised = proof.check_curve(
+        [start, 0.5 * (end - start), 0.5 * (end - start)]
+    )  # another timing of the same way
+    assert line == edge
+    assert Verdict.UNDECIDED in (edge.verdict, raised.verdict) or raised.verdict is edge.verdict
+
+
+@given(seeds)
+@settings(max_examples=15)
+def test_every_motion_within_a_proven_tube_is_free(ur5, clutter, seed):
+    rng = np.random.default_rng(seed)
+    motion = Motion.of(spline(ur5, seed, spread=0.3)).for_robot(ur5)
+    proportions = rng.uniform(0.2, 1.0, ur5.n)
+    tube = widest_tube(motion, ur5, clutter, proportions=proportions, tolerance=0.05)
+    checker = CollisionChecker(ur5, clutter)
+    if not tube.any():
+        assert not check(motion, ur5, clutter)
+        return
+    assert np.allclose(tube / proportions, tube[0] / proportions[0])
+    assert check(motion, ur5, clutter, tube=tube)
+    assert not check(motion, ur5, clutter, tube=1.06 * tube)
+    for t in np.linspace(0, 5, 100):
+        for side in (rng.choice([-1.0, 1.0], ur5.n), rng.uniform(-1, 1, ur5.n)):
+            assert not checker.touches(motion.at(t) + side * tube)
+
+
+@pytest.fixture(scope="module")
+def crank(tmp_path_factory):
+    """One joint about z that turns a ball of 0.05 m at a distance of 0.5 m, the tip behind it."""
+    urdf = tmp_path_factory.mktemp("crank") / "crank.urdf"
+    hand = """<link name="hand"/><joint name="fixed" type="fixed"><parent link="ball"/><child link="hand"/>
+      <origin xyz="0.5 0 0"/></joint></robot>"""
+    urdf.write_text(CRANK.replace("</robot>", hand))
+    return Robot.from_urdf(urdf)
+
+
+@pytest.fixture(scope="module")
+def post():
+    """Return a ball of 0.05 m that the crank's touches from 1 ± 2 asin(0.1) rad on."""
+    return Scene([Obstacle("post", Sphere(0.05), Pose((0.5 * np.cos(1), 0.5 * np.sin(1), 0.0)), weight=1.0)])
+
+
+TOUCH = 1 - 2 * np.arcsin(0.1)  # [rad]
+
+
+def test_the_widest_tube_is_what_is_left_to_the_contact(crank, post):
+    motion = Motion.hermite([0, 1, 2], [[0.0], [0.6], [0.0]], [[0.0], [0.0], [0.0]])
+    tube = widest_tube(motion, crank, post, tolerance=1e-3)
+    gap = 2 * 0.5 * np.sin(0.2) - 0.1  # [m] between the balls at 0.6 rad
+    assert 0.99 * gap / 0.55 < tube[0] < TOUCH - 0.6
+    assert check(motion, crank, post, tube=tube)
+    found = check(motion, crank, post, tube=TOUCH - 0.6)
+    assert not found
+    assert found.violations[0].kind == "clearance"
+    assert abs(found.violations[0].at - 1.0) < 0.1
+
+
+def test_violations_name_time_pair_and_depth(crank, post):
+    motion = Motion.hermite([0, 1, 2], [[0.0], [0.9], [0.0]], [[0.0], [0.0], [0.0]], names=["turn"])
+    (found,) = check(motion, crank, post).violations
+    enters = motion.at(found.first)[0], motion.at(found.last)[0]
+    assert enters == pytest.approx((TOUCH, TOUCH), abs=0.02)
+    assert (found.kind, found.names, found.decided) == ("collision", ("ball", "post"), True)
+    assert found.value == pytest.approx(np.sin(0.05) - 0.1, abs=1e-3)
+    assert found.at == pytest.approx(1.0, abs=0.02)
+    assert "collision at 0.99" in str(found)
+
+
+def test_limits_of_danger_tool_and_rates_hold_between_the_knots(crank, post):
+    motion = Motion.hermite([0, 1, 2], [[0.0], [0.6], [0.0]], [[0.0], [0.0], [0.0]])
+    field = DangerField(crank, *post.danger_points()[:2])
+    dense = max(field.value(motion.at(t)) for t in np.linspace(0, 2, 2001))
+    tip = max(crank.tip_pose(motion.at(t)).translation[1] for t in np.linspace(0, 2, 2001))
+    for limit, kind in (
+        (Constraints(danger=DangerLimit(field, 1.02 * dense)), None),
+        (Constraints(danger=DangerLimit(field, 0.98 * dense)), "danger"),
+        (Constraints(tool=(TipBounds(crank, [-1, -1, -1], [1, tip + 1e-3, 1]),)), None),
+        (Constraints(tool=(TipBounds(crank, [-1, -1, -1], [1, tip - 1e-3, 1]),)), "tip position"),
+    ):
+        found = check(motion, crank, post, constraints=limit)
+        assert [v.kind for v in found.violations[:1]] == ([] if kind is None else [kind])
+        if kind is not None:
+            assert found.violations[0].value > found.violations[0].limit
+    tubed = check(
+        motion, crank, post, constraints=Constraints(danger=DangerLimit(field, 1.02 * dense)), tube=0.05
+    )
+    assert {v.kind for v in tubed.violations} == {"danger"}  # a motion in the tube comes nearer
+    rates = RateLimits.of(crank, velocity=0.5, acceleration=100.0)
+    found = check(motion, crank, post, limits=rates)
+    assert {v.kind for v in found.violations} == {"velocity"}
+    assert found.violations[0].value == pytest.approx(0.9)  # 1.5 times the mean
+
+
+def test_obstacles_that_move_are_where_they_may_be_by_then(crank, post):
+    motion = Motion.hermite([0, 1], [[0.0], [0.5]], [[0.0], [0.0]])
+    assert check(motion, crank, post, speeds={"post": 0.1})
+    found = check(motion, crank, post, speeds={"post": 0.25})
+    assert not found
+    assert found.violations[-1].last == 1.0
+    with pytest.raises(InputError, match="no times"):
+        check(Motion.through([[0.0], [0.5]]), crank, post, speeds={"post": 0.1})
+
+
+def test_what_lies_between_bare_samples_counts(crank, post):
+    dense = Motion.sampled([0, 0.01, 0.02], [[0.7], [0.705], [0.71]], 1.0)
+    sparse = Motion.sampled([0, 1, 2], [[0.7], [0.705], [0.71]], 1.0)
+    assert check(dense, crank, post)
+    assert not check(sparse, crank, post)
+
+
+# ------------------------------------------------------------------------------------------------------- repair
+
+
+def pushed_into(robot, scene, seed, degree):
+    """Return a motion that touches something in the middle, and is free at both ends."""
+    rng = np.random.default_rng(seed)
+    checker = CollisionChecker(robot, scene)
+    while True:
+        motion = spline(robot, int(rng.integers(2**32)), knots=8, spread=0.6)
+        times, q = motion.x, motion(motion.x)
+        if (
+            checker.touches(q[0])
+            or checker.touches(q[-1])
+            or not any(map(checker.touches, motion(times[1:-1])))
+        ):
+            continue
+        return Motion.through(q, times) if degree == 1 else Motion.of(motion)
+
+
+@pytest.mark.parametrize("degree", [1, 3])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_repaired_motions_are_proven_near_and_of_the_same_form(panda, seed, degree):
+    scene = Scene(
+        [
+            Obstacle("ball", Sphere(0.12), Pose((0.45, 0.1, 0.5))),
+            Obstacle("box", Box((0.2, 0.2, 0.2)), Pose((0.3, -0.5, 0.6))),
+        ]
+    )
+    given = pushed_into(panda, scene, seed, degree).for_robot(panda)
+    proof = CertifiedMotion(CollisionChecker(panda, scene))
+    found = repaired(given, proof)
+    assert found, found.how
+    motion = found.motion
+    dense = np.linspace(*motion.times[[0, -1]], 4000)
+    assert not any(map(proof.checker.touches, motion.at(dense)))
+    for order in range(degree if degree == 1 else 3):
+        for end in motion.times[[0, -1]]:
+            np.testing.assert_allclose(motion.derivative(end, order), given.derivative(end, order), atol=1e-9)
+    assert motion.degree == degree
+    assert set(given.times) <= set(motion.times)
+    for order in range(degree):  # as smooth as it was
+        held = motion.derivative_coefficients(order)
+        np.testing.assert_allclose(held[:-1].sum(axis=1), held[1:, 0], atol=1e-6 * max(1.0, abs(held).max()))
+    apart = np.abs(motion.at(dense) - given.at(dense)).max(axis=1)
+    assert apart.max() <= found.deviation * 1.05 + 1e-9
+    for t, difference in zip(dense, apart, strict=True):
+        assert difference < 1e-9 or any(first <= t <= last for first, last in found.changed)
+
+
+def test_what_need_not_or_cannot_be_repaired_stays_as_it_is(crank, post):
+    proof = CertifiedMotion(CollisionChecker(crank, post))
+    free = Motion.hermite([0, 1], [[0.0], [0.5]], [[0.0], [0.0]])
+    assert repaired(free, proof).how == "unchanged"
+    ends_in_it = Motion.hermite([0, 1], [[0.0], [0.95]], [[0.0], [0.0]])
+    assert "end" in repaired(ends_in_it, proof).how
+    through = Motion.hermite([0, 1], [[0.0], [2.0]], [[0.0], [0.0]])  # one joint cannot go round
+    found = repaired(through, proof, connect=lambda start, end: None)
+    assert not found
+    assert "no way round" in found.how
+    dips = Motion.hermite([0, 1, 2], [[0.0], [0.82], [0.0]], [[0.0], [0.0], [0.0]])
+    found = repaired(dips, proof)
+    assert found.how == "moved"
+    assert found.deviation == pytest.approx(0.82 - TOUCH, abs=0.02)
+
+
+def test_a_way_round_is_followed_where_pushing_fails(panda):
+    """A wall across the way: gradients point through it, a planner goes over it."""
+    wall = Scene([Obstacle("wall", Box((0.5, 0.04, 0.7)), Pose((0.5, 0.0, 0.35)))])
+    start = np.array([-0.8, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8])
+    end = start * [-1, 1, 1, 1, 1, 1, 1]
+    over = np.array([0.0, -0.7, 0.0, -1.2, 0.0, 1.6, 0.8])
+    proof = CertifiedMotion(CollisionChecker(panda, wall))
+    given = Motion.hermite([0, 2], [start, end], [np.zeros(7), np.zeros(7)], [np.zeros(7), np.zeros(7)])
+    lift = start + np.array([0, -1.0, 0, 0.8, 0, -0.7, 0])
+    way = np.array([start, lift, over, lift * [-1, 1, 1, 1, 1, 1, 1], end])
+    assert all(proof.is_free(a, b) for a, b in pairwise(way))
+    found = repaired(
+        given, proof, connect=lambda a, b: way if np.allclose(a, start) and np.allclose(b, end) else None
+    )
+    assert found, found.how
+    assert checked(found.motion, proof)

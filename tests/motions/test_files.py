@@ -1,0 +1,206 @@
+"""Motions come from the files that others write, and files of other kinds are refused in one line."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from safe_ompl import InputError, JointPath, Motion, load, read_motion, save, time_path
+from safe_ompl.planning.result import PlanResult
+from safe_ompl.trajectories import RateLimits
+
+NAMES = ("hip", "knee")
+T = np.array([0.0, 0.5, 2.0])
+Q, V, A = np.random.default_rng(0).normal(size=(3, 3, 2))
+SMOOTH = Motion.hermite(T, Q, V, A, NAMES)
+
+
+def same(motion, expected):
+    np.testing.assert_allclose(motion.coefficients, expected.coefficients, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(motion.times, expected.times, rtol=0, atol=1e-9)
+    assert (motion.joint_names, motion.timed) == (expected.joint_names, expected.timed)
+
+
+def message(*rates, time=float):
+    """Return a JointTrajectory through the points, with `time` as its times."""
+    keys = ("positions", "velocities", "accelerations")
+    columns = zip(T.tolist(), *(rows.tolist() for rows in (Q, *rates)), strict=True)
+    points = [
+        {**dict(zip(keys, row, strict=False)), "effort": [], "time_from_start": time(t)}
+        for t, *row in columns
+    ]
+    return {"header": {"frame_id": "world"}, "joint_names": list(NAMES), "points": points}
+
+
+@pytest.mark.parametrize("rates", [(), (V,), (V, A)])
+@pytest.mark.parametrize(
+    "time",
+    [
+        float,
+        lambda t: {"sec": int(t), "nanosec": round(1e9 * (t % 1))},
+        lambda t: {"secs": int(t), "nsecs": round(1e9 * (t % 1))},
+    ],
+)
+def test_messages_of_ros_and_moveit(tmp_path, rates, time):
+    expected = Motion.hermite(T, Q, *rates, names=NAMES)
+    said = message(*rates, time=time)
+    (tmp_path / "ros.json").write_text(json.dumps(said))
+    (tmp_path / "ros.yaml").write_text(yaml.safe_dump(said) + "---\n")
+    moveit = {"joint_trajectory": said, "multi_dof_joint_trajectory": {"joint_names": [], "points": []}}
+    (tmp_path / "moveit.yml").write_text(yaml.safe_dump({"trajectory": moveit}))
+    for file in ("ros.json", "ros.yaml", "moveit.yml"):
+        same(read_motion(tmp_path / file), expected)
+
+
+def test_tables(tmp_path):
+    kinds = [f"{name}_{kind}" for kind in ("position", "velocity", "acceleration") for name in NAMES]
+    for columns, header, expected in (
+        ((Q,), NAMES, Motion.through(Q, names=NAMES)),
+        ((T, Q), ("time", *NAMES), Motion.hermite(T, Q, names=NAMES)),
+        ((Q,), kinds[:2], Motion.through(Q, names=NAMES)),
+        ((T, Q, V), ("time", *kinds[:4]), Motion.hermite(T, Q, V, names=NAMES)),
+        ((T, Q, V, A), ("time", *kinds), SMOOTH),
+        ((A, V, Q, T), (*kinds[4:], *kinds[2:4], *kinds[:2], "time"), SMOOTH),
+    ):
+        table = np.column_stack(columns)
+        lines = [", ".join(header), *(",".join(map(repr, row)) for row in table.tolist()), ""]
+        (tmp_path / "table.csv").write_text("\n".join(lines), encoding="utf-8-sig")
+        same(read_motion(tmp_path / "table.csv"), expected)
+
+
+def test_arrays(tmp_path):
+    file = tmp_path / "arrays.npz"
+    np.savez(file, times=T, positions=Q, velocities=V, accelerations=A, joint_names=NAMES)
+    same(read_motion(file), SMOOTH)
+    np.savez(file, positions=Q)
+    same(read_motion(file), Motion.through(Q))
+    np.savez(file, times=SMOOTH.times, coefficients=SMOOTH.coefficients, joint_names=NAMES)
+    same(read_motion(file), SMOOTH)
+
+
+def test_our_own_files(tmp_path, ur5):
+    file = tmp_path / "own.json"
+    slack = Motion.sampled(T, Q, 100.0, NAMES)
+    for motion in (SMOOTH, slack, Motion.through(Q)):
+        save(motion, file)
+        for back in (load(file), read_motion(file)):
+            for key in ("times", "coefficients", "slack", "rounding", "joint_names", "timed", "short_way"):
+                np.testing.assert_array_equal(getattr(back, key), getattr(motion, key))
+    path = np.array([[0.0] * 6, [0.5] * 6, [0.5, 0.5, 0.5, 0, 0, 0]])
+    save(JointPath(ur5.joint_names, path), file)
+    same(read_motion(file), Motion.through(path, names=ur5.joint_names))
+    limits = RateLimits(ur5.joint_names, np.ones(6), np.ones(6))
+    trajectory = time_path(path, ur5, limits)
+    (tmp_path / "t.csv").write_text(trajectory.to_csv(50.0))
+    (tmp_path / "t.json").write_text(trajectory.to_json(50.0))
+    for read in (read_motion(tmp_path / "t.csv"), read_motion(tmp_path / "t.json", ur5)):
+        at = np.linspace(0, trajectory.duration, 333)
+        np.testing.assert_allclose(read.at(at), trajectory.at(at).q, atol=2e-4)
+        assert read.joint_names == ur5.joint_names
+
+
+def test_joints_and_degrees_by_the_robot(tmp_path, twin_arm):
+    names = twin_arm.joint_names[::-1]
+    points = np.random.default_rng(1).uniform(-1, 1, (3, twin_arm.n))
+    degrees = np.where(twin_arm.prismatic[::-1], points, np.degrees(points))
+    np.savez(tmp_path / "m.npz", positions=degrees, joint_names=names)
+    motion = read_motion(tmp_path / "m.npz", twin_arm, degrees=True)
+    np.testing.assert_allclose(motion.knots, points[:, ::-1], atol=1e-13)
+    with pytest.raises(
+        InputError, match=r"m.npz: motion: joint '.*' moves to .* rad, more than two turns; .*--degrees"
+    ):
+        read_motion(tmp_path / "m.npz", twin_arm)
+    with pytest.raises(InputError, match="degrees: need the robot"):
+        read_motion(tmp_path / "m.npz", degrees=True)
+
+
+def changed(change):
+    said = message(V)
+    change(said)
+    return json.dumps(said)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "error"),
+    [
+        ("m.txt", "", r"m.txt: must be a motion, with one of the endings .csv, .npz, .json, .yaml, .yml"),
+        ("m.csv", "", "m.csv: is empty; the first line must name the joints"),
+        ("m.csv", "0,1\n2,3\n", "m.csv: the first line: must name the joints, got 0, 1"),
+        ("m.csv", "a,b\n1,2\n3,x\n", r"m.csv:3: must be numbers \(could not convert string to float: 'x'\)"),
+        ("m.csv", "a,b\n1,2\n3\n", "m.csv:3: must have 2 numbers, one for each column, got 1"),
+        ("m.csv", "a,b\n1,2\n3,nan\n", r"m.csv: way points must be finite, got \[.*nan\]"),
+        ("m.csv", "time,a\n1,2\n0,3\n", r"m.csv: times: must increase, got 0 after 1 \(number 1\)"),
+        ("m.csv", "time,a,a\n0,1,2\n1,2,3\n", "m.csv: names of columns: must differ, got time, a, a"),
+        (
+            "m.csv",
+            "time,a_position,a_velocity,b_position\n0,1,2,3\n",
+            "m.csv: b_velocity: missing, but needed",
+        ),
+        (
+            "m.csv",
+            "a_position,a_velocity\n0,1\n1,2\n",
+            "m.csv: times: are missing, but needed where there are",
+        ),
+        ("m.npz", "text", "m.npz: is no archive of arrays of numbers and text"),
+        ("m.json", "{", "m.json: cannot be read as JSON"),
+        ("m.json", "[1]", r"m.json: must hold joint_names and points .*got list \[1\]"),
+        ("m.json", '{"a": 1}', "m.json: must hold joint_names and points .*got the keys a"),
+        ("m.json", '{"format": "urdf"}', "m.json: format: must be 'safe-ompl'"),
+        (
+            "m.json",
+            '{"format": "safe-ompl", "version": 1, "kind": "scene"}',
+            "kind: must hold a motion, but it holds",
+        ),
+        ("m.yaml", "a: [", "m.yaml: line 2: malformed YAML"),
+        ("m.yaml", "joint_names: [a]\npoints: []\n", "m.yaml: points: must be two at least, got 0"),
+        (
+            "m.json",
+            changed(lambda said: said["points"][1].update(positions=[1.0])),
+            r"m.json: points\[1\].positions: must be 2 numbers, got 1: \[1.0\]",
+        ),
+        (
+            "m.json",
+            changed(lambda said: said["points"][2].pop("time_from_start")),
+            r"points\[2\].time_from_start: must be there in all points, or in none",
+        ),
+        (
+            "m.json",
+            changed(lambda said: said["points"][2].update(velocity=[1.0, 2.0])),
+            r"points\[2\].velocity: unknown key; did you mean 'velocities'",
+        ),
+        (
+            "m.json",
+            changed(lambda said: said["points"][0].update(time_from_start={"sec": 1, "nsec": 2})),
+            r"points\[0\].time_from_start.nsec: unknown key; did you mean",
+        ),
+        (
+            "m.json",
+            json.dumps({"joint_trajectory": message(), "multi_dof_joint_trajectory": {"points": [1]}}),
+            "multi_dof_joint_trajectory: must be empty",
+        ),
+    ],
+)
+def test_bad_files_are_named_in_one_line(tmp_path, name, content, error):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=error) as raised:
+        read_motion(tmp_path / name)
+    assert "\n" not in str(raised.value)
+
+
+def test_bad_arrays_and_results(tmp_path):
+    np.savez(tmp_path / "m.npz", speeds=Q)
+    with pytest.raises(InputError, match=r"m.npz: speeds: unknown key"):
+        read_motion(tmp_path / "m.npz")
+    np.savez(tmp_path / "m.npz", positions=Q, joint_names=[1, 2])
+    with pytest.raises(InputError, match=r"m.npz: joint_names: must be a list of text, got int64"):
+        read_motion(tmp_path / "m.npz")
+    with pytest.raises(InputError, match=r"none.npz: cannot be read \(No such file"):
+        read_motion(tmp_path / "none.npz")
+    save(PlanResult("Timeout", None, None, "PRM", 1, NAMES, 0.5), tmp_path / "r.json")
+    with pytest.raises(
+        InputError, match=r"r.json: kind: must hold a motion, but no path was found \(Timeout\)"
+    ):
+        read_motion(tmp_path / "r.json")
