@@ -35,8 +35,8 @@ from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline, CubicSpline
 from safe_ompl import Motion, Robot, SafeSetup, Scene
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, Verdict
 from safe_ompl.common import FloatArray
-from safe_ompl.motions.check import PieceProofs, checked, widest_tube
-from safe_ompl.motions.repair import repaired
+from safe_ompl.motions import checked, repaired, widest_tube
+from safe_ompl.motions.checks import PieceProofs
 from safe_ompl.planning.from_scenario import setup_problem, setup_scenario
 from safe_ompl.robot.loading.packages import robots_folder
 from safe_ompl.scene import Scenario, find_scenario
@@ -106,9 +106,7 @@ class Plain:
     def touches(self, q: FloatArray) -> bool:
         """Return whether anything touches at `q`."""
         full = self.robot.pinocchio_configuration(q)
-        return bool(
-            pin.computeCollisions(self._model, self._data, self._geometry, self._results, full, True)
-        )
+        return bool(pin.computeCollisions(self._model, self._data, self._geometry, self._results, full, True))
 
     def touched(self, Q: FloatArray) -> bool:
         """Return whether anything touches at any of the configurations along a curve `Q: (S, n)`."""
@@ -121,7 +119,9 @@ class Plain:
         """
         steps = np.abs(self.robot.coupling.motions(np.diff(Q, axis=0)))
         travelled = np.vstack([np.zeros(steps.shape[1]), np.cumsum(steps, axis=0)])
-        due = np.zeros(len(self._chains_of_pairs), dtype=np.intp)  # the next sample at which a pair is looked at
+        due = np.zeros(
+            len(self._chains_of_pairs), dtype=np.intp
+        )  # the next sample at which a pair is looked at
         best = enough
         while True:
             s = int(due.min(initial=len(Q)))
@@ -388,7 +388,9 @@ def print_times(options: argparse.Namespace) -> None:
                     middle = np.median(cells, axis=0).tolist()
                     high = float(np.percentile(cells, 90, axis=0)[0])
                     said = "proven" if proven else "not proven"
-                    rows.append((f"{name}, noise {noise:g}, {said}", len(cells), middle[0], high, *middle[1:]))
+                    rows.append(
+                        (f"{name}, noise {noise:g}, {said}", len(cells), middle[0], high, *middle[1:])
+                    )
             rows.append((f"{name}, noise {noise:g}: contradicted", contradicted, *[""] * 5))
     header = ("splines", "number", "proofs [ms]", "90 %", "bound queries", "coal queries", "checked() [ms]")
     print_table(header, rows)
@@ -397,8 +399,10 @@ def print_times(options: argparse.Namespace) -> None:
 # ------------------------------------------------------------------------------------------------------ tubes
 
 
-def worst_within(proof: CertifiedMotion, Q: FloatArray, tube: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return corners (S, n) of the tube about `Q: (S, n)` at which the nearest pairs come nearer, to the first order."""
+def worst_within(
+    proof: CertifiedMotion, Q: FloatArray, tube: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Return corners (S, n) of the tube about `Q: (S, n)` where near pairs come nearer, to the first order."""
     checker, sizes = proof.checker, 1e-6 * np.eye(Q.shape[1])
     corners = np.empty_like(Q)
     for k, q in enumerate(Q):
@@ -427,7 +431,9 @@ def print_tubes(options: argparse.Namespace) -> None:
             proven += 1
             t = np.linspace(motion.times[0], motion.times[-1], 9)
             Q = motion.at(t)
-            corners = np.vstack([worst_within(proof, Q, tube, rng), Q + tube * rng.choice([-1.0, 1.0], Q.shape)])
+            corners = np.vstack(
+                [worst_within(proof, Q, tube, rng), Q + tube * rng.choice([-1.0, 1.0], Q.shape)]
+            )
             contacts += sum(plain.distance(q) <= 0.0 for q in corners)
             t = np.linspace(motion.times[0], motion.times[-1], 400)
             waves = rng.uniform(0.5, 20.0, (2, robot.n)), rng.uniform(0, 2 * np.pi, robot.n)
@@ -473,7 +479,7 @@ def _touching_width(
 
 
 def disturbances(robot: Robot, path: FloatArray, rng: np.random.Generator) -> Iterator[tuple[str, Motion]]:
-    """Yield motions along a path, some of which touch something: lines and splines with noise, and a plain resampling."""
+    """Yield motions along a path, some of which touch something: lines and splines, with noise and without."""
     for noise in (0.05, 0.2, 0.4):
         points = disturbed(robot, path, noise, rng)
         yield f"lines, noise {noise:g}", Motion.through(points)
@@ -557,7 +563,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--splines", type=int, default=100, help="that are timed (default: %(default)s)")
     parser.add_argument("--tubes", type=int, default=1000, help="(default: %(default)s)")
-    parser.add_argument("--problems", type=int, default=10, help="of each family of FILE (default: %(default)s)")
+    parser.add_argument(
+        "--problems", type=int, default=10, help="of each family of FILE (default: %(default)s)"
+    )
     parser.add_argument("--repairs", type=int, help="paths at the shelf (default: 8)")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), help="parts to run")
     options = parser.parse_args()

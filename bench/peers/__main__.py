@@ -6,10 +6,10 @@ FILE holds MotionBenchMaker problems. Every system runs in a process and a virtu
 the first run, in FOLDER/environments), on one core, in turn problem by problem. CPU seconds of building, planning and
 smoothing are each system's own; robots are loaded once, before the first problem, and every system answers one problem
 before the others, which does not count, so that kernels are compiled then. The judge is plain Pinocchio and coal at
-0.005 rad. Problems whose start or goal touches something are left out and listed. Unless `--no-repair`, our
-proof and, where there is none, our repair is made of every path of another system, and judged alike. A system that raises an error has not
-solved that problem; one whose process ends or hangs is started anew, three times at most. Writes table.md, figure.png
-and runs.json; what cannot be installed is listed with the reason.
+0.005 rad. Problems whose start or goal touches something are left out and listed. A system that raises an error has not
+solved that problem; one whose process ends or hangs is started anew, three times at most. Unless --no-repair, every path
+of another system is proven, or repaired where it cannot be, and judged again. Writes table.md, figure.png and
+runs.json; what cannot be installed is listed with the reason.
 """
 
 from __future__ import annotations
@@ -97,14 +97,14 @@ def _judged(answer: dict[str, Any], judge: Any, problem: dict[str, Any], seed: i
     return run
 
 
-def _repaired(
-    answer: dict[str, Any], run: Run, repair: Runner, judge: Any, question: dict[str, Any]
-) -> Run:
+def _repaired(answer: dict[str, Any], run: Run, repair: Runner, judge: Any, question: dict[str, Any]) -> Run:
     """Return what the judge says of an answer's path when it is proven or repaired, and the times of both together."""
     if not run["solved"]:
         return run
     found = repair.ask({**question, "given": answer["path"]})
-    remarks = {key: found.get(key) for key in ("proven", "proof", "how", "repaired", "deviation", "tool_deviation")}
+    remarks = {
+        key: found.get(key) for key in ("proven", "proof", "how", "repaired", "deviation", "tool_deviation")
+    }
     remarks["repair"] = found["smoothing"]
     times = {key: answer[key] + found[key] for key in ("building", "planning", "smoothing")}
     judged = _judged({**found, **times}, judge, {**question}, question["seed"])

@@ -9,7 +9,7 @@ nothing is left. Where that does not succeed, a planner finds a way round, and B
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import perm
@@ -18,12 +18,14 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict, fresh_data
-from safe_ompl.common import FloatArray
+from safe_ompl.common import FloatArray, IntArray
 from safe_ompl.motions import polynomials
 from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, checked
 from safe_ompl.motions.motion import Motion
 from safe_ompl.trajectories import RateLimits
 
+# For each distance or limit: the row of where it is looked at, its gradient (n,), and what it lacks [m or rad].
+Lacks = tuple[IntArray, FloatArray, FloatArray]
 Connect = Callable[
     [FloatArray, FloatArray], "FloatArray | None"
 ]  # a proven path (N, n) from one to the other
@@ -107,21 +109,22 @@ def repaired(
 
     """
     motion = Motion.of(motion).for_robot(proof.checker.robot)
-    found = checked(motion, proof, limits)
-    if found:
-        return Repair(motion, found, "unchanged")
-    if all(violation.kind in ("velocity", "acceleration", "jerk") for violation in found.violations):
-        return Repair(motion, found, "only its rates exceed their limits: slow it down")
+    displacement, how = Displacement(motion, proof), "moved"
+    if not displacement.bad:
+        found = checked(motion, proof, limits)
+        return Repair(
+            motion, found, "unchanged" if found else "only its rates exceed their limits: slow it down"
+        )
     for name, q in (("start", motion.knots[0]), ("end", motion.knots[-1])):
         if proof.check(q, q).verdict is not Verdict.FREE:
-            return Repair(motion, found, f"its {name} cannot be proven, and ends are kept")
-    displacement, how = Displacement(motion, proof), "moved"
+            how = f"its {name} cannot be proven, and ends are kept"
+            return Repair(motion, checked(motion, proof, limits), how)
     result = displacement.pushed()
     if result is None and connect is not None:
         result, how = displacement.round(connect), "planned"
     if result is None:
-        why = "nothing near it could be proven"
-        return Repair(motion, found, why if connect is None else f"{why}, and no way round was found")
+        how = "nothing near it could be proven" + ", and no way round was found" * (connect is not None)
+        return Repair(motion, checked(motion, proof, limits), how)
     return _measured(motion, result, checked(result, proof, limits), how, proof)
 
 
@@ -134,12 +137,17 @@ class Displacement:
         The motion.
     proof : CertifiedMotion
         What is to be proven.
+
+    Attributes
+    ----------
+    bad : list of int
+        The pieces that are not proven.
     """
 
     def __init__(self, motion: Motion, proof: CertifiedMotion) -> None:
         self._proof, self._gaps = proof, Gaps(proof.checker)
-        self._bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
-        near = {k + side for k in self._bad for side in (-1, 0, 1)} & set(range(motion.pieces))
+        self.bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
+        near = {k + side for k in self.bad for side in (-1, 0, 1)} & set(range(motion.pieces))
         self._given = motion
         self._fine = _divided(motion, {k: _parts(motion.coefficients[k], _SPAN) for k in near})
 
@@ -151,7 +159,7 @@ class Displacement:
         """Return the motion with a planner's way round what is in the way; None if that cannot be proven."""
         motion = self._given
         for reach in (0, 1, 3, motion.pieces):
-            first, last = self._allowed_knots(min(self._bad) - reach, max(self._bad) + 1 + reach)
+            first, last = self._allowed_knots(min(self.bad) - reach, max(self.bad) + 1 + reach)
             path = connect(motion.knots[first], motion.knots[last])
             if path is None:
                 continue
@@ -191,34 +199,43 @@ class Displacement:
             bad = {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
             if not bad:
                 return moved
+            asked = dict(places)
             for k, witness in bad.items():
-                for u in (*_PLACES, 0.5 if witness is None else witness):
-                    if any(missing > 0 for _, missing in self._missing(pieces[k], u, spare)):
-                        places[k, u] = None
-            rows, slopes, wanted = [], [], []
-            for k, u in places:
-                row = np.polynomial.polynomial.polyval(u, basis[k])
-                for slope, missing in self._missing(pieces[k], u, spare):
-                    rows.append(row)
-                    slopes.append(slope)
-                    wanted.append(min(missing, _FARTHEST) + float(slope @ (row @ moves)))
-            if not rows:
+                asked |= dict.fromkeys((k, u) for u in (*_PLACES, 0.5 if witness is None else witness))
+            of, slopes, missing = self._missing(pieces, list(asked), spare)
+            lacking = set(of[missing > 0].tolist())
+            kept = [row for row, place in enumerate(asked) if place in places or row in lacking]
+            places = dict.fromkeys(place for row, place in enumerate(asked) if row in set(kept))
+            chosen = np.isin(of, kept)
+            of, slopes, missing = of[chosen], slopes[chosen], missing[chosen]
+            rows = _values(basis, list(asked))[of]
+            wanted = np.minimum(missing, _FARTHEST) + np.einsum("mi,mj,ji->m", slopes, rows, moves)
+            if not len(rows):
                 continue  # what is too near for a proof is far enough at all places looked at: keep more
-            step = _least_moves(np.array(rows), np.array(slopes), np.array(wanted)) - moves
+            step = _least_moves(rows, slopes, wanted) - moves
             moves = moves + step * min(1.0, _STEP / max(float(np.abs(step).max()), _NOTHING))
             before, moved = moved, _moved(motion, basis, moves)
             differs = np.abs(moved.coefficients - before.coefficients).max(axis=(1, 2)) > 0.0
             waiting = {*bad, *np.flatnonzero(differs).tolist()}
         return None
 
-    def _missing(self, piece: PieceProof, u: float, spare: float) -> Iterator[tuple[FloatArray, float]]:
-        """Yield the gradients (n,) of what may be missing at a fraction of a piece: distances, and room to limits."""
-        robot, q = self._proof.checker.robot, piece.place(u)
+    def _missing(self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: float) -> Lacks:
+        """Return what is missing at fractions of pieces, or may be: distances, and room to limits."""
+        robot = self._proof.checker.robot
+        Q = np.array([pieces[k].place(u) for k, u in places])
+        found = []
         for sign, bound in ((1.0, robot.lower), (-1.0, robot.upper)):
-            inside = np.where(robot.continuous, np.inf, sign * (q - bound))
-            for i in np.flatnonzero(inside < _LIMIT):
-                yield sign * np.eye(robot.n)[i], float(_LIMIT - inside[i]) if inside[i] < 0 else 0.0
-        yield from self._gaps.missing(q, piece.proof, spare)
+            inside = np.where(robot.continuous, np.inf, sign * (Q - bound))
+            of, joints = np.nonzero(inside < _LIMIT)
+            room = inside[of, joints]
+            found.append((of, sign * np.eye(robot.n)[joints], np.where(room < 0, _LIMIT - room, 0.0)))
+        proofs = {id(pieces[k].proof): pieces[k].proof for k, _ in places}
+        for number, proof in proofs.items():
+            rows = np.array([row for row, (k, _) in enumerate(places) if id(pieces[k].proof) == number])
+            of, slopes, missing = self._gaps.missing(Q[rows], proof, spare)
+            found.append((rows[of], slopes, missing))
+        of, slopes, missing = map(np.concatenate, zip(*found, strict=True))
+        return of, slopes, missing
 
 
 class Gaps:
@@ -235,53 +252,57 @@ class Gaps:
         self._kinematics = checker.robot.shared.model.createData()
         self._known: dict[int, pin.GeometryData] = {}  # by the geometry
 
-    def missing(
-        self, q: FloatArray, proof: CertifiedMotion, spare: float
-    ) -> Iterator[tuple[FloatArray, float]]:
-        """Yield the gradients (n,) of distances that lack something at `q: (n,)`, or may, and what they lack [m].
+    def missing(self, Q: FloatArray, proof: CertifiedMotion, spare: float) -> Lacks:
+        """Return what distances lack at `Q: (B, n)`, or may lack.
 
         Parameters
         ----------
-        q : ndarray, shape (n,)
+        Q : ndarray, shape (B, n)
             Joint values.
         proof : CertifiedMotion
             Says what pairs must keep.
         spare : float
             [m] How much more they shall keep.
         """
-        robot, required = self._robot, proof.separation.required(proof.checker)
+        robot, required = self._robot, proof.required
         pairs, wanted = required.pairs, required.at_start + spare
-        every, near = np.arange(len(wanted)), wanted + _BAND
-        bounds = pairs.bounds.of(q[None], every, float(near.max(initial=0.0)))[0]
-        candidates = np.flatnonzero(bounds < near)
-        if not len(candidates):
-            return
-        geometry = pairs.geometry
+        near, geometry = wanted + _BAND, required.pairs.geometry
+        bounds = pairs.bounds.of(Q, np.arange(len(wanted)), float(near.max(initial=0.0)))
         if id(pairs) not in self._known:
             self._known[id(pairs)] = fresh_data(geometry)
         data = self._known[id(pairs)]
-        full = robot.pinocchio_configuration(q)
-        pin.updateGeometryPlacements(robot.shared.model, self._kinematics, geometry, data, full)
-        _, origins, axes = (part[0] for part in robot.kinematics.frames(robot.coupling.values(q)[None]))
-        for k in candidates.tolist():
-            found = pin.computeDistance(geometry, data, k)
-            if found.min_distance >= near[k]:
-                continue
-            speeds = [
-                self._speeds(geometry.geometryObjects[int(body)].parentJoint, point, origins, axes)
-                for body, point in zip(
-                    pairs.bodies[k], (found.getNearestPoint1(), found.getNearestPoint2()), strict=True
-                )
-            ]
-            slope = robot.coupling.columns((speeds[1] - speeds[0]) @ found.normal)
-            if slope.any():
-                yield slope, float(wanted[k] - found.min_distance)
+        of, joints, points, normals, missing = [], [], [], [], []
+        for row in np.flatnonzero((bounds < near).any(axis=1)).tolist():
+            full = robot.pinocchio_configuration(Q[row])
+            pin.updateGeometryPlacements(robot.shared.model, self._kinematics, geometry, data, full)
+            for k in np.flatnonzero(bounds[row] < near).tolist():
+                found = pin.computeDistance(geometry, data, k)
+                if found.min_distance < near[k]:
+                    of.append(row)
+                    joints.append(
+                        [geometry.geometryObjects[int(body)].parentJoint for body in pairs.bodies[k]]
+                    )
+                    points.append(np.array([found.getNearestPoint1(), found.getNearestPoint2()]))
+                    normals.append(np.array(found.normal))  # it is overwritten by the next query
+                    missing.append(wanted[k] - found.min_distance)
+        if not of:
+            return np.zeros(0, dtype=np.intp), np.zeros((0, robot.n)), np.zeros(0)
+        _, origins, axes = robot.kinematics.frames(robot.coupling.values(Q[of]))
+        speeds = [
+            self._speeds(np.array(joints)[:, side], np.array(points)[:, side], origins, axes)
+            for side in (0, 1)
+        ]
+        slopes = robot.coupling.columns(np.einsum("kmx,kx->km", speeds[1] - speeds[0], np.array(normals)))
+        moving = slopes.any(axis=1)
+        return np.array(of)[moving], slopes[moving], np.array(missing)[moving]
 
-    def _speeds(self, joint: int, point: FloatArray, origins: FloatArray, axes: FloatArray) -> FloatArray:
-        """Return the velocities (m, 3) that the model's joints give a point carried by a joint."""
-        speeds = np.where(self._robot.joint_prismatic[:, None], axes, np.cross(axes, point - origins))
-        moves = self._robot.supporting_joints(np.array([joint]))[0]
-        carried: FloatArray = speeds * moves[:, None]
+    def _speeds(
+        self, joints: IntArray, points: FloatArray, origins: FloatArray, axes: FloatArray
+    ) -> FloatArray:
+        """Return the velocities (K, m, 3) that the model's joints give points (K, 3) carried by joints (K,)."""
+        turning = np.cross(axes, points[:, None] - origins)
+        speeds = np.where(self._robot.joint_prismatic[:, None], axes, turning)
+        carried: FloatArray = speeds * self._robot.supporting_joints(joints)[:, :, None]
         return carried
 
 
@@ -341,6 +362,14 @@ def _basis(motion: Motion) -> FloatArray:
     kept = min(degree, 3 if motion.timed else 1)  # derivatives at the ends, positions among them
     _, coefficients, _ = polynomials.spline(knots, np.eye(number), degree)
     return coefficients[:, :, kept : number - kept]
+
+
+def _values(basis: FloatArray, places: list[tuple[int, float]]) -> FloatArray:
+    """Return the values (M, N) of B-splines at fractions of pieces."""
+    of, u = (np.array(column) for column in zip(*places, strict=True))
+    powers = u[:, None] ** np.arange(basis.shape[1])
+    found: FloatArray = np.einsum("md,mdN->mN", powers, basis[of])
+    return found
 
 
 def _moved(motion: Motion, basis: FloatArray, moves: FloatArray) -> Motion:

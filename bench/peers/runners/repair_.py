@@ -12,8 +12,7 @@ from protocol import Waypoints, serve
 from safe_ompl_ import scene_of
 
 from safe_ompl import CertifiedMotion, CollisionChecker, Motion, Robot, SafeSetup
-from safe_ompl.motions.check import checked
-from safe_ompl.motions.repair import repaired
+from safe_ompl.motions import checked, repaired
 
 
 class Repair:
