@@ -7,8 +7,8 @@ the first run, in FOLDER/environments), on one core, in turn problem by problem.
 smoothing are each system's own; robots are loaded once, before the first problem, and every system answers one problem
 before the others, which does not count, so that kernels are compiled then. The judge is plain Pinocchio and coal at
 0.005 rad. Problems whose start or goal touches something are left out and listed. A system that raises an error has not
-solved that problem; one whose process ends or hangs is started anew, three times at most. Unless --no-repair, every path
-of another system is proven, or repaired where it cannot be, and judged again. Writes table.md, figure.png and
+solved that problem; one whose process ends or hangs is started anew, three times at most. Unless --no-repair, every
+path of another system is proven, or repaired where it cannot be, and judged again. Writes table.md, figure.png and
 runs.json; what cannot be installed is listed with the reason.
 """
 

@@ -38,7 +38,8 @@ _LIMIT = 1e-4  # [rad or m] inside of joint limits
 _SMOOTH = 1e-6  # relative: derivatives that differ by less at a knot are equal
 _SAME = 1e-6  # [rad or m] A way round that ends no farther from where it should is one.
 _NOTHING = 1e-12  # [rad or m] Moves below this are rounding.
-_ROUNDS = 40  # of the search for the constraints that bind
+_ROUNDS = 100  # of the search for the constraints that bind
+_ENOUGH = 1e-5  # [m or rad] by which they may be missed
 _SOFT = 1e-4  # relative: constraints that contradict each other give way
 _BAND = (
     0.01  # [m] Where distances exceed what they should be by no more, moves elsewhere must not use that up.
@@ -202,13 +203,14 @@ class Displacement:
             asked = dict(places)
             for k, witness in bad.items():
                 asked |= dict.fromkeys((k, u) for u in (*_PLACES, 0.5 if witness is None else witness))
-            of, slopes, missing = self._missing(pieces, list(asked), spare)
+            values = _values(basis, list(asked))
+            of, slopes, missing = self._missing(pieces, list(asked), spare * values.sum(axis=1))
             lacking = set(of[missing > 0].tolist())
             kept = [row for row, place in enumerate(asked) if place in places or row in lacking]
             places = dict.fromkeys(place for row, place in enumerate(asked) if row in set(kept))
-            chosen = np.isin(of, kept)
+            chosen = np.isin(of, kept) & values.any(axis=1)[of]
             of, slopes, missing = of[chosen], slopes[chosen], missing[chosen]
-            rows = _values(basis, list(asked))[of]
+            rows = values[of]
             wanted = np.minimum(missing, _FARTHEST) + np.einsum("mi,mj,ji->m", slopes, rows, moves)
             if not len(rows):
                 continue  # what is too near for a proof is far enough at all places looked at: keep more
@@ -219,7 +221,7 @@ class Displacement:
             waiting = {*bad, *np.flatnonzero(differs).tolist()}
         return None
 
-    def _missing(self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: float) -> Lacks:
+    def _missing(self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: FloatArray) -> Lacks:
         """Return what is missing at fractions of pieces, or may be: distances, and room to limits."""
         robot = self._proof.checker.robot
         Q = np.array([pieces[k].place(u) for k, u in places])
@@ -232,7 +234,7 @@ class Displacement:
         proofs = {id(pieces[k].proof): pieces[k].proof for k, _ in places}
         for number, proof in proofs.items():
             rows = np.array([row for row, (k, _) in enumerate(places) if id(pieces[k].proof) == number])
-            of, slopes, missing = self._gaps.missing(Q[rows], proof, spare)
+            of, slopes, missing = self._gaps.missing(Q[rows], proof, spare[rows])
             found.append((rows[of], slopes, missing))
         of, slopes, missing = map(np.concatenate, zip(*found, strict=True))
         return of, slopes, missing
@@ -252,7 +254,7 @@ class Gaps:
         self._kinematics = checker.robot.shared.model.createData()
         self._known: dict[int, pin.GeometryData] = {}  # by the geometry
 
-    def missing(self, Q: FloatArray, proof: CertifiedMotion, spare: float) -> Lacks:
+    def missing(self, Q: FloatArray, proof: CertifiedMotion, spare: FloatArray) -> Lacks:
         """Return what distances lack at `Q: (B, n)`, or may lack.
 
         Parameters
@@ -261,13 +263,13 @@ class Gaps:
             Joint values.
         proof : CertifiedMotion
             Says what pairs must keep.
-        spare : float
+        spare : ndarray, shape (B,)
             [m] How much more they shall keep.
         """
         robot, required = self._robot, proof.required
-        pairs, wanted = required.pairs, required.at_start + spare
+        pairs, wanted = required.pairs, required.at_start + spare[:, None]
         near, geometry = wanted + _BAND, required.pairs.geometry
-        bounds = pairs.bounds.of(Q, np.arange(len(wanted)), float(near.max(initial=0.0)))
+        bounds = pairs.bounds.of(Q, np.arange(wanted.shape[1]), float(near.max(initial=0.0)))
         if id(pairs) not in self._known:
             self._known[id(pairs)] = fresh_data(geometry)
         data = self._known[id(pairs)]
@@ -275,16 +277,16 @@ class Gaps:
         for row in np.flatnonzero((bounds < near).any(axis=1)).tolist():
             full = robot.pinocchio_configuration(Q[row])
             pin.updateGeometryPlacements(robot.shared.model, self._kinematics, geometry, data, full)
-            for k in np.flatnonzero(bounds[row] < near).tolist():
+            for k in np.flatnonzero(bounds[row] < near[row]).tolist():
                 found = pin.computeDistance(geometry, data, k)
-                if found.min_distance < near[k]:
+                if found.min_distance < near[row, k]:
                     of.append(row)
                     joints.append(
                         [geometry.geometryObjects[int(body)].parentJoint for body in pairs.bodies[k]]
                     )
                     points.append(np.array([found.getNearestPoint1(), found.getNearestPoint2()]))
                     normals.append(np.array(found.normal))  # it is overwritten by the next query
-                    missing.append(wanted[k] - found.min_distance)
+                    missing.append(wanted[row, k] - found.min_distance)
         if not of:
             return np.zeros(0, dtype=np.intp), np.zeros((0, robot.n)), np.zeros(0)
         _, origins, axes = robot.kinematics.frames(robot.coupling.values(Q[of]))
@@ -419,25 +421,31 @@ def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motio
 def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> FloatArray:
     """Return the least x (N, n) with slopes_m · Σ_j rows_mj x_j ≥ wanted_m, as nearly as there is one.
 
-    Multipliers λ ≥ 0 with x = Σ_m λ_m rows_m slopes_mᵀ are found by an active set: those that would pull are dropped,
-    what is violated comes in.
+    Multipliers λ ≥ 0 with x = Σ_m λ_m rows_m slopes_mᵀ minimise ½ λᵀ Q λ − wantedᵀ λ; the method of Lawson and Hanson
+    (Solving Least Squares Problems, 1974, ch. 23) finds them: the most violated comes in, what would pull drops out.
     """
     products = (rows @ rows.T) * (slopes @ slopes.T)
     products[np.diag_indices_from(products)] *= 1.0 + _SOFT
-    weights, active = np.zeros(len(wanted)), wanted > 0.0
+    weights, active = np.zeros(len(wanted)), np.zeros(len(wanted), dtype=bool)
     for _ in range(_ROUNDS):
-        chosen = np.flatnonzero(active)
-        weights[:] = 0.0
-        if len(chosen):
-            weights[chosen] = np.linalg.lstsq(products[np.ix_(chosen, chosen)], wanted[chosen], rcond=1e-9)[0]
-        pulls, violated = weights < 0.0, wanted - products @ weights > _NOTHING
-        if pulls.any():
-            active &= ~pulls
-        elif (violated & ~active).any():
-            active |= violated
-        else:
+        violated = np.where(active, 0.0, wanted - products @ weights)
+        entering = int(violated.argmax())
+        if violated[entering] <= _ENOUGH:
             break
-    found: FloatArray = np.einsum("m,mj,mi->ji", np.maximum(weights, 0.0), rows, slopes)
+        active[entering] = True
+        while active.any():
+            chosen = np.flatnonzero(active)
+            best = np.linalg.lstsq(products[np.ix_(chosen, chosen)], wanted[chosen], rcond=1e-9)[0]
+            pulls = best <= 0.0
+            if not pulls.any():
+                weights[chosen] = best
+                break
+            now = weights[chosen]
+            share = float((now[pulls] / (now[pulls] - best[pulls])).min())
+            weights[chosen] = now + share * (best - now)
+            dropped = chosen[pulls & (weights[chosen] <= _NOTHING)]
+            weights[dropped], active[dropped] = 0.0, False
+    found: FloatArray = np.einsum("m,mj,mi->ji", weights, rows, slopes)
     return found
 
 
