@@ -30,10 +30,16 @@ Connect = Callable[
     [FloatArray, FloatArray], "FloatArray | None"
 ]  # a proven path (N, n) from one to the other
 
-_SPAN = 0.2  # [rad or m] Pieces that are not proven, and those beside them, are divided into spans no longer than this.
+# [rad or m] Pieces that are not proven, and those beside them, are divided into spans no longer than these, in turn: the
+# shorter, the less is moved; the longer, the farther. And how often displacements are attempted.
+_SPANS = ((0.06, 5), (0.2, 16))
 _PLACES = tuple(k / 8 for k in range(9))  # of a piece that is not proven, at which distances are looked at
 _SPARE = (5e-4, 1e-3, 2e-3, 4e-3)  # [m] beyond what must be kept, more with every few attempts
 _ATTEMPTS = 4  # with each of them
+_KEPT, _MOST_KEPT = (
+    0.25,
+    0.9,
+)  # of the moves found before, more with every attempt after the first: none alternate
 _LIMIT = 1e-4  # [rad or m] inside of joint limits
 _SMOOTH = 1e-6  # relative: derivatives that differ by less at a knot are equal
 _SAME = 1e-6  # [rad or m] A way round that ends no farther from where it should is one.
@@ -148,13 +154,18 @@ class Displacement:
     def __init__(self, motion: Motion, proof: CertifiedMotion) -> None:
         self._proof, self._gaps = proof, Gaps(proof.checker)
         self.bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
-        near = {k + side for k in self.bad for side in (-1, 0, 1)} & set(range(motion.pieces))
         self._given = motion
-        self._fine = _divided(motion, {k: _parts(motion.coefficients[k], _SPAN) for k in near})
 
     def pushed(self) -> Motion | None:
         """Return the motion, moved away from what is too near; None if that cannot be proven."""
-        return self._push(self._fine)
+        motion = self._given
+        near = {k + side for k in self.bad for side in (-1, 0, 1)} & set(range(motion.pieces))
+        for span, attempts in _SPANS:
+            fine = _divided(motion, {k: _parts(motion.coefficients[k], span) for k in near})
+            found = self._push(fine, attempts)
+            if found is not None:
+                return found
+        return None
 
     def round(self, connect: Connect) -> Motion | None:
         """Return the motion with a planner's way round what is in the way; None if that cannot be proven."""
@@ -171,7 +182,7 @@ class Displacement:
                 if abs(path[-1] - motion.knots[last]).max() > _SAME
                 else _following(motion, path, first, last)
             )
-            found = None if followed is None else self._push(followed)
+            found = None if followed is None else self._push(followed, _SPANS[-1][1])
             if found is not None:
                 return found
         return None
@@ -188,13 +199,13 @@ class Displacement:
             last += 1
         return first, last
 
-    def _push(self, motion: Motion) -> Motion | None:
+    def _push(self, motion: Motion, attempts: int) -> Motion | None:
         """Return a motion near the one given that is proven, or None."""
         basis = _basis(motion)
         moves = np.zeros((basis.shape[2], motion.n))
         places: dict[tuple[int, float], None] = {}  # where something was too near, in the order found
         moved, waiting = motion, set(range(motion.pieces))
-        for spare in np.repeat(_SPARE, _ATTEMPTS).tolist():
+        for attempt, spare in enumerate(np.repeat(_SPARE, _ATTEMPTS).tolist()[:attempts]):
             pieces = list(PieceProofs(moved, self._proof))
             verdicts = {k: pieces[k].verdict() for k in sorted(waiting)}
             bad = {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
@@ -211,10 +222,12 @@ class Displacement:
             chosen = np.isin(of, kept) & values.any(axis=1)[of]
             of, slopes, missing = of[chosen], slopes[chosen], missing[chosen]
             rows = values[of]
-            wanted = np.minimum(missing, _FARTHEST) + np.einsum("mi,mj,ji->m", slopes, rows, moves)
+            kept_moves = np.clip(_KEPT * (attempt - _ATTEMPTS), 0.0, _MOST_KEPT) * moves
+            undone = np.einsum("mi,mj,ji->m", slopes, rows, moves - kept_moves)
+            wanted = np.minimum(missing, _FARTHEST) + undone
             if not len(rows):
                 continue  # what is too near for a proof is far enough at all places looked at: keep more
-            step = _least_moves(rows, slopes, wanted) - moves
+            step = kept_moves + _least_moves(rows, slopes, wanted) - moves
             moves = moves + step * min(1.0, _STEP / max(float(np.abs(step).max()), _NOTHING))
             before, moved = moved, _moved(motion, basis, moves)
             differs = np.abs(moved.coefficients - before.coefficients).max(axis=(1, 2)) > 0.0
@@ -397,7 +410,7 @@ def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motio
         here = (at[(at > low) & (at < high)] - low) / (high - low)
         if motion.degree > 1:
             length = travelled[-1] * (high - low) / (end - begin)
-            even = np.linspace(0.0, 1.0, 1 + int(np.ceil(2 * length / _SPAN)))[1:-1]
+            even = np.linspace(0.0, 1.0, 1 + int(np.ceil(2 * length / _SPANS[-1][0])))[1:-1]
             here = even if not len(here) else np.union1d(even, here)
         here = here[np.diff(here, prepend=0.0, append=1.0)[:-1] > 1e-3]
         cuts[k] = here[here < 1.0 - 1e-3]
@@ -435,7 +448,7 @@ def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> Fl
         active[entering] = True
         while active.any():
             chosen = np.flatnonzero(active)
-            best = np.linalg.lstsq(products[np.ix_(chosen, chosen)], wanted[chosen], rcond=1e-9)[0]
+            best = np.linalg.solve(products[np.ix_(chosen, chosen)], wanted[chosen])
             pulls = best <= 0.0
             if not pulls.any():
                 weights[chosen] = best
