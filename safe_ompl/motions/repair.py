@@ -30,10 +30,10 @@ Connect = Callable[
     [FloatArray, FloatArray], "FloatArray | None"
 ]  # a proven path (N, n) from one to the other
 
-# [rad or m] Pieces that are not proven, and those beside them, are divided into spans no longer than these, in turn: the
-# shorter, the less is moved; the longer, the farther. And how often displacements are attempted.
-_SPANS = ((0.06, 5), (0.2, 16))
-_PLACES = tuple(k / 8 for k in range(9))  # of a piece that is not proven, at which distances are looked at
+# [rad or m] Pieces that are not proven, and those beside them, are divided into spans no longer than these, in turn:
+# the shorter, the less is moved; the longer, the farther. And how often displacements are attempted.
+_SPANS = ((0.06, 6), (0.2, 16))
+_PLACES = tuple(k / 4 for k in range(5))  # of a piece that is not proven, at which distances are looked at
 _SPARE = (5e-4, 1e-3, 2e-3, 4e-3)  # [m] beyond what must be kept, more with every few attempts
 _ATTEMPTS = 4  # with each of them
 _KEPT, _MOST_KEPT = (
@@ -219,7 +219,7 @@ class Displacement:
             lacking = set(of[missing > 0].tolist())
             kept = [row for row, place in enumerate(asked) if place in places or row in lacking]
             places = dict.fromkeys(place for row, place in enumerate(asked) if row in set(kept))
-            chosen = np.isin(of, kept) & values.any(axis=1)[of]
+            chosen = np.isin(of, kept) & (values[of] != 0.0).any(axis=1)
             of, slopes, missing = of[chosen], slopes[chosen], missing[chosen]
             rows = values[of]
             kept_moves = np.clip(_KEPT * (attempt - _ATTEMPTS), 0.0, _MOST_KEPT) * moves
@@ -317,7 +317,8 @@ class Gaps:
         """Return the velocities (K, m, 3) that the model's joints give points (K, 3) carried by joints (K,)."""
         turning = np.cross(axes, points[:, None] - origins)
         speeds = np.where(self._robot.joint_prismatic[:, None], axes, turning)
-        carried: FloatArray = speeds * self._robot.supporting_joints(joints)[:, :, None]
+        known, of = np.unique(joints, return_inverse=True)
+        carried: FloatArray = speeds * self._robot.supporting_joints(known)[of][:, :, None]
         return carried
 
 
@@ -441,7 +442,7 @@ def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> Fl
     products[np.diag_indices_from(products)] *= 1.0 + _SOFT
     weights, active = np.zeros(len(wanted)), np.zeros(len(wanted), dtype=bool)
     for _ in range(_ROUNDS):
-        violated = np.where(active, 0.0, wanted - products @ weights)
+        violated = np.where(active, 0.0, wanted - products[:, active] @ weights[active])
         entering = int(violated.argmax())
         if violated[entering] <= _ENOUGH:
             break
