@@ -60,3 +60,6 @@ SYSTEMS = (
     System("TrajOpt after OMPL, 50 mm", "tesseract_", "tesseract", _TESSERACT, {"margin": 0.05}, after=_OMPL),
     System("VAMP", "vamp_", "vamp", ("vamp-planner",)),
 )
+
+REPAIR = System("our proof and repair", "repair_")  # of every path of another system
+REPAIRED = ("roboplan, 0.05", _OMPL)  # whose repaired paths are rows of their own

@@ -61,6 +61,34 @@ def markdown(runs: dict[str, list[Run]], unavailable: dict[str, str], left_out: 
     return "\n".join(lines)
 
 
+def repairs(paths: dict[str, tuple[list[Run], list[Run]]]) -> str:
+    """Return the table of our proofs and repairs of paths of other systems, before and after them."""
+    lines = [
+        "| system | proven where the judge finds nothing | repaired where it does | repaired in all | moved | planned "
+        "| touching afterwards | proof [ms] | repair [ms] | deviation [rad] | at the tool [mm] |",
+        "|---" * 11 + "|",
+    ]
+    for system, (before, after) in paths.items():
+        both = [(old, new) for old, new in zip(before, after, strict=True) if old["solved"]]
+        apart = [new for old, new in both if not old["touching"]]
+        touching = [new for old, new in both if old["touching"]]
+        tried = [new for _, new in both if not new["proven"]]
+        good = [new for new in tried if new["repaired"]]
+        cells = [
+            f"{sum(bool(new['proven']) for new in apart)}/{len(apart)}",
+            f"{sum(bool(new['repaired']) for new in touching)}/{len(touching)}",
+            f"{len(good)}/{len(tried)}",
+            *(str(sum(new["how"] == how for new in good)) for how in ("moved", "planned")),
+            str(sum(new["touching"] for _, new in both if new["solved"])),
+            _cell([1e3 * new["proof"] for _, new in both], True),
+            _cell([1e3 * new["repair"] for new in good], True),
+            _cell([new["deviation"] for new in good], True),
+            _cell([new["tool_deviation"] for new in good], True),
+        ]
+        lines.append(f"| {system} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def _cell(numbers: list[float], spread: bool) -> str:
     if not numbers:
         return "–"

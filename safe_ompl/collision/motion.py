@@ -123,6 +123,11 @@ class CertifiedMotion:
         return self._separation
 
     @property
+    def required(self) -> RequiredDistances:
+        """The distances that pairs of bodies must keep by the separation."""
+        return self._required
+
+    @property
     def margin(self) -> float:
         """What every link must keep from every obstacle [m]."""
         return self._separation.margin

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import repeat
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -368,15 +369,20 @@ class PieceProofs:
     def _widened(self) -> Iterator[CertifiedMotion]:
         """Yield for each piece what proves it within its allowance."""
         allowance = self._motion.allowance
-        if self._motion.slack is None:  # rounding alone: the same for all pieces
-            allowance = np.broadcast_to(allowance.max(axis=0), allowance.shape)
         tube = np.array(self._proof.separation.tube or np.zeros(self._motion.n))
-        known: dict[tuple[float, ...], CertifiedMotion] = {}
+        if self._motion.slack is None:  # rounding alone: the same for all pieces
+            yield from repeat(self._within(tube + allowance.max(axis=0)), self._motion.pieces)
+            return
+        known: dict[bytes, CertifiedMotion] = {}
         for row in allowance:
-            widths = tuple((tube + row).tolist())
-            if widths not in known:
-                known[widths] = self._proof.with_separation(replace(self._proof.separation, tube=widths))
-            yield known[widths]
+            if row.tobytes() not in known:
+                known[row.tobytes()] = self._within(tube + row)
+            yield known[row.tobytes()]
+
+    def _within(self, widths: FloatArray) -> CertifiedMotion:
+        """Return what proves the same within a tube of these widths (n,)."""
+        tube = tuple(widths.tolist())
+        return self._proof.with_separation(replace(self._proof.separation, tube=tube))
 
 
 def _joined(stretches: list[Violation]) -> Iterator[Violation]:
@@ -411,7 +417,7 @@ def _values(
             if isinstance(limit, ToolLimit):
                 return limit.name, (), limit.excess(q), 0.0
             return str(name), (), None, None
-    checker, required = proof.checker, proof.separation.required(proof.checker)
+    checker, required = proof.checker, proof.required
     distances = checker.pair_distances(q)  # of the pairs that may touch, the first of those required
     if not len(distances):
         return "collision", (), None, None

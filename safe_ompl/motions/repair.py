@@ -9,7 +9,7 @@ nothing is left. Where that does not succeed, a planner finds a way round, and B
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import perm
@@ -18,26 +18,35 @@ import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict, fresh_data
-from safe_ompl.common import FloatArray, InputError
+from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.motions import polynomials
 from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, checked
 from safe_ompl.motions.motion import Motion
 from safe_ompl.planning.ompl import joint_space
 from safe_ompl.trajectories import RateLimits
 
+# For each distance or limit: the row of where it is looked at, its gradient (n,), and what it lacks [m or rad].
+Lacks = tuple[IntArray, FloatArray, FloatArray]
 Connect = Callable[
     [FloatArray, FloatArray], "FloatArray | None"
 ]  # a proven path (N, n) from one to the other
 
-_SPAN = 0.2  # [rad or m] Pieces that are not proven, and those beside them, are divided into spans no longer than this.
-_PLACES = tuple(k / 8 for k in range(9))  # of a piece that is not proven, at which distances are looked at
+# [rad or m] Pieces that are not proven, and those beside them, are divided into spans no longer than these, in turn:
+# the shorter, the less is moved; the longer, the farther. And how often displacements are attempted.
+_SPANS = ((0.06, 6), (0.2, 16))
+_PLACES = tuple(k / 4 for k in range(5))  # of a piece that is not proven, at which distances are looked at
 _SPARE = (5e-4, 1e-3, 2e-3, 4e-3)  # [m] beyond what must be kept, more with every few attempts
 _ATTEMPTS = 4  # with each of them
+_KEPT, _MOST_KEPT = (
+    0.25,
+    0.9,
+)  # of the moves found before, more with every attempt after the first: none alternate
 _LIMIT = 1e-4  # [rad or m] inside of joint limits
 _SMOOTH = 1e-6  # relative: derivatives that differ by less at a knot are equal
 _SAME = 1e-6  # [rad or m] A way round that ends no farther from where it should is one.
 _NOTHING = 1e-12  # [rad or m] Moves below this are rounding.
-_ROUNDS = 40  # of the search for the constraints that bind
+_ROUNDS = 100  # of the search for the constraints that bind
+_ENOUGH = 1e-5  # [m or rad] by which they may be missed
 _SOFT = 1e-4  # relative: constraints that contradict each other give way
 _BAND = (
     0.01  # [m] Where distances exceed what they should be by no more, moves elsewhere must not use that up.
@@ -116,21 +125,22 @@ def repaired(
     """
     robot = proof.checker.robot
     motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
-    found = checked(motion, proof, limits)
-    if found:
-        return Repair(motion, found, "unchanged")
-    if all(violation.kind in ("velocity", "acceleration", "jerk") for violation in found.violations):
-        return Repair(motion, found, "only its rates exceed their limits: slow it down")
+    displacement, how = Displacement(motion, proof), "moved"
+    if not displacement.bad:
+        found = checked(motion, proof, limits)
+        return Repair(
+            motion, found, "unchanged" if found else "only its rates exceed their limits: slow it down"
+        )
     for name, q in (("start", motion.knots[0]), ("end", motion.knots[-1])):
         if proof.check(q, q).verdict is not Verdict.FREE:
-            return Repair(motion, found, f"its {name} cannot be proven, and ends are kept")
-    displacement, how = Displacement(motion, proof), "moved"
+            how = f"its {name} cannot be proven, and ends are kept"
+            return Repair(motion, checked(motion, proof, limits), how)
     result = displacement.pushed()
     if result is None and connect is not None:
         result, how = displacement.round(connect), "planned"
     if result is None:
-        why = "nothing near it could be proven"
-        return Repair(motion, found, why if connect is None else f"{why}, and no way round was found")
+        how = "nothing near it could be proven" + ", and no way round was found" * (connect is not None)
+        return Repair(motion, checked(motion, proof, limits), how)
     return _measured(motion, result, checked(result, proof, limits), how, proof)
 
 
@@ -143,24 +153,34 @@ class Displacement:
         The motion.
     proof : CertifiedMotion
         What is to be proven.
+
+    Attributes
+    ----------
+    bad : list of int
+        The pieces that are not proven.
     """
 
     def __init__(self, motion: Motion, proof: CertifiedMotion) -> None:
         self._proof, self._gaps = proof, Gaps(proof.checker)
-        self._bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
-        near = {k + side for k in self._bad for side in (-1, 0, 1)} & set(range(motion.pieces))
+        self.bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
         self._given = motion
-        self._fine = _divided(motion, {k: _parts(motion.coefficients[k], _SPAN) for k in near})
 
     def pushed(self) -> Motion | None:
         """Return the motion, moved away from what is too near; None if that cannot be proven."""
-        return self._push(self._fine)
+        motion = self._given
+        near = {k + side for k in self.bad for side in (-1, 0, 1)} & set(range(motion.pieces))
+        for span, attempts in _SPANS:
+            fine = _divided(motion, {k: _parts(motion.coefficients[k], span) for k in near})
+            found = self._push(fine, attempts)
+            if found is not None:
+                return found
+        return None
 
     def round(self, connect: Connect) -> Motion | None:
         """Return the motion with a planner's way round what is in the way; None if that cannot be proven."""
         motion = self._given
         for reach in (0, 1, 3, motion.pieces):
-            first, last = self._allowed_knots(min(self._bad) - reach, max(self._bad) + 1 + reach)
+            first, last = self._allowed_knots(min(self.bad) - reach, max(self.bad) + 1 + reach)
             path = connect(motion.knots[first], motion.knots[last])
             if path is None:
                 continue
@@ -171,7 +191,7 @@ class Displacement:
                 if abs(path[-1] - motion.knots[last]).max() > _SAME
                 else _following(motion, path, first, last)
             )
-            found = None if followed is None else self._push(followed)
+            found = None if followed is None else self._push(followed, _SPANS[-1][1])
             if found is not None:
                 return found
         return None
@@ -188,46 +208,58 @@ class Displacement:
             last += 1
         return first, last
 
-    def _push(self, motion: Motion) -> Motion | None:
+    def _push(self, motion: Motion, attempts: int) -> Motion | None:
         """Return a motion near the one given that is proven, or None."""
         basis = _basis(motion)
         moves = np.zeros((basis.shape[2], motion.n))
         places: dict[tuple[int, float], None] = {}  # where something was too near, in the order found
         moved, waiting = motion, set(range(motion.pieces))
-        for spare in np.repeat(_SPARE, _ATTEMPTS).tolist():
+        for attempt, spare in enumerate(np.repeat(_SPARE, _ATTEMPTS).tolist()[:attempts]):
             pieces = list(PieceProofs(moved, self._proof))
             verdicts = {k: pieces[k].verdict() for k in sorted(waiting)}
             bad = {k: found.at for k, found in verdicts.items() if found.verdict is not Verdict.FREE}
             if not bad:
                 return moved
+            asked = dict(places)
             for k, witness in bad.items():
-                for u in (*_PLACES, 0.5 if witness is None else witness):
-                    if any(missing > 0 for _, missing in self._missing(pieces[k], u, spare)):
-                        places[k, u] = None
-            rows, slopes, wanted = [], [], []
-            for k, u in places:
-                row = np.polynomial.polynomial.polyval(u, basis[k])
-                for slope, missing in self._missing(pieces[k], u, spare):
-                    rows.append(row)
-                    slopes.append(slope)
-                    wanted.append(min(missing, _FARTHEST) + float(slope @ (row @ moves)))
-            if not rows:
+                asked |= dict.fromkeys((k, u) for u in (*_PLACES, 0.5 if witness is None else witness))
+            values = _values(basis, list(asked))
+            of, slopes, missing = self._missing(pieces, list(asked), spare * values.sum(axis=1))
+            lacking = set(of[missing > 0].tolist())
+            kept = [row for row, place in enumerate(asked) if place in places or row in lacking]
+            places = dict.fromkeys(place for row, place in enumerate(asked) if row in set(kept))
+            chosen = np.isin(of, kept) & (values[of] != 0.0).any(axis=1)
+            of, slopes, missing = of[chosen], slopes[chosen], missing[chosen]
+            rows = values[of]
+            kept_moves = np.clip(_KEPT * (attempt - _ATTEMPTS), 0.0, _MOST_KEPT) * moves
+            undone = np.einsum("mi,mj,ji->m", slopes, rows, moves - kept_moves)
+            wanted = np.minimum(missing, _FARTHEST) + undone
+            if not len(rows):
                 continue  # what is too near for a proof is far enough at all places looked at: keep more
-            step = _least_moves(np.array(rows), np.array(slopes), np.array(wanted)) - moves
+            step = kept_moves + _least_moves(rows, slopes, wanted) - moves
             moves = moves + step * min(1.0, _STEP / max(float(np.abs(step).max()), _NOTHING))
             before, moved = moved, _moved(motion, basis, moves)
             differs = np.abs(moved.coefficients - before.coefficients).max(axis=(1, 2)) > 0.0
             waiting = {*bad, *np.flatnonzero(differs).tolist()}
         return None
 
-    def _missing(self, piece: PieceProof, u: float, spare: float) -> Iterator[tuple[FloatArray, float]]:
-        """Yield the gradients (n,) of what may be missing at a fraction of a piece: distances, and room to limits."""
-        robot, q = self._proof.checker.robot, piece.place(u)
+    def _missing(self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: FloatArray) -> Lacks:
+        """Return what is missing at fractions of pieces, or may be: distances, and room to limits."""
+        robot = self._proof.checker.robot
+        Q = np.array([pieces[k].place(u) for k, u in places])
+        found = []
         for sign, bound in ((1.0, robot.lower), (-1.0, robot.upper)):
-            inside = np.where(robot.continuous, np.inf, sign * (q - bound))
-            for i in np.flatnonzero(inside < _LIMIT):
-                yield sign * np.eye(robot.n)[i], float(_LIMIT - inside[i]) if inside[i] < 0 else 0.0
-        yield from self._gaps.missing(q, piece.proof, spare)
+            inside = np.where(robot.continuous, np.inf, sign * (Q - bound))
+            of, joints = np.nonzero(inside < _LIMIT)
+            room = inside[of, joints]
+            found.append((of, sign * np.eye(robot.n)[joints], np.where(room < 0, _LIMIT - room, 0.0)))
+        proofs = {id(pieces[k].proof): pieces[k].proof for k, _ in places}
+        for number, proof in proofs.items():
+            rows = np.array([row for row, (k, _) in enumerate(places) if id(pieces[k].proof) == number])
+            of, slopes, missing = self._gaps.missing(Q[rows], proof, spare[rows])
+            found.append((rows[of], slopes, missing))
+        of, slopes, missing = map(np.concatenate, zip(*found, strict=True))
+        return of, slopes, missing
 
 
 class Gaps:
@@ -244,53 +276,58 @@ class Gaps:
         self._kinematics = checker.robot.shared.model.createData()
         self._known: dict[int, pin.GeometryData] = {}  # by the geometry
 
-    def missing(
-        self, q: FloatArray, proof: CertifiedMotion, spare: float
-    ) -> Iterator[tuple[FloatArray, float]]:
-        """Yield the gradients (n,) of distances that lack something at `q: (n,)`, or may, and what they lack [m].
+    def missing(self, Q: FloatArray, proof: CertifiedMotion, spare: FloatArray) -> Lacks:
+        """Return what distances lack at `Q: (B, n)`, or may lack.
 
         Parameters
         ----------
-        q : ndarray, shape (n,)
+        Q : ndarray, shape (B, n)
             Joint values.
         proof : CertifiedMotion
             Says what pairs must keep.
-        spare : float
+        spare : ndarray, shape (B,)
             [m] How much more they shall keep.
         """
-        robot, required = self._robot, proof.separation.required(proof.checker)
-        pairs, wanted = required.pairs, required.at_start + spare
-        every, near = np.arange(len(wanted)), wanted + _BAND
-        bounds = pairs.bounds.of(q[None], every, float(near.max(initial=0.0)))[0]
-        candidates = np.flatnonzero(bounds < near)
-        if not len(candidates):
-            return
-        geometry = pairs.geometry
+        robot, required = self._robot, proof.required
+        pairs, wanted = required.pairs, required.at_start + spare[:, None]
+        near, geometry = wanted + _BAND, required.pairs.geometry
+        bounds = pairs.bounds.of(Q, np.arange(wanted.shape[1]), float(near.max(initial=0.0)))
         if id(pairs) not in self._known:
             self._known[id(pairs)] = fresh_data(geometry)
         data = self._known[id(pairs)]
-        full = robot.pinocchio_configuration(q)
-        pin.updateGeometryPlacements(robot.shared.model, self._kinematics, geometry, data, full)
-        _, origins, axes = (part[0] for part in robot.kinematics.frames(robot.coupling.values(q)[None]))
-        for k in candidates.tolist():
-            found = pin.computeDistance(geometry, data, k)
-            if found.min_distance >= near[k]:
-                continue
-            speeds = [
-                self._speeds(geometry.geometryObjects[int(body)].parentJoint, point, origins, axes)
-                for body, point in zip(
-                    pairs.bodies[k], (found.getNearestPoint1(), found.getNearestPoint2()), strict=True
-                )
-            ]
-            slope = robot.coupling.columns((speeds[1] - speeds[0]) @ found.normal)
-            if slope.any():
-                yield slope, float(wanted[k] - found.min_distance)
+        of, joints, points, normals, missing = [], [], [], [], []
+        for row in np.flatnonzero((bounds < near).any(axis=1)).tolist():
+            full = robot.pinocchio_configuration(Q[row])
+            pin.updateGeometryPlacements(robot.shared.model, self._kinematics, geometry, data, full)
+            for k in np.flatnonzero(bounds[row] < near[row]).tolist():
+                found = pin.computeDistance(geometry, data, k)
+                if found.min_distance < near[row, k]:
+                    of.append(row)
+                    joints.append(
+                        [geometry.geometryObjects[int(body)].parentJoint for body in pairs.bodies[k]]
+                    )
+                    points.append(np.array([found.getNearestPoint1(), found.getNearestPoint2()]))
+                    normals.append(np.array(found.normal))  # it is overwritten by the next query
+                    missing.append(wanted[row, k] - found.min_distance)
+        if not of:
+            return np.zeros(0, dtype=np.intp), np.zeros((0, robot.n)), np.zeros(0)
+        _, origins, axes = robot.kinematics.frames(robot.coupling.values(Q[of]))
+        speeds = [
+            self._speeds(np.array(joints)[:, side], np.array(points)[:, side], origins, axes)
+            for side in (0, 1)
+        ]
+        slopes = robot.coupling.columns(np.einsum("kmx,kx->km", speeds[1] - speeds[0], np.array(normals)))
+        moving = slopes.any(axis=1)
+        return np.array(of)[moving], slopes[moving], np.array(missing)[moving]
 
-    def _speeds(self, joint: int, point: FloatArray, origins: FloatArray, axes: FloatArray) -> FloatArray:
-        """Return the velocities (m, 3) that the model's joints give a point carried by a joint."""
-        speeds = np.where(self._robot.joint_prismatic[:, None], axes, np.cross(axes, point - origins))
-        moves = self._robot.supporting_joints(np.array([joint]))[0]
-        carried: FloatArray = speeds * moves[:, None]
+    def _speeds(
+        self, joints: IntArray, points: FloatArray, origins: FloatArray, axes: FloatArray
+    ) -> FloatArray:
+        """Return the velocities (K, m, 3) that the model's joints give points (K, 3) carried by joints (K,)."""
+        turning = np.cross(axes, points[:, None] - origins)
+        speeds = np.where(self._robot.joint_prismatic[:, None], axes, turning)
+        known, of = np.unique(joints, return_inverse=True)
+        carried: FloatArray = speeds * self._robot.supporting_joints(known)[of][:, :, None]
         return carried
 
 
@@ -352,6 +389,14 @@ def _basis(motion: Motion) -> FloatArray:
     return coefficients[:, :, kept : number - kept]
 
 
+def _values(basis: FloatArray, places: list[tuple[int, float]]) -> FloatArray:
+    """Return the values (M, N) of B-splines at fractions of pieces."""
+    of, u = (np.array(column) for column in zip(*places, strict=True))
+    powers = u[:, None] ** np.arange(basis.shape[1])
+    found: FloatArray = np.einsum("md,mdN->mN", powers, basis[of])
+    return found
+
+
 def _moved(motion: Motion, basis: FloatArray, moves: FloatArray) -> Motion:
     """Return the motion moved by B-splines."""
     change = basis @ moves
@@ -375,7 +420,7 @@ def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motio
         here = (at[(at > low) & (at < high)] - low) / (high - low)
         if motion.degree > 1:
             length = travelled[-1] * (high - low) / (end - begin)
-            even = np.linspace(0.0, 1.0, 1 + int(np.ceil(2 * length / _SPAN)))[1:-1]
+            even = np.linspace(0.0, 1.0, 1 + int(np.ceil(2 * length / _SPANS[-1][0])))[1:-1]
             here = even if not len(here) else np.union1d(even, here)
         here = here[np.diff(here, prepend=0.0, append=1.0)[:-1] > 1e-3]
         cuts[k] = here[here < 1.0 - 1e-3]
@@ -399,25 +444,31 @@ def _following(motion: Motion, path: FloatArray, first: int, last: int) -> Motio
 def _least_moves(rows: FloatArray, slopes: FloatArray, wanted: FloatArray) -> FloatArray:
     """Return the least x (N, n) with slopes_m · Σ_j rows_mj x_j ≥ wanted_m, as nearly as there is one.
 
-    Multipliers λ ≥ 0 with x = Σ_m λ_m rows_m slopes_mᵀ are found by an active set: those that would pull are dropped,
-    what is violated comes in.
+    Multipliers λ ≥ 0 with x = Σ_m λ_m rows_m slopes_mᵀ minimise ½ λᵀ Q λ − wantedᵀ λ; the method of Lawson and Hanson
+    (Solving Least Squares Problems, 1974, ch. 23) finds them: the most violated comes in, what would pull drops out.
     """
     products = (rows @ rows.T) * (slopes @ slopes.T)
     products[np.diag_indices_from(products)] *= 1.0 + _SOFT
-    weights, active = np.zeros(len(wanted)), wanted > 0.0
+    weights, active = np.zeros(len(wanted)), np.zeros(len(wanted), dtype=bool)
     for _ in range(_ROUNDS):
-        chosen = np.flatnonzero(active)
-        weights[:] = 0.0
-        if len(chosen):
-            weights[chosen] = np.linalg.lstsq(products[np.ix_(chosen, chosen)], wanted[chosen], rcond=1e-9)[0]
-        pulls, violated = weights < 0.0, wanted - products @ weights > _NOTHING
-        if pulls.any():
-            active &= ~pulls
-        elif (violated & ~active).any():
-            active |= violated
-        else:
+        violated = np.where(active, 0.0, wanted - products[:, active] @ weights[active])
+        entering = int(violated.argmax())
+        if violated[entering] <= _ENOUGH:
             break
-    found: FloatArray = np.einsum("m,mj,mi->ji", np.maximum(weights, 0.0), rows, slopes)
+        active[entering] = True
+        while active.any():
+            chosen = np.flatnonzero(active)
+            best = np.linalg.solve(products[np.ix_(chosen, chosen)], wanted[chosen])
+            pulls = best <= 0.0
+            if not pulls.any():
+                weights[chosen] = best
+                break
+            now = weights[chosen]
+            share = float((now[pulls] / (now[pulls] - best[pulls])).min())
+            weights[chosen] = now + share * (best - now)
+            dropped = chosen[pulls & (weights[chosen] <= _NOTHING)]
+            weights[dropped], active[dropped] = 0.0, False
+    found: FloatArray = np.einsum("m,mj,mi->ji", weights, rows, slopes)
     return found
 
 

@@ -30,7 +30,8 @@ class System(Protocol):
 def serve(make: Callable[[dict[str, Any], dict[str, Any]], System]) -> None:
     """Make a system from the robot and the options in the arguments, then answer problems until the input ends.
 
-    Every answer holds the path (or null), the CPU seconds of the three steps, and the error of one that failed.
+    Every answer holds the path (or null), the CPU seconds of the three steps, and the error of one that failed; and
+    the `remarks` of a system that has some.
     What libraries print goes to stderr.
     """
     answers = os.fdopen(os.dup(1), "w")
@@ -58,4 +59,5 @@ def _answer(system: System, problem: dict[str, Any]) -> dict[str, Any]:
         path, error = None, f"{type(raised).__name__}: {raised}"
     times += [process_time()] * (4 - len(times))
     building, planning, smoothing = (b - a for a, b in pairwise(times))
-    return {"path": path, "building": building, "planning": planning, "smoothing": smoothing, "error": error}
+    answer = {"path": path, "building": building, "planning": planning, "smoothing": smoothing}
+    return {**answer, "error": error, **getattr(system, "remarks", {})}

@@ -29,12 +29,7 @@ class SafeOmpl:
         self._simplify = options.get("simplify")
 
     def build(self, problem: dict[str, Any]) -> None:
-        obstacles = []
-        for item in problem["obstacles"]:
-            shape = SHAPES[item["kind"]](*([item["size"]] if item["kind"] == "box" else item["size"]))
-            place = pin.SE3(np.array(item["rotation"]), np.array(item["position"]))
-            obstacles.append(Obstacle(item["name"], shape, Pose.of(place), weight=1.0))
-        self._setup = SafeSetup(self._robot, Scene(tuple(obstacles)))
+        self._setup = SafeSetup(self._robot, scene_of(problem))
         self._setup.setConfigurations(problem["start"], [problem["goal"]])
 
     def plan(self, seed: int, seconds: float) -> Waypoints | None:
@@ -49,4 +44,15 @@ class SafeOmpl:
         return self._setup.solution().tolist()
 
 
-serve(SafeOmpl)
+def scene_of(problem: dict[str, Any]) -> Scene:
+    """Return the obstacles of a problem."""
+    obstacles = []
+    for item in problem["obstacles"]:
+        shape = SHAPES[item["kind"]](*([item["size"]] if item["kind"] == "box" else item["size"]))
+        place = pin.SE3(np.array(item["rotation"]), np.array(item["position"]))
+        obstacles.append(Obstacle(item["name"], shape, Pose.of(place), weight=1.0))
+    return Scene(tuple(obstacles))
+
+
+if __name__ == "__main__":
+    serve(SafeOmpl)

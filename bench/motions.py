@@ -1,0 +1,593 @@
+"""What proofs of others' motions are worth: python bench/motions.py [FILE] [--only PART …] [--number N] [--first K].
+
+pieces     Random pieces of splines (cubic and quintic Hermite, B-splines of degree 2 to 5) of six robots among things
+           at random places, every tenth one shifted until its clearance is 0.1 to 1 mm. One that is called free is
+           looked at every 0.0002 rad with plain coal calls, one that is called blocked must touch where it says:
+           `contradicted` must be 0. Targets for undecided ones: 0.1 %, and 5 % of the near ones.
+time       Clamped cubic splines of ten pieces along planned paths: 7 joints at a shelf, 14 joints among things. Targets
+           for the medians: 3 and 10 ms.
+tubes      Motions that are proven within random tubes: those of the tube that seem to come nearest, and random ones,
+           looked at with plain coal calls; and the widest tube that is proven, against one at which a motion touches.
+repair     Planned paths and splines through them, disturbed; and those of MotionBenchMaker's problems in FILE.
+
+The full run of pieces, --number 100000, takes hours; --first 20000 goes on after the first 20000.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from time import process_time
+from typing import NamedTuple
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+from _scenes import scattered
+from _timing import print_table
+from ompl import util as ou
+from scipy.interpolate import BPoly, BSpline, CubicHermiteSpline, CubicSpline
+
+from safe_ompl import Motion, Robot, SafeSetup, Scene
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, Verdict
+from safe_ompl.common import FloatArray
+from safe_ompl.motions import checked, repaired, widest_tube
+from safe_ompl.motions.checks import PieceProofs
+from safe_ompl.planning.from_scenario import setup_problem, setup_scenario
+from safe_ompl.robot.loading.packages import robots_folder
+from safe_ompl.scene import Scenario, find_scenario
+from safe_ompl.scene.mbm import MbmFile
+
+STEP = 0.0002  # [rad] between samples
+NEAR = 1e-4, 1e-3  # [m] clearance of near pieces
+LENGTHS, NEAR_LENGTHS = (0.05, 1.5), (0.05, 0.4)  # [rad]
+TOLERANCE = 2e-5  # [m] of coal's distances, and of clearances that are searched for
+
+Curve = Callable[[FloatArray], FloatArray]  # from times in [0, 1] to configurations
+
+
+class Piece(NamedTuple):
+    """A piece as our own motion, and as SciPy has it."""
+
+    kind: str
+    motion: Motion
+    curve: Curve
+
+
+class Plain:
+    """Robot against scene by coal's distances of all pairs: no broad phase, and no bounds of the package.
+
+    A body moves no farther than each joint's motion times the length of the chain from there to the body's far end.
+    Samples at which a pair cannot touch by that, as it was too far apart before, are left out.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        self.robot, self._model = robot, robot.shared.model
+        self._geometry = robot.shared.collision_model.copy()
+        chains = [self._chains(body) for body in self._geometry.geometryObjects]
+        moving = [k for k, body in enumerate(self._geometry.geometryObjects) if body.parentJoint]
+        for obstacle in scene.obstacles:
+            for name, shape, placement in obstacle.geometries():
+                added = self._geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, shape))
+                chains.append(np.zeros(self._model.njoints - 1))
+                for k in moving:
+                    self._geometry.addCollisionPair(pin.CollisionPair(k, added))
+        pairs = [(pair.first, pair.second) for pair in self._geometry.collisionPairs]
+        first, second = (np.array([chains[pair[side]] for pair in pairs]) for side in (0, 1))
+        self._chains_of_pairs = np.where((first > 0) != (second > 0), first + second, 0.0)
+        self._data, self._results = self._model.createData(), pin.GeometryData(self._geometry)
+
+    def _chains(self, body: pin.GeometryObject) -> FloatArray:
+        """Return how far (m,) the end of a body can be from each joint that moves it [m]; 1 where the joint slides."""
+        model, found = self._model, np.zeros(self._model.njoints - 1)
+        body.geometry.computeLocalAABB()
+        far = float(np.linalg.norm(body.placement.act(body.geometry.aabb_center))) + body.geometry.aabb_radius
+        joint = body.parentJoint
+        while joint:
+            slides = model.joints[joint].shortname().startswith("JointModelP")
+            found[joint - 1] = 1.0 if slides else far
+            if slides:
+                at = model.joints[joint].idx_q
+                far += float(np.abs([model.lowerPositionLimit[at], model.upperPositionLimit[at]]).max())
+            far += float(np.linalg.norm(model.jointPlacements[joint].translation))
+            joint = model.parents[joint]
+        return found
+
+    def distance(self, q: FloatArray) -> float:
+        """Return the least signed distance [m] at `q`."""
+        full = self.robot.pinocchio_configuration(q)
+        k = pin.computeDistances(self._model, self._data, self._geometry, self._results, full)
+        return float(self._results.distanceResults[k].min_distance)
+
+    def touches(self, q: FloatArray) -> bool:
+        """Return whether anything touches at `q`."""
+        full = self.robot.pinocchio_configuration(q)
+        return bool(pin.computeCollisions(self._model, self._data, self._geometry, self._results, full, True))
+
+    def touched(self, Q: FloatArray) -> bool:
+        """Return whether anything touches at any of the configurations along a curve `Q: (S, n)`."""
+        return self.least(Q, 1e-7) <= 0.0
+
+    def least(self, Q: FloatArray, enough: float) -> float:
+        """Return the least distance at configurations along a curve `Q: (S, n)`, or `enough` if none is below it.
+
+        Above contact it is found to within `TOLERANCE`; the search ends at the first contact.
+        """
+        steps = np.abs(self.robot.coupling.motions(np.diff(Q, axis=0)))
+        travelled = np.vstack([np.zeros(steps.shape[1]), np.cumsum(steps, axis=0)])
+        due = np.zeros(
+            len(self._chains_of_pairs), dtype=np.intp
+        )  # the next sample at which a pair is looked at
+        best = enough
+        while True:
+            s = int(due.min(initial=len(Q)))
+            if s >= len(Q):
+                return best
+            pin.updateGeometryPlacements(
+                self._model,
+                self._data,
+                self._geometry,
+                self._results,
+                self.robot.pinocchio_configuration(Q[s]),
+            )
+            now = np.flatnonzero(due <= s + 50)
+            apart = np.array(
+                [pin.computeDistance(self._geometry, self._results, int(k)).min_distance for k in now]
+            )
+            best = min(best, float(apart.min()))
+            if apart.min() <= 0.0:
+                return best
+            ahead = travelled[s + 1 : s + 1000] - travelled[s]
+            moved = self._chains_of_pairs[now] @ ahead.T
+            room = apart - best + (TOLERANCE if best > TOLERANCE else 0.0)
+            due[now] = s + 1 + np.array([np.searchsorted(row, r) for row, r in zip(moved, room, strict=True)])
+
+
+# ----------------------------------------------------------------------------------------------------- pieces
+
+
+def two_arms() -> Robot:
+    """Return a Baxter that moves both arms."""
+    folder = robots_folder() / "baxter_description"
+    tree = ET.parse(folder / "srdf" / "baxter_manipulation.srdf")
+    group = ET.SubElement(tree.getroot(), "group", name="arms")
+    for side in ("left", "right"):
+        for joint in ("s0", "s1", "e0", "e1", "w0", "w1", "w2"):
+            ET.SubElement(group, "joint", name=f"{side}_{joint}")
+    with tempfile.TemporaryDirectory() as kept:
+        tree.write(Path(kept) / "arms.srdf")
+        urdf = folder / "urdf" / "baxter.urdf"
+        return Robot.from_urdf(urdf, Path(kept) / "arms.srdf", (folder.parents[2],), group="arms")
+
+
+def problems() -> list[tuple[str, Robot, Scene]]:
+    """Return six robots, each among things at random places."""
+    robots = {name: Robot.from_example(name) for name in ("panda", "ur5", "kinova", "xarm7")}
+    robots["ur5 on wheels"] = Robot.from_example("ur5", mobile_base=((-1.0, 1.0), (-1.0, 1.0)))
+    robots["baxter, two arms"] = two_arms()
+    return [(name, robot, scattered(6, k)) for k, (name, robot) in enumerate(robots.items())]
+
+
+def random_piece(
+    robot: Robot,
+    rng: np.random.Generator,
+    room: FloatArray | float = 0.0,
+    lengths: tuple[float, float] = LENGTHS,
+) -> Piece:
+    """Return a piece whose control points are within the limits, and so when it is shifted by `room: (n,)`."""
+    n, span = robot.n, float(rng.uniform(0.1, 2.0))
+    while True:
+        kind, length = str(rng.choice(["cubic", "quintic", "B-spline"])), rng.uniform(*lengths)
+        if kind == "B-spline":
+            degree = int(rng.integers(2, 6))
+            knots = np.cumsum(rng.uniform(0.2, 1.0, 2 * degree + 2))
+            shifts = [_direction(rng, n) * length / np.sqrt(degree) for _ in range(degree)]
+            points = np.vstack([np.zeros(n), np.cumsum(shifts, axis=0)])
+            offsets = points
+        else:
+            ends, times = np.array([np.zeros(n), _direction(rng, n) * length]), np.array([0.0, span])
+            rates = np.array([_direction(rng, n) for _ in range(4)]) * length * rng.uniform(0, 2, (4, 1))
+            rates = rates / span ** np.array([[1], [1], [2], [2]])
+            given = rates[:2], (rates[2:] if kind == "quintic" else None)
+            offsets = Motion.hermite(times, ends, *given).control_points[0]
+        offsets = np.vstack([offsets, offsets + room])
+        low, high = robot.lower - offsets.min(axis=0), robot.upper - offsets.max(axis=0)
+        if (high > low).all():
+            break
+    q = rng.uniform(low, high)
+    if kind == "B-spline":
+        curve = _of(BSpline(knots, q + points, degree), knots[degree], knots[degree + 1])
+        return Piece(kind, Motion.bspline(knots, q + points, degree), curve)
+    motion = Motion.hermite(times, q + ends, *given)
+    if kind == "cubic":
+        return Piece(kind, motion, _of(CubicHermiteSpline(times, q + ends, given[0]), 0.0, span))
+    data = np.stack([q + ends, rates[:2], rates[2:]], axis=1)
+    return Piece(kind, motion, _of(BPoly.from_derivatives(times, data), 0.0, span))
+
+
+def _direction(rng: np.random.Generator, n: int) -> FloatArray:
+    found = rng.normal(size=n)
+    return np.array(found / np.linalg.norm(found))
+
+
+def _of(curve: Curve, first: float, last: float) -> Curve:
+    return lambda u: curve(np.clip(first + u * (last - first), first, last))
+
+
+def samples(curve: Curve) -> FloatArray:
+    """Return configurations along a curve, no farther than `STEP` apart."""
+    count = 200
+    while True:
+        Q = curve(np.linspace(0.0, 1.0, count + 1))
+        longest = float(np.linalg.norm(np.diff(Q, axis=0), axis=1).max())
+        if longest <= STEP:
+            return Q
+        count = int(np.ceil(1.02 * count * longest / STEP))
+
+
+def near_piece(robot: Robot, plain: Plain, rng: np.random.Generator) -> tuple[Piece, float]:
+    """Return a piece that is shifted from where it is free towards where it is not, and its clearance [m]."""
+    while True:
+        shift = _direction(rng, robot.n) * rng.uniform(0.1, 1.0)
+        piece, low, high = random_piece(robot, rng, shift, NEAR_LENGTHS), 0.0, 1.0
+        Q = samples(piece.curve)
+        coarse = Q[::10]
+        if any(map(plain.touches, coarse[[0, -1]])) or plain.touched(coarse):
+            continue
+        if not any(map(plain.touches, coarse[::20] + shift)):
+            continue
+        for _ in range(30):
+            middle = 0.5 * (low + high)
+            clearance = plain.least(coarse + middle * shift, enough=NEAR[1])
+            if NEAR[0] <= clearance < NEAR[1]:
+                clearance = plain.least(Q + middle * shift, enough=NEAR[1])
+                if NEAR[0] <= clearance:
+                    return _shifted(piece, middle * shift), clearance
+            low, high = (middle, high) if clearance > NEAR[0] else (low, middle)
+
+
+def _shifted(piece: Piece, shift: FloatArray) -> Piece:
+    motion = piece.motion
+    coefficients = motion.coefficients.copy()
+    coefficients[:, 0] += shift
+    rounding = 0.0 if motion.rounding is None else motion.rounding
+    rounding = rounding + 4e-16 * np.abs(coefficients).sum(axis=1)
+    moved = Motion(motion.times, coefficients, rounding=rounding)
+    return Piece(piece.kind, moved, lambda u: piece.curve(u) + shift)
+
+
+def print_pieces(options: argparse.Namespace) -> None:
+    """Print verdicts on random pieces; piece k is the same whatever the first one is."""
+    chosen = [
+        (name, CertifiedMotion(CollisionChecker(robot, scene)), Plain(robot, scene))
+        for name, robot, scene in problems()
+    ]
+    for _, proof, _ in chosen:  # kernels are compiled before the first piece
+        next(
+            iter(PieceProofs(random_piece(proof.checker.robot, np.random.default_rng(0)).motion, proof))
+        ).verdict()
+    found: dict[str, Counter[str]] = {}
+    for k in range(options.first, options.first + options.number):
+        name, proof, plain = chosen[k % len(chosen)]
+        rng = np.random.default_rng((options.seed, k))
+        if k // len(chosen) % 10:
+            piece, kind = random_piece(proof.checker.robot, rng), name
+        else:
+            (piece, _), kind = near_piece(proof.checker.robot, plain, rng), f"{name}, near"
+        counts = found.setdefault(kind, Counter())
+        before, begin = proof.checker.counts.copy(), process_time()
+        verdict = next(iter(PieceProofs(piece.motion, proof))).verdict()
+        counts["time"] += int(1e9 * (process_time() - begin))
+        work = proof.checker.counts - before
+        counts["bounds"] += work.bound_queries
+        counts["coal"] += work.margin_queries + work.collision_queries
+        counts["pieces"] += 1
+        counts[verdict.verdict.value] += 1
+        if verdict.verdict is Verdict.FREE:
+            wrong = plain.touched(samples(piece.curve))
+        else:
+            wrong = verdict.verdict is Verdict.BLOCKED and not _touches(piece, verdict.at, plain)
+        counts["contradicted"] += wrong
+        if wrong or verdict.verdict is Verdict.UNDECIDED:
+            print(f"piece {k} (seed {options.seed}): {kind}, {piece.kind}: {verdict}", flush=True)
+        if (k + 1 - options.first) % 5000 == 0:
+            print(f"{k + 1}: {sum(c['contradicted'] for c in found.values())} contradicted", flush=True)
+    near = [counts for kind, counts in found.items() if kind.endswith("near")]
+    others = [counts for kind, counts in found.items() if not kind.endswith("near")]
+    found["all"], found["all, near"] = (sum(part, Counter()) for part in (others, near))
+    header = ("robot", "pieces", "contradicted", "free", "blocked", "undecided")
+    rows = [_piece_row(kind, counts) for kind, counts in found.items() if counts["pieces"]]
+    print_table((*header, "bound queries", "coal queries", "time [ms]"), rows)
+
+
+def _touches(piece: Piece, at: float | None, plain: Plain) -> bool:
+    return at is not None and plain.distance(piece.curve(np.array([at]))[0]) < TOLERANCE
+
+
+def _piece_row(kind: str, counts: Counter[str]) -> tuple[object, ...]:
+    number = counts["pieces"]
+    shares = (f"{counts[verdict.value] / number:.3%}" for verdict in Verdict)
+    each = (counts["bounds"] / number, counts["coal"] / number, 1e-6 * counts["time"] / number)
+    return (kind, number, counts["contradicted"], *shares, *each)
+
+
+# ------------------------------------------------------------------------------------------------------- time
+
+
+def planned_paths(setup: SafeSetup, number: int) -> list[FloatArray]:
+    """Return simplified paths of a setup."""
+    results = (setup.plan("SafeRRTConnect", seed=seed, time=10.0, simplify=True) for seed in range(number))
+    return [result.path for result in results if result.path is not None]
+
+
+def shelf_problem() -> tuple[SafeSetup, list[FloatArray]]:
+    """Return the Panda's shelf, and paths."""
+    setup = setup_scenario(Scenario.load(find_scenario("panda_shelf")))
+    return setup, planned_paths(setup, 8)
+
+
+def two_arm_problem() -> tuple[SafeSetup, list[FloatArray]]:
+    """Return two arms among things, and paths from one random configuration to another."""
+    robot, scene, rng = two_arms(), scattered(6, 5), np.random.default_rng(0)
+    setup, checker, paths = SafeSetup(robot, scene), CollisionChecker(robot, scene), []
+    while len(paths) < 8:
+        ends = rng.uniform(robot.lower, robot.upper, (2, robot.n))
+        if not any(checker.in_collision(q) for q in ends):
+            setup.setConfigurations(*ends)
+            paths += planned_paths(setup, 1)
+    return setup, paths
+
+
+def disturbed(
+    robot: Robot, path: FloatArray, noise: float, rng: np.random.Generator, pieces: int = 10
+) -> FloatArray:
+    """Return way points (pieces + 1, n) at even steps of a path, with noise [rad] but for the ends."""
+    steps = robot.difference(path[:-1], path[1:])
+    path = path[0] + np.vstack([np.zeros(robot.n), np.cumsum(steps, axis=0)])
+    travelled = np.append(0.0, np.cumsum(np.linalg.norm(steps, axis=1)))
+    at = np.linspace(0.0, travelled[-1], pieces + 1)
+    points = np.stack([np.interp(at, travelled, path[:, i]) for i in range(robot.n)], axis=1)
+    points[1:-1] += rng.normal(scale=noise, size=points[1:-1].shape)
+    return np.where(robot.continuous, points, np.clip(points, robot.lower + 0.02, robot.upper - 0.02))
+
+
+def splines(robot: Robot, paths: list[FloatArray], noise: float, seed: int) -> Iterator[Motion]:
+    """Yield clamped cubic splines of ten pieces along paths, with noise."""
+    rng = np.random.default_rng(seed)
+    while True:
+        points = disturbed(robot, paths[int(rng.integers(len(paths)))], noise, rng)
+        yield Motion.of(CubicSpline(np.arange(len(points)), points, bc_type="clamped"))
+
+
+def print_times(options: argparse.Namespace) -> None:
+    """Print what it takes to check splines of ten pieces."""
+    rows = []
+    for name, (setup, paths) in (("7 joints, shelf", shelf_problem()), ("14 joints", two_arm_problem())):
+        proof = CertifiedMotion(CollisionChecker(setup.robot, setup.scene))
+        plain = Plain(setup.robot, setup.scene)
+        for noise in (0.0, 0.05):
+            made = splines(setup.robot, paths, noise, 1)
+            found: dict[bool, list[tuple[float, ...]]] = {True: [], False: []}
+            contradicted = 0
+            for motion in (next(made) for _ in range(options.splines)):
+                list(PieceProofs(motion, proof))  # what proves it within its rounding
+                before, begin = proof.checker.counts.copy(), process_time()
+                proven = all(piece.proven() for piece in PieceProofs(motion, proof))
+                milliseconds = 1e3 * (process_time() - begin)
+                work = proof.checker.counts - before
+                queries = work.margin_queries + work.collision_queries
+                begin = process_time()
+                checked(motion, proof)
+                whole = 1e3 * (process_time() - begin)
+                found[proven].append((milliseconds, work.bound_queries, queries, whole))
+                if proven:
+                    Q = samples(lambda u, m=motion: m.at(m.times[0] + u * m.duration))
+                    contradicted += plain.touched(Q)
+            for proven, cells in found.items():
+                if cells:
+                    middle = np.median(cells, axis=0).tolist()
+                    high = float(np.percentile(cells, 90, axis=0)[0])
+                    said = "proven" if proven else "not proven"
+                    rows.append(
+                        (f"{name}, noise {noise:g}, {said}", len(cells), middle[0], high, *middle[1:])
+                    )
+            rows.append((f"{name}, noise {noise:g}: contradicted", contradicted, *[""] * 5))
+    header = ("splines", "number", "proofs [ms]", "90 %", "bound queries", "coal queries", "checked() [ms]")
+    print_table(header, rows)
+
+
+# ------------------------------------------------------------------------------------------------------ tubes
+
+
+def worst_within(
+    proof: CertifiedMotion, Q: FloatArray, tube: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Return corners (S, n) of the tube about `Q: (S, n)` where near pairs come nearer, to the first order."""
+    checker, sizes = proof.checker, 1e-6 * np.eye(Q.shape[1])
+    corners = np.empty_like(Q)
+    for k, q in enumerate(Q):
+        apart = checker.pair_distances(q)
+        pair = int(rng.choice(np.argsort(apart)[:3]))
+        slope = [checker.pair_distances(q + h)[pair] - apart[pair] for h in sizes]
+        corners[k] = q - tube * np.where(np.array(slope) > 0, 1.0, -1.0)
+    return corners
+
+
+def print_tubes(options: argparse.Namespace) -> None:
+    """Print contacts of motions in proven tubes, and how near the widest tubes come to a contact."""
+    rows = []
+    share = -(-options.tubes // 6)
+    for number, (name, robot, scene) in enumerate(problems()):
+        rng = np.random.default_rng((options.seed, number))
+        checker, plain = CollisionChecker(robot, scene), Plain(robot, scene)
+        contacts, proven, times, ratios, looked = 0, 0, [], [], 0
+        while proven < share:
+            motion = random_piece(robot, rng).motion.for_robot(robot)
+            tube = rng.uniform(0.0, 10.0 ** rng.uniform(-3.5, -1.3), robot.n)
+            separation = Separation(tube=tuple(tube.tolist()))
+            proof = CertifiedMotion(checker, separation=separation)
+            if not next(iter(PieceProofs(motion, proof))).proven():
+                continue
+            proven += 1
+            t = np.linspace(motion.times[0], motion.times[-1], 9)
+            Q = motion.at(t)
+            corners = np.vstack(
+                [worst_within(proof, Q, tube, rng), Q + tube * rng.choice([-1.0, 1.0], Q.shape)]
+            )
+            contacts += sum(plain.distance(q) <= 0.0 for q in corners)
+            t = np.linspace(motion.times[0], motion.times[-1], 400)
+            waves = rng.uniform(0.5, 20.0, (2, robot.n)), rng.uniform(0, 2 * np.pi, robot.n)
+            wander = np.sin(np.linspace(0, 1, 400)[:, None] * waves[0][0] * 6 + waves[1])
+            contacts += plain.touched(motion.at(t) + tube * wander)
+            looked += len(corners) + 1
+            if proven % 10 == 0:
+                begin = process_time()
+                width = float(widest_tube(motion, robot, scene).max())
+                times.append(1e3 * (process_time() - begin))
+                touching = _touching_width(proof, plain, motion, width, rng) if width > 0 else np.inf
+                if np.isfinite(touching):
+                    ratios.append(width / touching)
+        middle = float(np.median(ratios)) if ratios else np.nan
+        cells = (
+            np.median(times),
+            max(times),
+            middle,
+            min(ratios, default=np.nan),
+            max(ratios, default=np.nan),
+        )
+        rows.append((name, proven, looked, contacts, *map(float, cells)))
+        print(f"{name}: {contacts} contacts in {proven} tubes", flush=True)
+    header = ("robot", "tubes", "looked at", "contacts", "widest_tube [ms]", "max")
+    print_table((*header, "widest proven / touching", "min", "max"), rows)
+
+
+def _touching_width(
+    proof: CertifiedMotion, plain: Plain, motion: Motion, width: float, rng: np.random.Generator
+) -> float:
+    """Return a width of the tube [rad] in which a motion touches something, found by corners; inf if there is none."""
+    Q = motion.at(np.linspace(motion.times[0], motion.times[-1], 33))
+    best = np.inf
+    for share in (1.0, 1.25, 1.6, 2.0, 3.0, 5.0, 8.0):
+        corners = worst_within(proof, Q, np.full(motion.n, share * width), rng)
+        for q, corner in zip(Q, corners, strict=True):
+            if plain.distance(corner) <= 0.0:
+                low, high = 0.0, min(share * width, best)
+                way = (corner - q) / (share * width)
+                if plain.distance(q + high * way) > 0.0:
+                    continue
+                while high - low > 1e-3 * high:
+                    middle = 0.5 * (low + high)
+                    low, high = (low, middle) if plain.distance(q + middle * way) <= 0 else (middle, high)
+                best = high
+        if np.isfinite(best):
+            break
+    return best
+
+
+# ------------------------------------------------------------------------------------------------------ repair
+
+
+def disturbances(robot: Robot, path: FloatArray, rng: np.random.Generator) -> Iterator[tuple[str, Motion]]:
+    """Yield motions along a path, some of which touch something: lines and splines, with noise and without."""
+    for noise in (0.05, 0.2, 0.4):
+        points = disturbed(robot, path, noise, rng)
+        yield f"lines, noise {noise:g}", Motion.through(points)
+        times = np.arange(len(points), dtype=np.float64)
+        yield f"spline, noise {noise:g}", Motion.of(CubicSpline(times, points, bc_type="clamped"))
+    points = disturbed(robot, path, 0.0, rng)
+    times = np.arange(len(points), dtype=np.float64)
+    yield "spline through the path", Motion.of(CubicSpline(times, points, bc_type="clamped"))
+
+
+def print_repairs(options: argparse.Namespace) -> None:
+    """Print what becomes of disturbed paths."""
+    rows = repair_rows("shelf", [shelf_problem()], 8 if options.repairs is None else options.repairs)
+    if options.file:
+        file = MbmFile.load(options.file)
+        robot = Robot.from_example(file.robot)
+        setups = [
+            setup_problem(problem, robot)
+            for family in file.families
+            for problem in list(file.problems(family))[: options.problems]
+        ]
+        known = ((setup, planned_paths(setup, 1)) for setup in setups)
+        rows += repair_rows("MBM", known, 1)
+    header = ("motions", "touch", "repaired", "moved", "touch after", "time [ms]", "90 %")
+    print_table((*header, "deviation [rad]", "90 %", "[mm]", "90 %"), rows)
+
+
+def repair_rows(name: str, known: object, rounds: int) -> list[tuple[object, ...]]:
+    """Return rows of the table of repairs."""
+    found: dict[str, list[tuple[float, ...]]] = {}
+    rng = np.random.default_rng(3)
+    for setup, paths in known:  # type: ignore[attr-defined]
+        proof, connect = CertifiedMotion(CollisionChecker(setup.robot, setup.scene)), way_round(setup)
+        plain = Plain(setup.robot, setup.scene)
+        for path in paths[:rounds]:
+            for kind, motion in disturbances(setup.robot, path, rng):
+                if checked(motion, proof):
+                    continue
+                begin = process_time()
+                repair = repaired(motion, proof, connect=connect)
+                milliseconds = 1e3 * (process_time() - begin)
+                after = repair.motion
+                t = np.linspace(after.times[0], after.times[-1], 20_000)
+                touches = bool(repair) and plain.touched(after.at(t))
+                cells = (bool(repair), repair.how == "moved", touches, milliseconds)
+                found.setdefault(kind, []).append((*cells, repair.deviation, repair.tool_deviation))
+                if not repair:
+                    print(f"{name}, {kind}: {repair.how}", flush=True)
+    rows = []
+    for kind, cells in [*found.items(), ("all", [cell for part in found.values() for cell in part])]:
+        held = np.array(cells)
+        good = held[held[:, 0] > 0]
+        numbers = [float(x) for k in (3, 4, 5) for x in np.percentile(good[:, k], [50, 90])]
+        counts = (len(held), int(held[:, 0].sum()), int(held[:, 1].sum()), int(held[:, 2].sum()))
+        rows.append((f"{name}, {kind}", *counts, *numbers))
+    return rows
+
+
+def way_round(setup: SafeSetup) -> Callable[[FloatArray, FloatArray], FloatArray | None]:
+    """Return a function that plans from one configuration to another."""
+
+    def connect(start: FloatArray, goal: FloatArray) -> FloatArray | None:
+        fresh = SafeSetup(setup.robot, setup.scene)
+        fresh.setConfigurations(start, goal)
+        return fresh.plan("SafeRRTConnect", time=3.0, seed=0, simplify=0.05).path
+
+    return connect
+
+
+PARTS = {"pieces": print_pieces, "time": print_times, "tubes": print_tubes, "repair": print_repairs}
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("file", nargs="?", help="of MotionBenchMaker, for repair")
+    parser.add_argument("--number", type=int, default=6000, help="pieces (default: %(default)s)")
+    parser.add_argument("--first", type=int, default=0, metavar="K", help="the first piece")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--splines", type=int, default=100, help="that are timed (default: %(default)s)")
+    parser.add_argument("--tubes", type=int, default=1000, help="(default: %(default)s)")
+    parser.add_argument(
+        "--problems", type=int, default=10, help="of each family of FILE (default: %(default)s)"
+    )
+    parser.add_argument("--repairs", type=int, help="paths at the shelf (default: 8)")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), help="parts to run")
+    options = parser.parse_args()
+    ou.setLogLevel(ou.LogLevel.LOG_ERROR)
+    logging.disable(logging.WARNING)
+    for part in options.only:
+        print(f"\n{part}", flush=True)
+        PARTS[part](options)
+
+
+if __name__ == "__main__":
+    main()
