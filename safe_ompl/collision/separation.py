@@ -142,7 +142,7 @@ class Separation:
         kept_from = () if self.min_clearance is None else self.min_clearance.obstacles
         for name in (*speeds, *kept_from):
             checker.scene[name]  # raises where there is none
-        pairs = checker.pairs_within(self.reach + self._swing(checker))
+        pairs = checker.pairs_within(self.reach + self.swing(checker))
         return RequiredDistances(pairs, self._at_rest(pairs) + time * _rates(pairs, speeds))
 
     def required_during(
@@ -156,7 +156,7 @@ class Separation:
         first, last = checked_span(span)
         moving = Separation(self.min_clearance, self.margin, speeds, last)
         moving.required(checker)  # checks the names
-        pairs = checker.pairs_within(self.reach + moving.travel + self._swing(checker))
+        pairs = checker.pairs_within(self.reach + moving.travel + self.swing(checker))
         rates = _rates(pairs, speeds)
         at_start = self._at_rest(pairs) + self.time * _rates(pairs, self.speeds) + first * rates
         return RequiredDistances(pairs, at_start, (last - first) * rates)
@@ -172,8 +172,8 @@ class Separation:
         least = 0.0 if self.min_clearance is None else self.min_clearance.distance
         return max(self.margin, least) + self.travel
 
-    def _swing(self, checker: CollisionChecker) -> float:
-        """Return how far [m] any body may be from where it should be, because the joints are."""
+    def swing(self, checker: CollisionChecker) -> float:
+        """Return how far [m] any body may be from where it should be, because joints are elsewhere in the tube."""
         if not self.tube:
             return 0.0
         widths = finite_array(self.tube, (checker.robot.n,), "tube")

@@ -111,7 +111,7 @@ class PathTimer:
     Raises
     ------
     InputError
-        As `time_path`, except for errors of the path.
+        As `time_path`, except for errors of the path; or if `motion` has a tube, and speeds besides are limited.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class PathTimer:
             raise InputError(
                 f"the limits are for the joints {self.limits.joint_names}, the robot's are {robot.joint_names}"
             )
-        self.caps = replace(caps or MotionCaps(), **named)
+        self.caps = _within_tube(replace(caps or MotionCaps(), **named), motion)
         self.motion, self.people = motion, self.caps.people
         if self.people is not None and motion is None:
             raise InputError("give a motion: its scene says where people are", "motion")
@@ -263,3 +263,19 @@ def checked_path(path: ArrayLike, robot: Robot) -> FloatArray:
                 f"[{robot.lower[i]:g}, {robot.upper[i]:g}]"
             )
     return points
+
+
+def _within_tube(caps: MotionCaps, motion: CertifiedMotion | None) -> MotionCaps:
+    """Return what bounds the speed of a robot that may be anywhere in the tube of what is proven of its path."""
+    if motion is None or not motion.separation.tube:
+        return caps
+    if any(caps.speeds) or caps.danger is not None or (caps.people is not None and caps.people.contact):
+        raise InputError(
+            "bounds positions, not velocities: speeds of tool, links and contacts, and danger in motion, cannot be "
+            "proven within it",
+            "tube",
+        )
+    if caps.people is None:
+        return caps
+    nearer = motion.separation.swing(motion.checker)
+    return replace(caps, people=replace(caps.people, clearance=caps.people.clearance + nearer))

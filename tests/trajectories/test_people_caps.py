@@ -6,8 +6,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from safe_ompl import InputError, People, RateLimits, Scenario, StandstillError, UnknownNameError, time_path
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, fresh_data
+from safe_ompl import (
+    InputError,
+    Obstacle,
+    People,
+    Person,
+    Pose,
+    RateLimits,
+    Scenario,
+    Scene,
+    StandstillError,
+    UnknownNameError,
+    time_path,
+)
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, fresh_data
 from safe_ompl.scene import BodyRegion, find_scenario
 from safe_ompl.scene.people import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, contact_speed, robot_mass
@@ -246,3 +258,20 @@ def test_a_robot_that_stops_in_corners_is_told(panda, shelf_path, panda_limits, 
     with caplog.at_level(logging.INFO):
         time_path(shelf_path, panda, panda_limits)
     assert "stops in 2 of 2 corners" in caplog.text
+
+
+def test_in_a_tube_people_are_nearer_by_what_the_joints_may_be_off(panda):
+    scene = Scene([Obstacle("person", Person(height=1.75), Pose((1.1, 0.0, -0.75)), weight=1.0)])
+    start = np.array([-0.8, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8])
+    path = np.array([start, start * [-1, 1, 1, 1, 1, 1, 1]])
+    motion = CertifiedMotion(CollisionChecker(panda, scene))
+    tube = Separation(tube=(0.01,) * 7)
+    swing = tube.swing(motion.checker)
+    assert 0.005 < swing < 0.06
+    timed = {
+        clearance: time_path(path, panda, motion=proof, people=People(speed=1.2, clearance=clearance))
+        for clearance, proof in ((0.0, motion.with_separation(tube)), (swing, motion), (1e-6, motion))
+    }
+    assert timed[0.0].duration == timed[swing].duration > timed[1e-6].duration
+    with pytest.raises(InputError, match="velocities"):
+        time_path(path, panda, motion=motion.with_separation(tube), tool_speed=0.5)
