@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,17 +11,22 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+import yaml
 
 from safe_ompl.common import FloatArray, InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io.files import kind_of, read_json
+from safe_ompl.io.files import kind_of, read_json, saved, strict_json
 from safe_ompl.io.motions import JointPath, read_table
 from safe_ompl.motions import Motion
 from safe_ompl.robot import Robot
 
+WRITABLE = (".json", ".csv", ".yaml", ".yml")
+"""Endings of the files that motions are written to."""
 _RATES = ("velocities", "accelerations")
 _POINT = ("positions", *_RATES, "effort", "time_from_start")
 _COLUMN = re.compile(r"(.+)_(position|velocity|acceleration)")
+_LOGGED = re.compile(r"(.+)_(commanded|measured)")
+_SAME = 1e-6  # [rad or m] by which what is read from a file may differ from what was written
 _ARRAYS = ("joint_names", "times", "positions", *_RATES, "coefficients", "slack")
 _EXPECTED = (
     "must hold joint_names and points (trajectory_msgs/JointTrajectory), a joint_trajectory with them "
@@ -73,6 +80,106 @@ def read_motion(file: str | Path, robot: Robot | None = None, *, degrees: bool =
         return motion if robot is None else motion.for_robot(robot, degrees)
 
 
+def read_log(file: str | Path) -> tuple[Motion, Motion]:
+    """Return the commanded and the measured motion of a log; between samples they are straight.
+
+    A table (CSV) with columns `time` [s], `<joint>_commanded` and `<joint>_measured`, or arrays of these names (NPZ);
+    other columns are not looked at.
+
+    Raises
+    ------
+    InputError
+        If the file is of another kind, or a column is missing.
+    """
+    path = Path(file)
+    kind = path.suffix.lower()
+    if kind == ".csv":
+        header, values = read_table(path)
+        columns = {name.strip(): values[:, k] for k, name in enumerate(header)}
+    elif kind == ".npz":
+        columns = _arrays(path)
+    else:
+        raise InputError("must be a log, with one of the endings .csv, .npz", str(file))
+    with document.within(str(file), ": "):
+        parts = [found for name in columns if (found := _LOGGED.fullmatch(name))]
+        names = tuple(dict.fromkeys(found[1] for found in parts))
+        if not names:
+            raise InputError("must be <joint>_commanded and <joint>_measured, got none", "columns")
+        times = document.require(columns, "time")
+        tables = (
+            [document.require(columns, f"{name}_{what}") for name in names]
+            for what in ("commanded", "measured")
+        )
+        commanded, measured = (Motion.hermite(times, np.transpose(table), names=names) for table in tables)
+    return commanded, measured
+
+
+def motion_text(motion: Motion, file: str | Path, *, message: bool = False) -> tuple[str, Motion]:
+    """Return a motion as text for a file, and the motion that is read from it, which its proofs should be about.
+
+    Parameters
+    ----------
+    motion : Motion
+        Its joints have names.
+    file : path-like
+        By its ending: our own form (.json), a table (.csv), a message trajectory_msgs/JointTrajectory (.yaml, .yml).
+        Tables and messages hold way points, with velocities from degree 2 on, and accelerations from degree 4 on.
+    message : bool
+        Whether JSON is a message, too.
+
+    Raises
+    ------
+    InputError
+        If the ending is another one, or points cannot hold the motion: its degree is above 5, or its velocities jump.
+    """
+    ending = Path(file).suffix.lower()
+    if ending not in WRITABLE:
+        raise InputError(f"must have one of the endings {', '.join(WRITABLE)}", str(file))
+    if ending == ".json" and not message:
+        return strict_json(saved(motion)), motion
+    times, names = motion.times, motion.joint_names or ()
+    if ending != ".csv" and motion.timed:  # whole nanoseconds
+        times = np.array([_seconds(_stamp(t)) for t in times.tolist()])
+    rows = [motion.derivative(motion.times, order) for order in range(1 + max(0, motion.degree) // 2)]
+    back = _from_points(names, times if motion.timed else None, *rows[:3])
+    held = np.zeros((motion.pieces, max(back.degree, motion.degree) + 1, motion.n))
+    held[:, : motion.degree + 1] = motion.coefficients
+    held[:, : back.degree + 1] -= back.coefficients
+    if motion.degree > 5 or np.abs(held).max() > _SAME:
+        raise InputError(
+            "holds way points, and these cannot hold this motion: its degree is above 5, or its velocities or "
+            "accelerations jump; give a file of ours (.json)",
+            str(file),
+        )
+    if ending == ".csv":
+        return _as_table(names, motion, rows), back
+    keys = ("positions", *_RATES)
+    points: list[dict[str, Any]] = [
+        {key: row[k].tolist() for key, row in zip(keys, rows, strict=False)} for k in range(len(times))
+    ]
+    if motion.timed:
+        for point, t in zip(points, motion.times.tolist(), strict=True):
+            point["time_from_start"] = _stamp(t)
+    content = {"joint_names": list(names), "points": points}
+    return (strict_json(content) if ending == ".json" else yaml.safe_dump(content, sort_keys=False)), back
+
+
+def _as_table(names: Sequence[str], motion: Motion, rows: Sequence[FloatArray]) -> str:
+    kinds = ("position", "velocity", "acceleration")[: len(rows)]
+    header = [f"{name}_{kind}" for kind in kinds for name in names] if len(rows) > 1 else list(names)
+    columns = [motion.times[:, None]] * motion.timed + list(rows)
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["time"] * motion.timed + header)
+    writer.writerows(np.hstack(columns).tolist())
+    return stream.getvalue()
+
+
+def _stamp(time: float) -> dict[str, int]:
+    seconds, rest = divmod(round(1e9 * time), 10**9)
+    return {"sec": seconds, "nanosec": rest}
+
+
 def _from_points(
     names: Sequence[str] | None, times: Any, positions: Any, velocities: Any = None, accelerations: Any = None
 ) -> Motion:
@@ -120,14 +227,18 @@ def _is_number(text: str) -> bool:
 # ------------------------------------------------------------------------------------------------------- arrays
 
 
-def _from_arrays(path: Path) -> Motion:
+def _arrays(path: Path) -> dict[str, FloatArray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
-            held: dict[str, FloatArray] = {name: archive[name] for name in archive.files}
+            return {name: archive[name] for name in archive.files}
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", str(path)) from None
     except (AttributeError, BadZipFile, EOFError, TypeError, ValueError):
         raise InputError("is no archive of arrays of numbers and text (NPZ)", str(path)) from None
+
+
+def _from_arrays(path: Path) -> Motion:
+    held = _arrays(path)
     with document.within(str(path), ": "):
         document.check_keys(held, _ARRAYS)
         names = held.get("joint_names")

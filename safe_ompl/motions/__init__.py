@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.motions.checks import MotionCheck, Violation, check, checked, tube_of, widest_tube
+    from safe_ompl.motions.checks import MotionCheck, Violation, check, checked, widest_tube
     from safe_ompl.motions.motion import Motion
     from safe_ompl.motions.rates import Extremes, RateViolation, extremes, rate_violations
     from safe_ompl.motions.repair import Repair, repaired
+    from safe_ompl.motions.tube import FACTOR, MeasuredTube, measured_tube, tube_of
 
 __all__ = [
+    "FACTOR",
     "Extremes",
+    "MeasuredTube",
     "Motion",
     "MotionCheck",
     "RateViolation",
@@ -22,6 +25,7 @@ __all__ = [
     "check",
     "checked",
     "extremes",
+    "measured_tube",
     "rate_violations",
     "repaired",
     "tube_of",

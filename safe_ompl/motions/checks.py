@@ -24,6 +24,7 @@ from safe_ompl.danger import DangerLimit
 from safe_ompl.motions import polynomials
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import RateViolation, rate_violations
+from safe_ompl.motions.tube import tube_of
 from safe_ompl.planning.ompl import Constraints, joint_space
 from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
@@ -68,11 +69,20 @@ class Violation:
     decided: bool = True
     unit: str = ""
 
-    def __str__(self) -> str:
+    @property
+    def quantities(self) -> tuple[str, str]:
+        """Value and limit with their unit, distances in mm; empty where there is none."""
         scale, unit = _UNITS.get(self.kind, (1.0, self.unit))
+        value, limit = (
+            "" if given is None else f"{scale * given:.4g}{' ' * bool(unit)}{unit}"
+            for given in (self.value, self.limit)
+        )
+        return value, limit
+
+    def __str__(self) -> str:
+        value, limit = self.quantities
         names = " and ".join(map(repr, self.names))
-        found = "" if self.value is None else f", {scale * self.value:.4g}{' ' * bool(unit)}{unit}"
-        bound = "" if self.limit is None else f" (limit {scale * self.limit:.4g}{' ' * bool(unit)}{unit})"
+        found, bound = f", {value}" * bool(value), f" (limit {limit})" * bool(limit)
         kind = self.kind if self.decided else f"{self.kind} undecided"
         return f"{kind} at {self.at:.4g} s{': ' * bool(names)}{names}{found}{bound}"
 
@@ -130,7 +140,7 @@ def check(
     scene: Scene,
     *,
     constraints: Constraints | None = None,
-    tube: ArrayLike | None = None,
+    tube: ArrayLike | Mapping[str, float] | None = None,
     limits: RateLimits | None = None,
     speeds: Mapping[str, float] | None = None,
 ) -> MotionCheck:
@@ -146,7 +156,7 @@ def check(
         The obstacles.
     constraints : Constraints, optional
         What else must hold: distances, danger, limits of the tool, checks of the user's own.
-    tube : float or array_like, shape (n,), optional
+    tube : float, array_like of shape (n,), or mapping of str to float, optional
         Prove it of every motion whose joints are so near to this one at any time [rad or m].
     limits : RateLimits, optional
         Largest velocities, accelerations and jerks; for a motion in time. Default: these are not looked at.
@@ -442,9 +452,3 @@ def _claims(proof: CertifiedMotion) -> Iterator[str]:
     if separation.speeds:
         yield "moving obstacles"
     yield from (getattr(limit, "name", type(limit).__name__) for limit in proof.limits)
-
-
-def tube_of(tube: ArrayLike, robot: Robot) -> tuple[float, ...]:
-    """Return widths for all joints, of one number or of n."""
-    widths = np.full(robot.n, float(tube)) if np.ndim(tube) == 0 else tube  # type: ignore[arg-type]
-    return tuple(finite_array(widths, (robot.n,), "tube").tolist())

@@ -89,6 +89,8 @@ def setup_scenario(scenario: Scenario, robot: Robot | None = None) -> SafeSetup:
             if limits.moving is not None:
                 with document.within("moving", ": "):
                     setup.setMovingObstacles(limits.moving.speeds, limits.moving.time)
+            if limits.tube is not None:
+                setup.setTube(limits.tube)
     return setup
 
 
@@ -114,7 +116,7 @@ def repair(
     scene: Scene,
     *,
     constraints: Constraints | None = None,
-    tube: ArrayLike | None = None,
+    tube: ArrayLike | Mapping[str, float] | None = None,
     limits: RateLimits | None = None,
     time: float = 2.0,
 ) -> Repair:

@@ -178,7 +178,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         """Return the distance that every path must keep from obstacles; None where none is required."""
         return self.wiring.constraints.separation.min_clearance
 
-    def setTube(self, widths: ArrayLike) -> None:
+    def setTube(self, widths: ArrayLike | Mapping[str, float]) -> None:
         """Require that every motion whose joints are so near to the one planned is free, too.
 
         Parameters

@@ -123,6 +123,8 @@ class PathLimits(Section):
         Where the tip must stay.
     moving : MovingObstacles, optional
         Obstacles that may come nearer while the path is driven: it is free whatever they do.
+    tube : float, mapping of str to float, or sequence of float, optional
+        How far each joint may be from where it should be: one for all, or all [rad or m].
     """
 
     max_danger: float = 0.0
@@ -132,8 +134,10 @@ class PathLimits(Section):
     tool: ToolConstraint | None = None
     tip: TipBox | None = None
     moving: MovingObstacles | None = None
+    tube: ByJoint | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "tube", _by_joint("tube", self.tube, at_least=0.0))
         for key in ("max_danger", "min_clearance"):
             object.__setattr__(self, key, document.number(key, getattr(self, key), at_least=0.0))
         if self.obstacles is not None:
@@ -206,12 +210,13 @@ def _pair(value: Any) -> tuple[str, str]:
     return document.text("exempt", names[0]), document.text("exempt", names[1])
 
 
-def _by_joint(key: str, value: Any) -> ByJoint | None:
+def _by_joint(key: str, value: Any, **bound: float) -> ByJoint | None:
     if value is None:
         return None
+    bound = bound or {"above": 0.0}
     if isinstance(value, Mapping):
-        return document.numbers_by_name(key, value, above=0.0)
+        return document.numbers_by_name(key, value, None, **bound)
     if isinstance(value, (list, tuple)):
         limits = document.numbers(key, value)
-        return tuple(document.number(f"{key}[{k}]", limit, above=0.0) for k, limit in enumerate(limits))
-    return document.number(key, value, above=0.0)
+        return tuple(document.number(f"{key}[{k}]", limit, **bound) for k, limit in enumerate(limits))
+    return document.number(key, value, **bound)

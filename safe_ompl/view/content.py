@@ -18,7 +18,7 @@ from safe_ompl.common import documents as document
 from safe_ompl.danger import DangerField
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose
 from safe_ompl.io import TimedMotion, built_robot, built_scene, read_ticks, unpacked_robot
-from safe_ompl.motions import Motion
+from safe_ompl.motions import Motion, MotionCheck
 from safe_ompl.paths import Curve
 from safe_ompl.planning import PlanResult, danger_field
 from safe_ompl.robot import Robot
@@ -27,6 +27,7 @@ from safe_ompl.scene import Scene
 CERTIFIED = "certified path"
 _SAMPLES = 200  # of a motion of polynomials
 _PLAYING_TIME = 8.0  # [s] to play a path once that has no times
+_CHECK_SAMPLES = 400
 RECORDING_ENDING = ".jsonl"
 
 
@@ -139,6 +140,35 @@ class ViewerContent:
             name = motion.name or "motion"
             named[f"{name}, {len(named) + 1}" if name in named else name] = motion
         return cls(first.robot, first.scene, danger=first.danger, motions=named, title=title)
+
+    @classmethod
+    def of_check(cls, check: MotionCheck, title: str = "") -> ViewerContent:
+        """Return a motion that something else made, with the stretches that are not proven."""
+        motion = check.motion
+        pace = 1.0 if motion.timed else motion.duration / _PLAYING_TIME
+        marks = [time for found in check.violations for time in (found.first, found.at, found.last)]
+        even = np.linspace(motion.times[0], motion.times[-1], _CHECK_SAMPLES)
+        times = np.unique(np.concatenate([motion.times, even, marks]))
+        times = times[np.diff(times, prepend=-np.inf) > 1e-9 * motion.duration]
+        near = 0.5 * motion.duration / _CHECK_SAMPLES  # what is at an instant is seen beside it
+        lines, names = [], []
+        for time in times.tolist():
+            here = [found for found in check.violations if found.first - near <= time <= found.last + near]
+            names.append("not proven" if here else "proven")
+            said = (f"{f.kind}: {' – '.join(f.names)} {f.quantities[0]}".rstrip(" :") for f in here)
+            lines.append("; ".join(said) or "proven")
+        speeds = np.linalg.norm(motion.derivative(times), axis=1) * pace
+        moved = TimedMotion(
+            check.proof.checker.robot,
+            check.proof.checker.scene,
+            (times - times[0]) / pace,
+            motion.at(times),
+            speeds,
+            binding=tuple(names),
+            name=title,
+            remarks=tuple(lines),
+        )
+        return cls.of_motions([moved], title=title)
 
     @cached_property
     def still(self) -> Scene:

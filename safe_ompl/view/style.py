@@ -73,6 +73,8 @@ _CAPS = {
     "braking": "#c8452b",
     "standing": "#3a444f",
     "done": "#8b96a1",
+    "proven": "#0b62b4",  # and what was found of a motion that something else made
+    "not proven": "#c8452b",
 }
 _OTHER_CAPS = ("#596675", "#3a444f", "#aab2ba")
 

@@ -334,14 +334,22 @@ def joint_value(text: str) -> tuple[str, float]:
 
 def speeds(text: str) -> dict[str, float]:
     """Read ``name=speed`` [m/s], several with commas between them."""
+    return _by_name(text, "NAME=SPEED", "a speed >= 0 [m/s]")
+
+
+def _by_name(text: str, form: str, what: str) -> dict[str, float]:
     found: dict[str, float] = {}
     for part in text.split(","):
-        name, value = _assignment(part, "NAME=SPEED[,NAME=SPEED…]")
+        name, value = _assignment(part, f"{form}[,{form}…]")
         if name in found:
             raise argparse.ArgumentTypeError(f"{name!r} is given twice")
-        what = f"a speed >= 0 [m/s] for {name!r}"
-        found[name] = _reader(float, lambda speed: 0 <= speed < math.inf, what)(value)
+        found[name] = _reader(float, lambda number: 0 <= number < math.inf, f"{what} for {name!r}")(value)
     return found
+
+
+def by_joint(text: str) -> float | dict[str, float]:
+    """Read one number > 0 for all joints, or ``joint=number`` for each, with commas between them."""
+    return limit(text) if "=" not in text else _by_name(text, "JOINT=NUMBER", "a number >= 0")
 
 
 def _assignment(text: str, form: str) -> tuple[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 import logging
 import math
@@ -141,6 +142,19 @@ def check_writable(file: str | None, option: str) -> None:
         raise InputError(f"cannot write {file!r} ({error.strerror})", option) from None
     if is_new:
         path.unlink()
+
+
+def check_distinct(options: argparse.Namespace, *keys: str) -> None:
+    """Raise an error if two results are to be written to one file."""
+    written: dict[Path, str] = {}
+    for key in keys:
+        file, option = getattr(options, key), f"--{key.replace('_', '-')}"
+        if file is None or file == STANDARD_OUTPUT:
+            continue
+        place = Path(file).resolve()
+        if place in written:
+            raise InputError(f"{file!r} is written by {written[place]} already: give another file", option)
+        written[place] = option
 
 
 def missing_extra(extra: str) -> str | None:

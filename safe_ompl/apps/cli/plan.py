@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -26,6 +25,7 @@ from safe_ompl.apps.cli.options import (
 )
 from safe_ompl.apps.cli.output import (
     STANDARD_OUTPUT,
+    check_distinct,
     check_drawable,
     check_writable,
     error_console,
@@ -81,7 +81,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     check_writable(options.json, "--json")
     check_writable(options.certificate, "--certificate")
     check_drawable(options.plot, "--plot")
-    _check_distinct(options)
+    check_distinct(options, "json", "certificate", "plot", "trajectory", "timed_plot")
     scenario = with_limits(load_scenario(options.scenario), options)
     _, robot = scenario_robot(options, scenario)
     setup = setup_scenario(scenario, robot)
@@ -90,19 +90,6 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     make_planner(options.planner, setup.getSpaceInformation(), parameters)
     limits = rate_limits(scenario, robot, options)
     return partial(_plan, scenario, setup, options, perf_counter() - begin, limits)
-
-
-def _check_distinct(options: argparse.Namespace) -> None:
-    """Raise an error if two results are to be written to one file."""
-    written: dict[Path, str] = {}
-    for key in ("json", "certificate", "plot", "trajectory", "timed_plot"):
-        file, option = getattr(options, key), f"--{key.replace('_', '-')}"
-        if file is None or file == STANDARD_OUTPUT:
-            continue
-        place = Path(file).resolve()
-        if place in written:
-            raise InputError(f"{file!r} is written by {written[place]} already: give another file", option)
-        written[place] = option
 
 
 def _plan(

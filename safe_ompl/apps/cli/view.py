@@ -64,6 +64,11 @@ def add_commands(commands: Any) -> None:
     )
     add_run_options(parser, usual_time="the scenario's")
     add_package_dirs(parser)
+    add_view_options(parser)
+
+
+def add_view_options(parser: argparse._ActionsContainer) -> None:
+    """Add the files that a view is written to, and how it is served."""
     parser.add_argument(
         "--html", metavar="FILE", help="write one file that opens offline, with a play bar (.html)"
     )
@@ -88,28 +93,33 @@ def add_commands(commands: Any) -> None:
 
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
+    check_view_options(options)
+    recordings = [name for name in options.what if Path(name).suffix.lower() == RECORDING_ENDING]
+    if recordings:
+        if len(options.what) > 1:
+            raise InputError(f"one recording at a time, not {', '.join(options.what)}")
+        recorded = read_recording(recordings[0], package_dirs=options.package_dir)
+        return lambda: show(recorded, options)
+    files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
+    if not files:
+        if len(options.what) > 1:
+            raise InputError(f"one scenario at a time, not {', '.join(options.what)}")
+        scenario = load_scenario(options.what[0], options.package_dir)
+        return lambda: show(_planned(scenario, options), options)
+    if len(files) < len(options.what):
+        raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
+    content = _loaded(files, options.package_dir)
+    return lambda: show(content, options)
+
+
+def check_view_options(options: argparse.Namespace) -> None:
+    """Raise InputError if what a view is written to cannot be, or the viewer is missing."""
     check_drawable(options.animation, "--animation", ANIMATION_ENDINGS)
     if options.animation is None:
         _check_viewer()
     check_page(options.html)
     if options.slice is not None and options.html is None:
         raise InputError("is for --html; a live view has a slider for it", "--slice")
-    recordings = [name for name in options.what if Path(name).suffix.lower() == RECORDING_ENDING]
-    if recordings:
-        if len(options.what) > 1:
-            raise InputError(f"one recording at a time, not {', '.join(options.what)}")
-        recorded = read_recording(recordings[0], package_dirs=options.package_dir)
-        return lambda: _show(recorded, options)
-    files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
-    if not files:
-        if len(options.what) > 1:
-            raise InputError(f"one scenario at a time, not {', '.join(options.what)}")
-        scenario = load_scenario(options.what[0], options.package_dir)
-        return lambda: _show(_planned(scenario, options), options)
-    if len(files) < len(options.what):
-        raise InputError(f"either a scenario or files of results, not both: {', '.join(options.what)}")
-    content = _loaded(files, options.package_dir)
-    return lambda: _show(content, options)
 
 
 def check_page(file: str | None) -> None:
@@ -128,7 +138,7 @@ def _check_viewer() -> None:
         raise InputError(advice)
 
 
-def _show(content: ViewerContent, options: argparse.Namespace) -> int:
+def show(content: ViewerContent, options: argparse.Namespace) -> int:
     """Write the files that the options name, or else serve the view until Ctrl-C."""
     if options.animation is not None:
         with error_console().status("drawing"):

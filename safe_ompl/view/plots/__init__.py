@@ -5,6 +5,7 @@ it goes: the ending of its name decides the format (PNG, SVG or PDF), and missin
 above it, `dpi` are pixels per inch. Without Matplotlib they raise a SafeOmplError.
 """
 
+from safe_ompl.view.plots.motions import plot_check
 from safe_ompl.view.plots.paths import plot_motion, plot_plan, plot_speeds
 from safe_ompl.view.plots.planar import plot_bubbles, plot_cspace_path, plot_field
 from safe_ompl.view.plots.planners import plot_bands, plot_clearance_danger, plot_profiles, plot_times
@@ -12,6 +13,7 @@ from safe_ompl.view.plots.planners import plot_bands, plot_clearance_danger, plo
 __all__ = [
     "plot_bands",
     "plot_bubbles",
+    "plot_check",
     "plot_clearance_danger",
     "plot_cspace_path",
     "plot_field",

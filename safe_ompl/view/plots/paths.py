@@ -173,14 +173,11 @@ def plot_motion(
         page.set_title(f"{trajectory.duration:.2f} s" if title is None else title)
         times = np.linspace(0.0, trajectory.duration, _SAMPLES)
         state, limits = trajectory.at(times), trajectory.limits
-        _draw_joints(lower[0], times, state.qd / limits.velocity, "velocity / limit")
-        _draw_joints(lower[1], times, state.qdd / limits.acceleration, "acceleration / limit")
+        draw_joints(lower[0], times, state.qd / limits.velocity, "velocity / limit")
+        draw_joints(lower[1], times, state.qdd / limits.acceleration, "acceleration / limit")
         if jerk is not None:
-            _draw_joints(lower[2], times, trajectory.jerks_at(times) / jerk, "jerk / limit")
-        for k, name in enumerate(trajectory.joint_names):
-            lower[0].plot([], [], color=_JOINTS[k % len(_JOINTS)], label=name)
-        names = lower[0].lines[-len(trajectory.joint_names) :]
-        page.figure.legend(handles=names, loc="outside lower center", ncols=4, fontsize=8)
+            draw_joints(lower[2], times, trajectory.jerks_at(times) / jerk, "jerk / limit")
+        name_joints(page.figure, lower[0], trajectory.joint_names)
         if danger is not None:
             _draw_danger_in_motion(lower[-1], danger)
         lower[-1].set_xlabel("time [s]")
@@ -212,21 +209,31 @@ def _draw_speed(axes: Any, trajectory: Trajectory) -> None:
     for corner in trajectory.curve.stops:
         axes.axvline(trajectory.curve.starts[corner], color=GREY, linewidth=0.8, linestyle=(0, (2.0, 2.0)))
     axes.set(xlabel="arc length [rad]", ylabel="speed along the path [rad/s]")
-    axes.set(xlim=_span(s[-1]), ylim=(0.0, top))
+    axes.set(xlim=span(s[-1]), ylim=(0.0, top))
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=9, borderaxespad=0.2)
 
 
-def _span(end: float) -> tuple[float, float]:
-    """Return the limits of an axis from 0 to `end`, wide enough for lines that run along its ends."""
-    return -0.004 * end, 1.004 * end
+def span(end: float, begin: float = 0.0) -> tuple[float, float]:
+    """Return the limits of an axis from `begin` to `end`, wide enough for lines that run along its ends."""
+    return begin - 0.004 * (end - begin), end + 0.004 * (end - begin)
 
 
-def _draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) -> None:
+def draw_joints(axes: Any, times: FloatArray, shares: FloatArray, name: str) -> None:
+    """Draw values (T, n) of the joints as shares of their limits, which are marked."""
     for side in (-1.0, 1.0):
         axes.axhline(side, color=ALARM, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
     for k, values in enumerate(shares.T):
         axes.plot(times, values, color=_JOINTS[k % len(_JOINTS)], linewidth=1.2)
-    axes.set(ylabel=name, xlim=_span(times[-1]), ylim=(-1.15, 1.15))
+    most = max(1.15, 1.1 * float(np.nanmax(np.abs(shares))))
+    axes.set(ylabel=name, xlim=span(times[-1], times[0]), ylim=(-most, most))
+
+
+def name_joints(figure: Any, axes: Any, names: Sequence[str]) -> None:
+    """Say below a figure which joint has which colour."""
+    lines = [
+        axes.plot([], [], color=_JOINTS[k % len(_JOINTS)], label=name)[0] for k, name in enumerate(names)
+    ]
+    figure.legend(handles=lines, loc="outside lower center", ncols=4, fontsize=8)
 
 
 def _draw_danger_in_motion(axes: Any, danger: MotionDanger) -> None:
@@ -235,7 +242,7 @@ def _draw_danger_in_motion(axes: Any, danger: MotionDanger) -> None:
         axes.axhline(danger.proven_peak, color=ALARM, linewidth=1.0, linestyle=(0, (4.0, 3.0)))
         note = f"mean {danger.mean:.2f}, peak {danger.peak:.2f}, proven below {danger.proven_peak:.2f}"
         axes.set_title(note, loc="right", color=ALARM, fontsize=9, weight="normal")
-    axes.set(ylabel="danger in motion", xlim=_span(danger.times[-1]))
+    axes.set(ylabel="danger in motion", xlim=span(danger.times[-1]))
     axes.set_ylim(0.0, 1.15 * max(danger.peak, 1e-9))
 
 

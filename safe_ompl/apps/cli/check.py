@@ -1,0 +1,408 @@
+"""`safe-ompl check`: prove a motion that something else made, and repair it; `safe-ompl tube`: measure its tube."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from safe_ompl.apps.cli.options import (
+    add_limit_options,
+    add_parser,
+    add_robot_options,
+    by_joint,
+    given_robot,
+    limit,
+    load_scenario,
+    scenario_robot,
+    with_limits,
+)
+from safe_ompl.apps.cli.output import (
+    STANDARD_OUTPUT,
+    check_distinct,
+    check_drawable,
+    check_writable,
+    error_console,
+    opened,
+    output_console,
+    plain_table,
+    write_json,
+)
+from safe_ompl.apps.cli.view import add_view_options, check_view_options, show
+from safe_ompl.certificates import motion_certificate
+from safe_ompl.common import FloatArray, InputError
+from safe_ompl.common import documents as document
+from safe_ompl.io import WRITABLE, motion_text, read_json, read_log, read_motion
+from safe_ompl.motions import (
+    FACTOR,
+    MeasuredTube,
+    Motion,
+    MotionCheck,
+    Repair,
+    measured_tube,
+    tube_of,
+    widest_tube,
+)
+from safe_ompl.planning import SafeSetup, setup_scenario
+from safe_ompl.robot import Robot
+from safe_ompl.scene import Scenario
+from safe_ompl.trajectories import RateLimits
+from safe_ompl.view import ViewerContent, plots
+
+_SHOWN = ("view", "html", "animation")
+
+
+def add_commands(commands: Any) -> None:
+    """Add `check` and `tube` to the commands."""
+    parser = add_parser(
+        commands,
+        "check",
+        prepare,
+        "prove a motion that something else made, or repair it",
+        "Prove a motion that a controller, an optimiser or another planner made: that the robot touches nothing "
+        "anywhere on it, and keeps the scenario's limits; or say where it does not. Files: tables (.csv), arrays "
+        "(.npz), trajectory_msgs/JointTrajectory and moveit_msgs/RobotTrajectory (.json, .yaml), and files of ours. "
+        "The exit status is 0 if it is proven, or with --repair if what is written is.",
+    )
+    parser.add_argument("file", metavar="FILE", help="the motion")
+    parser.add_argument(
+        "--scenario",
+        required=True,
+        metavar="SCENARIO",
+        help="its robot, scene and limits: a name or YAML file",
+    )
+    parser.add_argument("--degrees", action="store_true", help="joints of FILE that turn are in degrees")
+    parser.add_argument(
+        "--max-velocity",
+        type=by_joint,
+        metavar="V|JOINT=V[,…]",
+        help="FILE holds bare samples, and no joint is faster between them [rad/s or m/s]",
+    )
+    parser.add_argument(
+        "--limits",
+        action="store_true",
+        help="check velocities and accelerations, and jerks if limited: the scenario's, or the URDF's",
+    )
+    parser.add_argument(
+        "--tube",
+        type=by_joint,
+        metavar="W|JOINT=W[,…]",
+        help="prove it of every motion whose joints are so near to this one [rad or m]; default: limits.tube of the "
+        "scenario; see `safe-ompl tube`",
+    )
+    parser.add_argument(
+        "--widest-tube",
+        action="store_true",
+        help="also find the widest tube that is proven: all joints alike, or in proportion to --tube",
+    )
+    parser.add_argument(
+        "--repair",
+        metavar="OUT",
+        help="write the motion, proven, with as little changed as that needs: "
+        "our own form (.json; a message if FILE is one), a table (.csv), or a JointTrajectory (.yaml)",
+    )
+    parser.add_argument(
+        "--certificate", metavar="FILE", help="write it with its claims, for `safe-ompl verify` (.json)"
+    )
+    parser.add_argument("--json", metavar="FILE", help="write what was found as JSON; - is standard output")
+    parser.add_argument("--plot", metavar="FILE", help="draw joints, limits and distances (.png)")
+    group = parser.add_argument_group("in three dimensions")
+    group.add_argument("--view", action="store_true", help="show it in the browser")
+    add_view_options(group)
+    add_limit_options(parser)
+    add_robot_options(parser, instead_of="the scenario's")
+    parser = add_parser(
+        commands,
+        "tube",
+        prepare_tube,
+        "measure how far a robot is from where it should be",
+        "Measure the tube that `check --tube` takes, from logs of commanded and measured positions at equal times: the "
+        "largest error of each joint, and a bound of how much larger it is between samples, times a factor.",
+    )
+    parser.add_argument(
+        "logs",
+        metavar="LOG",
+        nargs="*",
+        help="tables (.csv) or arrays (.npz) with time, <joint>_commanded and <joint>_measured",
+    )
+    parser.add_argument(
+        "--commanded", metavar="FILE", help="or two motions, as `check` reads them: this one, and"
+    )
+    parser.add_argument(
+        "--measured", metavar="FILE", help="this one; they are interpolated at each other's times"
+    )
+    parser.add_argument(
+        "--factor",
+        type=limit,
+        default=FACTOR,
+        metavar="F",
+        help="what the tube is wider by than the largest error, >= 1 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--degrees", action="store_true", help="joints that turn are in degrees; needs the robot"
+    )
+    parser.add_argument("--scenario", metavar="SCENARIO", help="with this robot: whole turns are no error")
+    add_robot_options(parser, instead_of="the scenario's")
+
+
+# ------------------------------------------------------------------------------------------------------- check
+
+
+def prepare(options: argparse.Namespace) -> Callable[[], int]:
+    """Read the motion and the scenario, and return the job."""
+    check_writable(options.json, "--json")
+    check_writable(options.certificate, "--certificate")
+    check_drawable(options.plot, "--plot")
+    if any(getattr(options, key) for key in _SHOWN):
+        check_view_options(options)
+    message = False
+    if options.repair is not None:
+        if Path(options.repair).suffix.lower() not in WRITABLE:
+            raise InputError(f"{options.repair!r} must end in {', '.join(WRITABLE)}", "--repair")
+        check_writable(options.repair, "--repair")
+        message = Path(options.file).suffix.lower() == ".json" and "format" not in read_json(options.file)
+    check_distinct(options, "json", "certificate", "repair", "plot", "html", "animation")
+    scenario = with_limits(load_scenario(options.scenario), options)
+    _, robot = scenario_robot(options, scenario)
+    given = scenario.limits.tube if options.tube is None else options.tube
+    source = f"{scenario.file}: limits.tube" if options.tube is None else "--tube"
+    tube = () if given is None else tube_of(given, robot, source)
+    setup = _without_ends(replace(scenario, limits=replace(scenario.limits, tube=None)), robot, tube)
+    motion = _sampled(read_motion(options.file, robot, degrees=options.degrees), options, robot)
+    limits = None
+    if options.limits:
+        if not motion.rated:
+            why = "bare samples have no rates" if motion.timed else "has no times"
+            raise InputError(f"{options.file}: {why}", "--limits")
+        limits = RateLimits.of(
+            robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk
+        )
+    return partial(_check, options, scenario, setup, motion, limits, message)
+
+
+def _sampled(motion: Motion, options: argparse.Namespace, robot: Robot) -> Motion:
+    """Return the motion; as bare samples if the options say that it is of these."""
+    if options.max_velocity is None:
+        return motion
+    if not motion.timed or motion.degree > 1:
+        raise InputError(f"{options.file}: is for samples in time, without velocities", "--max-velocity")
+    bounds = tube_of(options.max_velocity, robot, "--max-velocity")
+    with document.within(options.file, ": "):
+        return Motion.sampled(motion.times, motion.knots, bounds, robot.joint_names)
+
+
+def _without_ends(scenario: Scenario, robot: Robot, tube: tuple[float, ...]) -> SafeSetup:
+    """Return a setup with the scenario's limits and a tube, which the scenario's start need not keep."""
+    given = setup_scenario(scenario, robot)
+    setup = SafeSetup(robot, given.scene, danger=given.danger_options)
+    setup.setConstraints(given.getConstraints())
+    if tube:
+        setup.setTube(tube)
+    return setup
+
+
+def _check(
+    options: argparse.Namespace,
+    scenario: Scenario,
+    setup: SafeSetup,
+    motion: Motion,
+    limits: RateLimits | None,
+    message: bool,
+) -> int:
+    """Check the motion, and show and write what was found as the options say."""
+    robot, found = setup.robot, setup.check(motion, limits)
+    tube = found.separation.tube
+    record: dict[str, Any] = {"file": options.file, "scenario": scenario.name, "robot": robot.name}
+    record |= {"proven": bool(found), "claims": found.claims, "tube": tube or None}
+    record["violations"] = [vars(violation) for violation in found.violations]
+    widest = repair = None
+    if options.widest_tube:
+        widest = widest_tube(
+            motion,
+            robot,
+            setup.scene,
+            constraints=setup.getConstraints(),
+            proportions=tube or None,
+        )
+        record["widest_tube"] = dict(zip(robot.joint_names, widest.tolist(), strict=True))
+    if options.repair is not None:
+        repair = setup.repair(motion, limits, time=scenario.time)
+        said = {key: value for key, value in vars(repair).items() if key not in ("motion", "check")}
+        record["repair"] = {"proven": bool(repair), **said}
+    if options.json != STANDARD_OUTPUT:
+        title = f"{options.file} · {scenario.name} · {robot.name}"
+        output_console().print(check_table(title, found, widest, robot))
+    written = found
+    if repair is not None:
+        written = repair.check
+        if repair:
+            written = _write(repair, options, setup, limits, message)
+        error_console().print(_described(repair, written, options.repair))
+    if options.json:
+        write_json(options.json, record)
+    if options.certificate and not written:
+        error_console().print(f"safe-ompl: it is not proven: nothing is written to {options.certificate}")
+    elif options.certificate:
+        name = document.file_name(scenario.file.resolve(), Path(options.certificate).parent)  # type: ignore[union-attr]
+        spacing = scenario.danger.get("spacing")
+        write_json(
+            options.certificate, motion_certificate(written, spacing=spacing, source={"scenario": name})
+        )
+    if options.plot:
+        plots.plot_check(found, options.plot, title=Path(options.file).name)
+    if any(getattr(options, key) for key in _SHOWN):
+        show(ViewerContent.of_check(found, Path(options.file).name), options)
+    return 0 if written else 1
+
+
+def _write(
+    repair: Repair,
+    options: argparse.Namespace,
+    setup: SafeSetup,
+    limits: RateLimits | None,
+    message: bool,
+) -> MotionCheck:
+    """Write a repaired motion if what is read from the file is proven, too; return what is proven of that."""
+    text, read = motion_text(repair.motion, options.repair, message=message)
+    if read is not repair.motion:
+        with document.within(options.repair, ": "):
+            read = _sampled(read.for_robot(setup.robot), options, setup.robot)
+    found = repair.check if read is repair.motion else setup.check(read, limits)
+    if found:
+        with opened(options.repair) as stream:
+            stream.write(text)
+    return found
+
+
+def _described(repair: Repair, written: MotionCheck, file: str) -> str:
+    if not written:
+        why = repair.how
+        if repair.changed:  # it is free, but for its rates, or for what the file rounds
+            why = f"{why}, {written.violations[0]}"
+        return f"safe-ompl: nothing is written to {file}: {why}"
+    if repair.how == "unchanged":
+        return f"{file}: the motion as it was"
+    unit = "s" if repair.motion.timed else ""
+    stretches = ", ".join(f"{first:.4g}–{last:.4g}" for first, last in repair.changed)
+    return (
+        f"{file}: proven; {repair.how}, by {repair.deviation:.3g} rad and {repair.tool_deviation:.3g} mm at the tip "
+        f"at most, at {repair.at:.4g} {unit}; changed: {stretches} {unit}".replace("  ", " ").rstrip()
+    )
+
+
+def check_table(title: str, found: MotionCheck, widest: FloatArray | None, robot: Robot) -> Table:
+    """Return what is proven, or a row for each stretch that is not."""
+    tube = np.array(found.separation.tube or np.zeros(robot.n))
+    facts = [("motion", repr(found.motion)), ("tube", _widths(tube, robot))]
+    facts += [] if widest is None else [("widest tube", _widths(widest, robot))]
+    if found:
+        facts.insert(0, ("proven", ", ".join(found.claims)))
+        table = plain_table("", "", title=title)
+        table.show_header = False
+        for key, fact in facts:
+            table.add_row(Text(key, "dim"), Text(fact))
+        return table
+    unit = "\ns" if found.motion.timed else "\nway point"
+    table = plain_table("not proven", f"from–to{unit}", f"worst{unit}", "what", "value", "limit", title=title)
+    for k in (1, 2):
+        table.columns[k].no_wrap = True
+    for violation in found.violations:
+        kind = violation.kind if violation.decided else f"{violation.kind}, undecided"
+        table.add_row(
+            Text(kind),
+            f"{violation.first:.3f}–{violation.last:.3f}" if violation.last > violation.first else "",
+            f"{violation.at:.3f}",
+            Text(" – ".join(violation.names)),
+            *violation.quantities,
+        )
+    table.caption = Text("\n".join(f"{key}: {fact}" for key, fact in facts))
+    return table
+
+
+def _widths(widths: FloatArray, robot: Robot) -> str:
+    if not widths.any():
+        return "none"
+    if np.ptp(widths) < 1e-12 and not robot.prismatic.any():
+        return f"±{widths[0]:.3g} rad"
+    units = np.where(robot.prismatic, "m", "rad")
+    each = zip(robot.joint_names, widths.tolist(), units, strict=True)
+    return ", ".join(f"{name} ±{width:.3g} {unit}" for name, width, unit in each)
+
+
+# -------------------------------------------------------------------------------------------------------- tube
+
+
+def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
+    """Read the logs, and return the job."""
+    pair = options.commanded, options.measured
+    if (None in pair) != (pair == (None, None)) or bool(options.logs) == (None not in pair):
+        raise InputError("give logs, or both --commanded and --measured")
+    robot = None
+    if options.scenario is not None:
+        _, robot = scenario_robot(options, load_scenario(options.scenario))
+    elif options.robot is not None or options.urdf is not None:
+        robot = given_robot(options, lambda: None).build()  # type: ignore[arg-type,return-value]
+    if options.degrees and robot is None:
+        raise InputError("needs the robot, which knows the joints that turn: give --scenario", "--degrees")
+    found: dict[str, MeasuredTube] = {}
+    for log in options.logs or [" and ".join(pair)]:
+        motions = read_log(log) if options.logs else (read_motion(pair[0]), read_motion(pair[1]))
+        with document.within(log, ": "):
+            continuous = None
+            if robot is not None:
+                motions = (
+                    motions[0].for_robot(robot, options.degrees),
+                    motions[1].for_robot(robot, options.degrees),
+                )
+                continuous = robot.continuous
+            found[log] = measured_tube(*motions, options.factor, continuous)
+            first = next(iter(found.values())).joint_names
+            if set(found[log].joint_names) != set(first):
+                raise InputError(f"must be of the joints {', '.join(first)}", "columns")
+    return partial(_tube, found, options.factor)
+
+
+def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:
+    """Print the widest tube of some logs, by joint, and how it is given to `check` and in a scenario."""
+    samples = sum(tube.samples for tube in found.values())
+    table = plain_table(
+        "joint", "largest error", "between samples", "at\ns", "tube", title=f"{samples} samples"
+    )
+    if len(found) > 1:
+        table.add_column("log")
+    widths = {}
+    for name in next(iter(found.values())).joint_names:
+        places = {log: tube.joint_names.index(name) for log, tube in found.items()}
+        log = max(found, key=lambda log: found[log].widths[places[log]])
+        tube, k = found[log], places[log]
+        widths[name] = float(f"{_up(tube.widths[k]):.3g}")
+        row = [
+            name,
+            f"{tube.errors[k]:.3g}",
+            f"+{tube.between[k]:.2g}",
+            f"{tube.times[k]:.3f}",
+            f"{widths[name]:g}",
+        ]
+        table.add_row(*row, *([log] if len(found) > 1 else []))
+    table.caption = Text(f"tube: {factor:g} × (largest error + what may be between samples) [rad or m]")
+    output_console().print(table)
+    by_name = ",".join(f"{name}={width:g}" for name, width in widths.items())
+    entry = ", ".join(f"{name}: {width:g}" for name, width in widths.items())
+    for line in (f"--tube {by_name}", f"limits: {{tube: {{{entry}}}}}"):
+        output_console().print(line, markup=False, soft_wrap=True)
+    return 0
+
+
+def _up(width: float) -> float:
+    """Return a width rounded up to three digits."""
+    if not width > 0:
+        return 0.0
+    unit = 10.0 ** (np.floor(np.log10(width)) - 2)
+    return float(np.ceil(width / unit) * unit)

@@ -1,0 +1,144 @@
+"""Tubes about motions: their widths by joint, and how wide a robot's own errors make them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, finite_array, number
+from safe_ompl.motions.motion import Motion
+from safe_ompl.robot import Robot
+
+FACTOR = 1.5
+"""What a tube is wider by than the largest error that was measured."""
+
+
+def tube_of(given: ArrayLike | Mapping[str, float], robot: Robot, key: str = "tube") -> tuple[float, ...]:
+    """Return the n widths of a tube [rad or m], of one number, of n, or of numbers by the names of all joints.
+
+    Raises
+    ------
+    InputError
+        If a joint is missing, or a width is negative or not finite; the message starts with the key.
+    UnknownNameError
+        If the robot has no joint of a name.
+    """
+    names = robot.joint_names
+    if isinstance(given, Mapping):
+        for name in given:
+            if name not in names:
+                raise UnknownNameError("joint", name, names, key)
+        missing = [name for name in names if name not in given]
+        if missing:
+            raise InputError(f"must have a width for every joint, {', '.join(missing)} missing", key)
+        given = [number(f"{key} of joint {name!r}", given[name]) for name in names]
+    widths = np.full(robot.n, number(key, given)) if np.ndim(given) == 0 else given
+    found = finite_array(widths, (robot.n,), key)
+    if (found < 0).any():
+        raise InputError(f"must be widths >= 0 [rad or m], got {found.tolist()}", key)
+    return tuple(found.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredTube:
+    """How far the joints of a robot were from where they should have been, at equal times.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        The n joints.
+    errors : ndarray, shape (n,)
+        The largest error at the instants of a log [rad or m].
+    times : ndarray, shape (n,)
+        When [s].
+    between : ndarray, shape (n,)
+        A bound of how much larger errors are between two instants, if nothing accelerates more there than the samples
+        around them show: |second difference quotient| Δt² / 8 [rad or m].
+    samples : int
+        Number of instants.
+    factor : float
+        The tube is so many times as wide as the errors are large.
+    """
+
+    joint_names: tuple[str, ...]
+    errors: FloatArray
+    times: FloatArray
+    between: FloatArray
+    samples: int
+    factor: float
+
+    @property
+    def widths(self) -> FloatArray:
+        """The tube (n,) [rad or m]: factor × (errors + between)."""
+        found: FloatArray = self.factor * (self.errors + self.between)
+        return found
+
+
+def measured_tube(
+    commanded: Motion, measured: Motion, factor: float = FACTOR, continuous: ArrayLike | None = None
+) -> MeasuredTube:
+    """Return the tube of a log of commanded and measured positions.
+
+    Parameters
+    ----------
+    commanded, measured : Motion
+        In time, with names of the same joints; of samples the lines through them. They are compared at the instants of
+        both, as long as both last.
+    factor : float
+        ≥ 1
+    continuous : array_like of bool, shape (n,), optional
+        Which joints of `commanded` turn without end: whole turns are no error. Default: none.
+
+    Raises
+    ------
+    InputError
+        If one has no times or names, joints differ, or they have no time in common.
+    """
+    factor = number("factor", factor, at_least=1.0)
+    for name, motion in (("commanded", commanded), ("measured", measured)):
+        if not motion.timed or motion.joint_names is None:
+            raise InputError("must have times, and name its joints", name)
+    names, others = commanded.joint_names or (), measured.joint_names or ()
+    if set(names) != set(others):
+        raise InputError(f"must have the joints {', '.join(names)}, got {', '.join(others)}", "measured")
+    order, turns = [others.index(name) for name in names], np.zeros(len(names), dtype=bool)
+    turns |= False if continuous is None else np.asarray(continuous, dtype=bool)
+    asked, found = _unwrapped(commanded, turns), _unwrapped(measured, turns[np.argsort(order)])
+    begin, end = (choose(asked.times[k], found.times[k]) for choose, k in ((np.maximum, 0), (np.minimum, -1)))
+    if not end > begin:
+        spans = " and ".join(f"{motion.times[0]:g}–{motion.times[-1]:g} s" for motion in (asked, found))
+        raise InputError(f"must have a time in common, got {spans}", "commanded and measured")
+    times = np.union1d(asked.times, found.times)
+    times = times[(times >= begin) & (times <= end)]
+    apart = found.at(times)[:, order] - asked.at(times)
+    apart[:, turns] = (apart[:, turns] + np.pi) % (2 * np.pi) - np.pi
+    if asked.degree == found.degree == 1 and np.array_equal(asked.times, found.times):
+        between = _between(times, apart)
+    else:
+        parts = ((asked, np.arange(len(names))), (found, order))
+        between = np.sum([_between(m.times, m.knots[:, k]) for m, k in parts if m.degree == 1], axis=0)
+    worst = np.abs(apart).argmax(axis=0)
+    errors = np.abs(apart)[worst, range(len(names))]
+    return MeasuredTube(names, errors, times[worst], between + 0.0 * errors, len(times), factor)
+
+
+def _unwrapped(motion: Motion, continuous: ArrayLike) -> Motion:
+    """Return samples without the steps of whole turns; what the numbers of other motions are is meant."""
+    if motion.degree != 1:
+        return motion
+    knots = np.where(continuous, np.unwrap(motion.knots, axis=0), motion.knots)
+    return Motion.hermite(motion.times, knots, names=motion.joint_names)
+
+
+def _between(times: FloatArray, values: FloatArray) -> FloatArray:
+    """Return how far (n,) a signal through values (T, n) may be from the lines between them."""
+    spans = np.diff(times)[:, None]
+    if len(spans) < 2:
+        return np.zeros(values.shape[1])
+    bends = np.abs(np.diff(np.diff(values, axis=0) / spans, axis=0)) * 2 / (spans[1:] + spans[:-1])
+    either = np.maximum(np.vstack([bends[:1], bends]), np.vstack([bends, bends[-1:]]))
+    found: FloatArray = (either * spans**2).max(axis=0) / 8
+    return found

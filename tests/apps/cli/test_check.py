@@ -1,0 +1,403 @@
+"""`safe-ompl check` and `tube`: what is proven, what is not and why, repairs in every form, and bad input in a line."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from safe_ompl import Motion, read_motion, save
+from safe_ompl.apps.cli.program import main
+from safe_ompl.planning import setup_scenario
+from safe_ompl.scene import Scenario, find_scenario
+
+NAMES = ("joint1", "joint2", "joint3")
+START, END = np.array([1.25, -0.35, 0.2]), np.array([-1.2, 0.3, -0.25])
+MIDDLE = np.array([-0.5, 2.2, -2.4])  # folded: it passes the ball
+TOUCHING = MIDDLE + 0.35 * (0.5 * (START + END) - MIDDLE)
+PLANAR = find_scenario("planar3").resolve().parent
+T = np.array([0.0, 2.0, 4.0])
+
+
+def scenario(**more):
+    """Return the planar arm beside one ball."""
+    robot = {key: str(PLANAR / "robots" / f"planar3.{key}") for key in ("urdf", "srdf")}
+    ball = {"name": "ball", "sphere": {"radius": 0.1}, "position": [0.85, 0.0, 0.0], "weight": 1}
+    start, goal = (dict(zip(NAMES, q.tolist(), strict=True)) for q in (START, END))
+    return {
+        "name": "own",
+        "robot": {**robot, "tip": "tip"},
+        "start": start,
+        "goal": {"configuration": goal},
+        "scene": {"obstacles": [ball]},
+        **more,
+    }
+
+
+@pytest.fixture
+def call(capfd, tmp_path, monkeypatch):
+    """Return a function that runs the command line and returns status, output and errors."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario()))
+
+    def run(*arguments):
+        capfd.readouterr()
+        status = main([str(argument) for argument in arguments])
+        out, err = capfd.readouterr()
+        return status, out, err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def setup(tmp_path_factory):
+    file = tmp_path_factory.mktemp("own") / "own.yaml"
+    file.write_text(yaml.safe_dump(scenario()))
+    return setup_scenario(Scenario.load(file))
+
+
+def motion(middle=MIDDLE, degree=3):
+    """Return a motion from start to end by way of a configuration, with rates up to those of the degree."""
+    points, slope = np.array([START, middle, END]), 0.25 * (END - START)
+    rates = np.array([0 * slope, slope, 0 * slope])
+    held = (rates, 0 * points)[: degree // 2]
+    return Motion.hermite(T, points, *held, names=NAMES)
+
+
+def table(file, columns):
+    lines = [
+        ",".join(columns),
+        *(",".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist()),
+    ]
+    file.write_text("\n".join(lines) + "\n")
+
+
+def test_a_motion_is_proven_or_what_is_not_is_said(call, tmp_path, setup):
+    save(motion(), "free.json")
+    status, out, _ = call(
+        "check", "free.json", "--scenario", "own.yaml", "--widest-tube", "--json", "found.json"
+    )
+    assert status == 0
+    assert "proven       joint limits, collision" in out
+    found = json.loads((tmp_path / "found.json").read_text())
+    width = found["widest_tube"]["joint1"]
+    assert found["proven"]
+    assert not found["violations"]
+    tubes = {
+        share: call("check", "free.json", "--scenario", "own.yaml", "--tube", share * width)
+        for share in (0.99, 1.1)
+    }
+    assert [tubes[share][0] for share in tubes] == [0, 1]
+    assert "clearance" in tubes[1.1][1]
+    save(motion(TOUCHING), "touching.json")
+    status, out, err = call("check", "touching.json", "--scenario", "own.yaml", "--json", "-")
+    record = json.loads(out)
+    assert status == 1
+    assert record["claims"] == ["joint limits", "collision"]
+    for violation in record["violations"]:
+        q = motion(TOUCHING).at(violation["at"])
+        distances = dict(zip(setup.checker.pair_names, setup.checker.pair_distances(q), strict=True))
+        assert violation["value"] == pytest.approx(distances[tuple(violation["names"])])
+    assert {violation["kind"] for violation in record["violations"]} == {"collision"}
+
+
+def test_limits_are_the_scenarios_and_the_options(call):
+    save(motion(), "free.json")
+    fast = Motion.hermite(T / 20, *(motion().derivative(T, k) * 20**k for k in (0, 1)), names=NAMES)
+    save(fast, "fast.json")
+    assert call("check", "free.json", "--scenario", "own.yaml", "--limits")[0] == 0
+    status, out, _ = call("check", "fast.json", "--scenario", "own.yaml", "--limits")
+    assert status == 1
+    assert "velocity" in out
+    assert "rad/s" in out
+    status, out, _ = call("check", "free.json", "--scenario", "own.yaml", "--min-clearance", "0.2")
+    assert status == 1
+    assert "200 mm" in out
+
+
+@pytest.mark.parametrize("degree", [1, 3, 5])
+@pytest.mark.parametrize("out", ["out.json", "out.csv", "out.yaml"])
+def test_a_repair_is_written_in_the_form_that_is_asked_for_and_proven_as_it_is_read(
+    call, tmp_path, setup, degree, out
+):
+    save(motion(TOUCHING, degree), "touching.json")
+    status, _, err = call("check", "touching.json", "--scenario", "own.yaml", "--repair", out)
+    assert status == 0
+    assert "proven; " in err
+    assert " rad and " in err
+    back = read_motion(tmp_path / out, setup.robot)
+    assert call("check", out, "--scenario", "own.yaml")[0] == 0
+    np.testing.assert_allclose(back.at(T[[0, -1]]), [START, END], atol=1e-12)
+    assert (back.degree, back.times[-1]) == (degree, T[-1])
+
+
+def test_json_stays_a_message_where_the_file_is_one(call, tmp_path):
+    points = [
+        {"positions": q.tolist(), "time_from_start": {"sec": int(t), "nanosec": 0}}
+        for t, q in zip(T, (START, TOUCHING, END), strict=True)
+    ]
+    (tmp_path / "ros.json").write_text(json.dumps({"joint_names": NAMES, "points": points}))
+    assert call("check", "ros.json", "--scenario", "own.yaml", "--repair", "out.json")[0] == 0
+    said = json.loads((tmp_path / "out.json").read_text())
+    assert list(said) == ["joint_names", "points"]
+    assert said["points"][-1] == {**points[-1], "positions": pytest.approx(points[-1]["positions"])}
+
+
+def test_what_cannot_be_repaired_is_not_written(call, tmp_path):
+    inside = np.array([0.0, 0.0, 0.0])  # in the ball
+    save(Motion.through([START, inside], names=NAMES), "into.json")
+    status, _, err = call("check", "into.json", "--scenario", "own.yaml", "--repair", "out.json")
+    assert status == 1
+    assert err == "safe-ompl: nothing is written to out.json: its end cannot be proven, and ends are kept\n"
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_a_certificate_claims_what_is_written(call, tmp_path):
+    save(motion(TOUCHING), "touching.json")
+    command = ("check", "touching.json", "--scenario", "own.yaml", "--certificate", "proof.json")
+    status, _, err = call(*command)
+    assert (status, err) == (1, "safe-ompl: it is not proven: nothing is written to proof.json\n")
+    assert not (tmp_path / "proof.json").exists()
+    assert call(*command, "--repair", "out.json")[0] == 0
+    status, out, _ = call("verify", "proof.json")
+    assert status == 0
+    assert "polynomials in 4.000 s" in out
+
+
+def test_bare_samples_are_proven_within_what_may_be_between(call, tmp_path):
+    times = np.linspace(0.0, 4.0, 401)
+    Q = motion().at(times)
+    table(tmp_path / "samples.csv", {"time": times, **{name: Q[:, k] for k, name in enumerate(NAMES)}})
+    command = ("check", "samples.csv", "--scenario", "own.yaml")
+    assert call(*command, "--max-velocity", "3")[0] == 0
+    status, out, _ = call(*command, "--max-velocity", "joint1=60,joint2=3,joint3=3")
+    assert status == 1
+    assert "slack" in out
+    status, out, err = call(*command, "--max-velocity", "0.5")
+    assert status == 2
+    assert err.startswith("safe-ompl: samples.csv: samples: column ")
+
+
+def test_pictures_show_what_is_not_proven(call, tmp_path):
+    pytest.importorskip("matplotlib")
+    image = pytest.importorskip("PIL.Image")
+    shares = []
+    for name, middle in (("free", MIDDLE), ("touching", TOUCHING)):
+        save(motion(middle), f"{name}.json")
+        call("check", f"{name}.json", "--scenario", "own.yaml", "--limits", "--plot", f"{name}.png")
+        pixels = np.asarray(image.open(tmp_path / f"{name}.png").convert("RGB"), dtype=int)
+        shares.append(((pixels[..., 0] - pixels[..., 2] > 15) & (pixels.min(axis=-1) > 200)).mean())
+    assert shares[0] < 0.001 < 0.02 < shares[1]  # pale red
+
+
+def test_a_page_shows_the_motion(call, tmp_path):
+    pytest.importorskip("viser")
+    save(motion(TOUCHING), "touching.json")
+    assert call("check", "touching.json", "--scenario", "own.yaml", "--html", "page.html")[0] == 1
+    assert (
+        "collision: " in (tmp_path / "page.html").read_text() or (tmp_path / "page.html").stat().st_size > 1e5
+    )
+
+
+# ---------------------------------------------------------------------------------------------------- the tube
+
+
+def log(file, errors, times, shift=0.0):
+    Q = motion().at(times)
+    columns = {"time": times + shift}
+    for k, name in enumerate(NAMES):
+        columns |= {f"{name}_commanded": Q[:, k], f"{name}_measured": Q[:, k] + errors[:, k]}
+    table(file, columns)
+
+
+def test_the_tube_is_the_largest_error_times_a_factor_and_check_takes_it(call, tmp_path):
+    times = np.linspace(0.0, 4.0, 81)
+    errors = np.outer(np.sin(np.pi * times / 4), [0.01, 0.002, 0.0])
+    log(tmp_path / "log.csv", errors, times)
+    np.savez(tmp_path / "log.npz", **_columns(tmp_path / "log.csv"))
+    answers = {name: call("tube", name, "--factor", "2") for name in ("log.csv", "log.npz")}
+    assert answers["log.csv"] == answers["log.npz"]
+    status, out, err = answers["log.csv"]
+    assert (status, err) == (0, "")
+    assert "81 samples" in out
+    assert "2.000" in out
+    option, entry = out.splitlines()[-2:]
+    widths = dict(part.split("=") for part in option.removeprefix("--tube ").split(","))
+    assert 0.02 <= float(widths["joint1"]) <= 0.0201
+    assert 0.004 <= float(widths["joint2"]) <= 0.00402
+    save(motion(), "free.json")
+    assert call("check", "free.json", "--scenario", "own.yaml", *option.split())[0] == 0
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(scenario(**yaml.safe_load(entry))))
+    status, out, _ = call("check", "free.json", "--scenario", "own.yaml")
+    assert status == 0
+    assert f"joint1 ±{float(widths['joint1']):.3g} rad" in out
+    other = np.outer(np.cos(np.pi * times / 8), [0.003, 0.006, 0.0])
+    log(tmp_path / "other.csv", other, times)
+    _, out, _ = call("tube", "log.csv", "other.csv")
+    rows = [line.split() for line in out.splitlines() if line.startswith("joint")]
+    assert [row[-1] for row in rows[1:3]] == ["log.csv", "other.csv"]
+
+
+def test_two_files_are_compared_at_equal_times(call, tmp_path):
+    """A measurement at other instants is no error; one that is late is."""
+    fine, coarse = np.linspace(0, 4, 801), np.linspace(0.003, 3.9, 333)
+    for name, times, late in (("asked", fine, 0.0), ("same", coarse, 0.0), ("late", coarse, 0.01)):
+        Q = motion().at(times - late)
+        table(tmp_path / f"{name}.csv", {"time": times, **{joint: Q[:, k] for k, joint in enumerate(NAMES)}})
+    largest = {}
+    for name in ("same", "late"):
+        status, out, _ = call("tube", "--commanded", "asked.csv", "--measured", f"{name}.csv")
+        assert status == 0
+        largest[name] = float(
+            next(line for line in out.splitlines() if line.startswith("joint2")).split()[-1]
+        )
+    fastest = np.abs(motion().derivative(fine)[:, 1]).max()
+    assert largest["same"] < 5e-4
+    assert 1.5 * 0.01 * fastest <= largest["late"] <= 1.5 * 0.01 * fastest + 5e-4
+
+
+def _columns(file):
+    header, *rows = file.read_text().split()
+    return dict(
+        zip(header.split(","), np.array([row.split(",") for row in rows], dtype=float).T, strict=True)
+    )
+
+
+# --------------------------------------------------------------------------------------------------- bad input
+
+
+def points(change):
+    """Return a message with one thing changed in it."""
+    content = {
+        "joint_names": list(NAMES),
+        "points": [
+            {"positions": q.tolist(), "time_from_start": t}
+            for t, q in zip(T, (START, MIDDLE, END), strict=True)
+        ],
+    }
+    change(content)
+    return content
+
+
+def put(key, value, point=1):
+    return lambda content: content["points"][point].update({key: value})
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (put("time_from_start", 5.0), "times: must increase"),
+        (put("time_from_start", 0.0), "times: must increase"),
+        (
+            put("positions", [0.0, float("nan"), 0.0]),
+            "points[1].positions: must be a finite number, got nan",
+        ),
+        (put("positions", [0.0, 0.0]), "points[1].positions: must be 3 numbers, got 2"),
+        (put("positions", ["a", 0.0, 0.0]), "points[1].positions: "),
+        (put("positions", [90.0, 0.0, 0.0]), "joint 'joint1' moves to 90 rad"),
+        (
+            lambda content: content.update(joint_names=["joint1", "joint2", "elbow"]),
+            "lacks the joints joint3; has joints that the robot has not: elbow",
+        ),
+        (lambda content: content.pop("points"), "must hold joint_names and points"),
+        (lambda content: content.update(points=[]), "points: must be two at least, got 0"),
+    ],
+)
+def test_messages_that_are_none(call, tmp_path, change, said):
+    (tmp_path / "ros.json").write_text(json.dumps(points(change)))
+    refused(call, tmp_path, "ros.json", said)
+
+
+def refused(call, folder, file, said, *options):
+    before = set(folder.iterdir())
+    status, out, err = call(
+        "check", file, "--scenario", "own.yaml", "--repair", "out.csv", "--json", "found.json", *options
+    )
+    assert (status, out) == (2, "")
+    assert err.startswith(f"safe-ompl: {file}:")
+    assert err.count("\n") == 1
+    assert said in err
+    assert set(folder.iterdir()) == before
+
+
+def test_files_of_another_kind_and_motions_that_are_none(call, tmp_path, setup):
+    save(motion(), "jump.json")
+    content = json.loads((tmp_path / "jump.json").read_text())
+    content["coefficients"][1][0][2] += 0.01
+    (tmp_path / "jump.json").write_text(json.dumps(content))
+    refused(call, tmp_path, "jump.json", "joint 'joint3' jumps by 0.01 at 2 s")
+    (tmp_path / "text.csv").write_text("time,joint1,joint2,joint3\n0,a,b,c\n")
+    refused(call, tmp_path, "text.csv", "text.csv:2: must be numbers")
+    (tmp_path / "mesh.stl").write_text("solid")
+    refused(
+        call, tmp_path, "mesh.stl", "must be a motion, with one of the endings .csv, .npz, .json, .yaml, .yml"
+    )
+    (tmp_path / "zip.npz").write_text("no archive")
+    refused(call, tmp_path, "zip.npz", "is no archive of arrays")
+    (tmp_path / "list.yaml").write_text("- 1\n- 2\n")
+    refused(call, tmp_path, "list.yaml", "must be a mapping of keys to values, got list [1, 2]")
+    refused(call, tmp_path, "gone.json", "cannot be read as JSON")
+    save(setup.scene, "scene.json")
+    refused(call, tmp_path, "scene.json", "must hold a motion, but it holds a scene")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--repair", "out.txt"), "--repair: 'out.txt' must end in .json, .csv, .yaml, .yml"),
+        (("--repair", "no/out.csv"), "--repair: cannot write 'no/out.csv' (No such file or directory)"),
+        (
+            ("--repair", "a.json", "--json", "a.json"),
+            "--repair: 'a.json' is written by --json already: give another file",
+        ),
+        (("--plot", "a.jpg"), "--plot: 'a.jpg' must end in .png"),
+        (("--tube", "wide"), "argument --tube: must be a positive number, not 'wide'"),
+        (("--tube", "-1"), "argument --tube: must be a positive number, not '-1'"),
+        (("--tube", "joint1=0.1"), "--tube: must have a width for every joint, joint2, joint3 missing"),
+        (("--tube", "elbow=0.1"), "--tube: unknown joint 'elbow'; known: joint1, joint2, joint3"),
+        (("--tube", "joint1=0.1,joint1=0.2"), "argument --tube: 'joint1' is given twice"),
+        (("--max-velocity", "3"), "--max-velocity: free.json: is for samples in time, without velocities"),
+        (("--scenario", "nowhere"), "unknown scenario file or name 'nowhere'"),
+    ],
+)
+def test_options_that_cannot_be(call, tmp_path, options, said):
+    save(motion(), "free.json")
+    status, out, err = call("check", "free.json", "--scenario", "own.yaml", *options)
+    assert (status, out) == (2, "")
+    assert said in err
+    assert err.count("\n") == 1
+    assert {file.name for file in tmp_path.iterdir()} == {"free.json", "own.yaml"}
+
+
+def test_a_path_has_no_rates(call):
+    save(Motion.through([START, MIDDLE], names=NAMES), "path.json")
+    status, _, err = call("check", "path.json", "--scenario", "own.yaml", "--limits")
+    assert (status, err) == (2, "safe-ompl: --limits: path.json: has no times\n")
+
+
+@pytest.mark.parametrize(
+    ("header", "arguments", "said"),
+    [
+        ("time,joint1_commanded", ("log.csv",), "log.csv: joint1_measured: missing"),
+        ("joint1_commanded,joint1_measured", ("log.csv",), "log.csv: time: missing"),
+        (
+            "time,joint1",
+            ("log.csv",),
+            "log.csv: columns: must be <joint>_commanded and <joint>_measured, got none",
+        ),
+        ("time,joint1", ("log.txt",), "log.txt: must be a log, with one of the endings .csv, .npz"),
+        ("time,joint1", (), "give logs, or both --commanded and --measured"),
+        ("time,joint1", ("--measured", "log.csv"), "give logs, or both --commanded and --measured"),
+        ("time,joint1_commanded,joint1_measured", ("log.csv", "--factor", "0.5"), "factor must be"),
+        ("time,joint1_commanded,joint1_measured", ("log.csv", "--degrees"), "--degrees: needs the robot"),
+    ],
+)
+def test_logs_that_are_none(call, tmp_path, header, arguments, said):
+    row = ",".join("0" * len(header.split(",")))
+    (tmp_path / "log.csv").write_text("\n".join([header, row, row.replace("0", "1"), row.replace("0", "2")]))
+    status, out, err = call("tube", *arguments)
+    assert (status, out) == (2, "")
+    assert said in err
+    assert err.count("\n") == 1
