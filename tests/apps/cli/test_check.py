@@ -92,7 +92,7 @@ def test_a_motion_is_proven_or_what_is_not_is_said(call, tmp_path, setup):
     assert [tubes[share][0] for share in tubes] == [0, 1]
     assert "clearance" in tubes[1.1][1]
     save(motion(TOUCHING), "touching.json")
-    status, out, err = call("check", "touching.json", "--scenario", "own.yaml", "--json", "-")
+    status, out, _ = call("check", "touching.json", "--scenario", "own.yaml", "--json", "-")
     record = json.loads(out)
     assert status == 1
     assert record["claims"] == ["joint limits", "collision"]
