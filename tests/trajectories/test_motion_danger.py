@@ -1,9 +1,12 @@
 """The danger of a robot in motion: bounds over cells, the cap of the speed, and the profile of a trajectory."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from safe_ompl import DangerField, InputError, RateLimits, StandstillError, time_path
+from safe_ompl.collision import TOUCHING_ONLY
 from safe_ompl.trajectories.danger import MovingDanger, Spans
 
 POINTS = [[0.6, 0.4, 0.5], [-0.5, 0.3, 0.2], [0.1, -0.7, 0.9], [0.7, 0.0, 0.3]]
@@ -13,6 +16,9 @@ ROBOTS = ("panda", "twin_arm", "slider", "kinova")
 def random_path(robot, seed, number=3):
     low, high = np.maximum(robot.lower, -1.5), np.minimum(robot.upper, 1.5)
     return np.random.default_rng(seed).uniform(low, high, (number, robot.n))
+
+
+ANY = SimpleNamespace(separation=TOUCHING_ONLY)  # stands for what proves motions
 
 
 class _Free:
@@ -36,7 +42,7 @@ def blends(monkeypatch):
 def test_no_instant_of_a_cell_is_more_dangerous_than_its_bound(robot_named, blends, name, weighting, gamma):
     robot = robot_named(name)
     field = DangerField(robot, POINTS, weighting=weighting, k1=2.0, gamma=gamma).moving
-    curve = time_path(random_path(robot, 2), robot, RateLimits.of(robot, 1.0, 1.0), motion=object()).curve
+    curve = time_path(random_path(robot, 2), robot, RateLimits.of(robot, 1.0, 1.0), motion=ANY).curve
     cells = curve.cells(0.1)
     rng = np.random.default_rng(0)
     for enough in (-np.inf, 1e9):
@@ -55,17 +61,17 @@ def test_no_instant_of_a_cell_is_more_dangerous_than_its_bound(robot_named, blen
 def test_the_cap_keeps_the_danger_and_costs_little(panda, blends, panda_limits, aggregate):
     field = DangerField(panda, POINTS, [1.0, 2.0, 0.5, 1.0], aggregate=aggregate).moving
     path = random_path(panda, 5)
-    free = time_path(path, panda, panda_limits, motion=object())
+    free = time_path(path, panda, panda_limits, motion=ANY)
     danger = free.danger(field)
     limit = (danger.peak + field.field.values(free.at(danger.times).q).max()) / 2
-    capped = time_path(path, panda, panda_limits, motion=object(), danger=field, max_danger=limit)
+    capped = time_path(path, panda, panda_limits, motion=ANY, danger=field, max_danger=limit)
     assert capped.caps[-1].name == "danger"
     assert "danger" in capped.binding()
     state = capped.at(np.linspace(0, capped.duration, 5000))
     danger = field.values(state.q, state.qd)
     assert 0.95 * limit < danger.max() <= limit
     assert free.duration < capped.duration
-    loose = time_path(path, panda, panda_limits, motion=object(), danger=field, max_danger=1e3)
+    loose = time_path(path, panda, panda_limits, motion=ANY, danger=field, max_danger=1e3)
     assert loose.caps[-1].least == np.inf
 
 
@@ -73,7 +79,7 @@ def test_the_danger_of_a_trajectory(panda, blends, panda_limits):
     field = DangerField(panda, POINTS).moving
     ratios = []
     for seed in range(4):
-        trajectory = time_path(random_path(panda, seed), panda, panda_limits, motion=object())
+        trajectory = time_path(random_path(panda, seed), panda, panda_limits, motion=ANY)
         danger = trajectory.danger(field)
         t = np.linspace(0, trajectory.duration, 3000)
         state = trajectory.at(t)
@@ -90,11 +96,11 @@ def test_faster_is_more_dangerous_and_slower_tends_to_the_danger_at_rest(panda, 
     field = DangerField(panda, POINTS)
     path = random_path(panda, 1)
     peaks = [
-        time_path(path, panda, RateLimits.of(panda, v, 5.0), motion=object()).danger(field.moving).peak
+        time_path(path, panda, RateLimits.of(panda, v, 5.0), motion=ANY).danger(field.moving).peak
         for v in (0.001, 0.5, 1.0)
     ]
     assert peaks == sorted(peaks)
-    curve = time_path(path, panda, motion=object()).curve
+    curve = time_path(path, panda, motion=ANY).curve
     still = field.values(curve.at(np.linspace(0, curve.length, 2000)).q).max()
     assert peaks[0] == pytest.approx(still, rel=2e-3)
 
