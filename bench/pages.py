@@ -258,8 +258,8 @@ FLOORS = (
     ),
     (
         "planning",
-        "planning · planning/planners · paths · planning/ompl",
-        "SafeSetup, the planners, reports and simplification, OMPL’s plug-ins",
+        "planning · planning/planners · motions · paths · planning/ompl",
+        "SafeSetup, planners, others’ motions, reports and simplification, OMPL’s plug-ins",
     ),
     ("motion", "people · trajectories", "where people may soon be; paths in time, with stops"),
     (
