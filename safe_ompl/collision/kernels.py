@@ -10,9 +10,9 @@ while |x| ≤ h: v takes the place of |Δ| in W_p, for intervals of half-length 
 
 The smallest s of all pairs is proven. Three bounds of d_p are tried in turn, each only where the one before would make
 s smaller: that of the balls about the bodies, that of the ball about one and the box about the other, and that of the
-supports of the bodies themselves along an axis (`geometry.kernels.convex`). The axis is at first the way from the box
-to the ball, and is kept for the next place on the edge; nothing is kept from one edge to the next, so that an edge is
-always decided alike.
+supports of the bodies themselves along an axis (`geometry.kernels.convex`). At first the axis is the vector from the
+box to the ball. It is kept for the next place on the edge, but not for the next edge, so that an edge is always decided
+alike.
 
 R_pi is a constant at first. Where that would make s smaller it is also bounded at q(t): no point of a body is farther
 from the axis of joint i than the centre of its ball is, plus the radius.
@@ -148,7 +148,7 @@ class _Motion(NamedTuple):
 
 
 class _Axes(NamedTuple):
-    """Separating axes (P, 3), which of them are known (P,), and room for a simplex (4, 3)."""
+    """Separating axes (P, 3), which of them are known (P,), and memory for a simplex (4, 3)."""
 
     axes: FloatArray
     known: BoolArray
@@ -189,8 +189,8 @@ def _half_length(
 ) -> tuple[float, int]:
     """Return the half-length ≤ `most` that is proven about a place, and the pair that bounds it.
 
-    The half-length is 0 where that pair cannot be told from one that is too near. The pair `first` is looked at before
-    the others.
+    The half-length is 0 if the bound of that pair's distance is not above what it must keep. The pair `first` is looked
+    at before the others.
     """
     bodies, poses, required = shapes.bodies, place.poses, motion.required
     axes, known = search.axes, search.known
@@ -267,18 +267,19 @@ def prove_curve(
 ) -> tuple[int, float, int]:
     """Try to prove a motion with the coefficients c_k, `curve: (d + 1, m)`, t in [0, 1]; stop where that fails.
 
-    The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`), the bodies as in `Shapes`, which would take
-    Python a microsecond more to hand over. Of pair p (P,) is required c_p with all allowances, and g_p more, `growth`,
-    which is empty where nothing grows. Intervals in whose halves no two bodies approach each other by more than `least`
-    [m] are given up. Those that are not proven are written to `left: (M, 2)`; more than M cannot wait. (An array that
-    is returned would be made by Python code, where a Ctrl-C becomes a SystemError.)
+    The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`). `bodies`, `starts` and `vertices` are those
+    of `Shapes`, which would take Python a microsecond more to hand over. Pair p must keep c_p, `required: (P,)`, with
+    all allowances in it, and t·g_p more, `growth: (P,)`, which is empty where nothing grows. The proof stops at an
+    interval in whose halves no two bodies approach each other by more than `least` [m], and where more than M intervals
+    would wait. Intervals that are not proven are written to `left: (M, 2)`. (An array that is returned would be made by
+    Python code, where a Ctrl-C becomes a SystemError.)
 
     Returns
     -------
     number : int
-        How many these are; none: the motion is proven.
+        How many intervals are not proven; 0: the motion is proven.
     at : float
-        Where some pair cannot be told from one that is too near, or −1.
+        Where the bound of some pair's distance is not above what it must keep, or −1.
     places : int
         At how many places of the motion the bounds were looked at.
     """
@@ -336,9 +337,10 @@ def hinge_costs(
     offsets: FloatArray,
     hinges: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,), its gradients (B, m), and vectors v (C, m): it bends like Σ vvᵀ.
+    """Return Σ_c Σ_h w_h (1 − d_c/D_h)₊² (B,), its gradients (B, m), and vectors v (C, m) of Gauss-Newton.
 
-    d_c = x·n_c − b_c of C points of bodies, carried by joints with Pinocchio's numbers, at `values[rows[c]]`.
+    Σ vvᵀ approximates the Hessian. d_c = x·n_c − b_c is the distance of each of C points of bodies from a plane, at
+    `values[rows[c]]`; the points are carried by joints with Pinocchio's numbers.
 
     The `joints: (m,)` are a table (`safe_ompl.robot.kernels.kinematics`) with `values: (B, m)`; `rows` and `carriers`
     (C,), `points` and `normals` (C, 3) in the frame of the joint and in the world, `offsets: (C,)` b, and

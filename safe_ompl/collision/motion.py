@@ -41,8 +41,9 @@ class MotionVerdict:
     Attributes
     ----------
     verdict : Verdict
-        FREE: proven for every configuration of the edge. BLOCKED: `at` is in collision, nearer to something than it
-        must keep, too dangerous, or outside the joint limits. UNDECIDED: near `at` there is less than the floor left.
+        FREE: proven for every configuration of the edge. BLOCKED: the configuration at `at` is in collision, nearer to
+        something than it must be, too dangerous, or outside the joint limits. UNDECIDED: near `at` there is no proof,
+        although intervals are as short as the floor.
     at : float or None
         Fraction of the edge in [0, 1] where it is blocked or undecided.
     pair : tuple of str or None
@@ -67,15 +68,16 @@ class MotionLimit(Protocol):
 
 
 class CertifiedMotion:
-    """Proves straight joint motions free of collision by subdivision with security margins; its checker may move.
+    """Proves that motions of the joints are free of collision, by subdivision with security margins.
 
     While the joints move by Δ, the bodies of pair p approach each other by at most W_p = Σ_i R_pi·|Δ_i|. So if at
     the centre of an interval of half-length s (a fraction of the edge) every pair keeps more than s·W_p, the
     whole interval is free: one boolean query. An interval that fails is divided in three, if its centre is free of
     contact; the middle one keeps the centre. (Halves would cost a sixth more.) Curves are proven alike (`check_curve`).
+    Before that, kernels prove most motions by bounds of distances, without a query (`collision/kernels.py`).
 
     Motions that leave the robot's limits are refused: the pairs that are checked are those that may meet within them.
-    Any number of threads may ask at the same time.
+    Any number of threads may ask at the same time. Obstacles of the checker may move between two questions.
 
     Parameters
     ----------
@@ -441,7 +443,7 @@ def speeds_about(curve: Curve, t: float, half: float) -> FloatArray:
 
 
 def _approach(pairs: PairSet, speeds: FloatArray, required: RequiredDistances) -> FloatArray:
-    """Return how fast (P,) what pairs keep beyond what they must may vanish [m per unit of the motion]."""
+    """Return how fast (P,) pairs may use up what they keep beyond the required distances [m per unit of t]."""
     approach: FloatArray = pairs.radii @ speeds
     return approach if required.growth is None else approach + required.growth
 

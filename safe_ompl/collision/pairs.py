@@ -16,12 +16,14 @@ from safe_ompl.collision.kernels import Pairs, pair_bounds, prove_curve
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.robot import ConvexBodies, ReachCylinder, Robot, plain
 
-# [m] By this much more than it must, everything that is proven is apart: coal, at most DISTANCE_ERROR off, then never
-# calls a configuration of the motion too near, and its certificate can be issued. Rounding is far below.
+# [m] Proofs require this much more than pairs must keep. coal errs by at most DISTANCE_ERROR, so it never calls a
+# configuration of a proven motion too near, and a certificate of the motion can be issued. Rounding is far below.
 ALLOWANCE = 2 * DISTANCE_ERROR
 
-_INTERVALS = 64  # that wait to be proven, at most
+_INTERVALS = 64  # the most that may wait to be proven
 _NOTHING = np.zeros(0)
+_ROUNDING = 1e-9  # [m] of distances between balls
+_HOLLOW = (coal.BVHModelBase, coal.OcTree)
 
 
 # Coefficients c_k (n,) of a motion q(t) = Σ_k c_k t^k, t in [0, 1]; of an edge its start and the way to its end.
@@ -31,8 +33,8 @@ Curve: TypeAlias = Sequence[FloatArray]
 class BoundsProof(NamedTuple):
     """What lower bounds of distances prove of a motion.
 
-    Either all is proven; or some parts are `left`, from one fraction of it to another, and `at` is a fraction
-    where the convex bodies that hold some pair seem to be nearer than required, or −1.
+    If it is not all proven, `left` are the parts that are not, each from one fraction of the motion to another. `at` is
+    a fraction at which a bound shows that some pair may be nearer than required; −1 if there is none.
     """
 
     proven: bool
@@ -74,8 +76,7 @@ class DistanceBounds:
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
         """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.
 
-        They are no better than they need be: as good as `enough`, or good enough to show that the convex bodies are
-        not farther apart than about that.
+        A bound is not improved any more once it is at least `enough` [m], or once it is clear that it cannot be.
         """
         bounds = np.full((len(Q), len(pairs)), -np.inf)
         if self._bounded and bounds.size:
@@ -112,10 +113,6 @@ class DistanceBounds:
 def _memory(joints: int) -> tuple[FloatArray, FloatArray]:
     """Return arrays for an edge (2, m), and for the intervals that are not proven."""
     return np.empty((2, joints)), np.empty((_INTERVALS, 2))
-
-
-_ROUNDING = 1e-9  # [m] of what bounds by balls say
-_HOLLOW = (coal.BVHModelBase, coal.OcTree)
 
 
 class PairTable:
@@ -217,8 +214,8 @@ class PairSet:
     """The P pairs of bodies of a robot and a scene that may come nearer to each other than some reach.
 
     Made by `CollisionChecker.pairs_within` of rows of a table; the checker's `move` alone changes it, and then only
-    places and radii. What stands between a user and a proof is checked by `CollisionChecker` and `CertifiedMotion`:
-    here `q` must be a finite float array (n,), margins one of (P,).
+    places and radii. Input is checked by `CollisionChecker` and `CertifiedMotion`, and not here: `q` must be a finite
+    float array (n,), margins one of (P,).
 
     Attributes
     ----------
@@ -277,7 +274,7 @@ class PairSet:
     def approach(self, steps: FloatArray) -> FloatArray:
         """Return by how much (P,) [m] bodies approach at most while joints move by up to `steps: (n,)` ≥ 0.
 
-        Other than with `radii`, this holds wherever obstacles are.
+        Unlike a bound by `radii`, this one holds wherever obstacles are.
         """
         links, coupling = self._robot.bounds.joint_radii, self._robot.coupling
         radii = coupling.radii(
@@ -289,8 +286,8 @@ class PairSet:
     def within_margins(self, q: FloatArray, margins: FloatArray) -> bool:
         """Return whether any pair is nearer than its margin (P,) [m], ≥ 0, at `q: (n,)`.
 
-        Margins that differ from those of the query before take 2 µs more for 50 to 200 pairs (`bench/motion.py`). That
-        they do not is seen at once where they are the same read-only array, and in 0.2 to 0.4 µs otherwise.
+        Other margins than in the query before take 2 µs more for 50 to 200 pairs (`bench/motion.py`). To compare them
+        takes 0.2 to 0.4 µs, and no time if they are the same read-only array.
         """
         self._counts.margin_queries += 1
         return self._queries.touching(self._robot.pinocchio_configuration(q), margins) is not None

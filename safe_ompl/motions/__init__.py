@@ -1,4 +1,4 @@
-"""Motions that something else made: piecewise polynomials, their proven rates, and what messages say of them."""
+"""Motions that something else made, as piecewise polynomials: checks of freedom and rates, tubes, repair."""
 
 from __future__ import annotations
 

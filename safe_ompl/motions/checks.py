@@ -30,8 +30,8 @@ from safe_ompl.robot import Robot
 from safe_ompl.scene import Scene
 from safe_ompl.trajectories import RateLimits
 
-_FINEST = 2.0**-7  # of a piece: so finely it is said where a piece is not proven
-_TOUCHING = 1e-6  # [m] What is to be kept for rounding alone is no clearance.
+_FINEST = 2.0**-7  # of a piece: the shortest stretch that is reported as not proven
+_TOUCHING = 1e-6  # [m] A smaller required distance allows for rounding, and is not called a clearance.
 _UNITS = {"collision": (1e3, "mm"), "clearance": (1e3, "mm")}
 
 
@@ -205,8 +205,10 @@ def checked(
     for piece in PieceProofs(motion, proof, speeds):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
-        named = what == "its limits" and joint in proof.checker.robot.joint_names  # by its rates
-        if verdict.verdict is not Verdict.FREE and not named:
+        of_joint = (
+            what == "its limits" and joint in proof.checker.robot.joint_names
+        )  # `rate_violations` has it
+        if verdict.verdict is not Verdict.FREE and not of_joint:
             stretches += piece.unproven()
     limits = limits if motion.rated else None
     claims = ["joint limits", *(limits.kinds if limits is not None else ()), *_claims(proof)]
@@ -234,7 +236,7 @@ def widest_tube(
     proportions : array_like, shape (n,), optional
         The tube is a multiple of these [rad or m]. Default: all joints alike.
     tolerance : float
-        Relative: how much wider a tube might be that is proven, too.
+        Relative: a tube that is wider by this share is not proven.
 
     Returns
     -------
@@ -343,9 +345,9 @@ class PieceProof:
             yield from self.unproven(low, middle)
             yield from self.unproven(middle, high)
             return
-        yield self._said(found, low, high)
+        yield self._violation(found, low, high)
 
-    def _said(self, found: MotionVerdict, low: float, high: float) -> Violation:
+    def _violation(self, found: MotionVerdict, low: float, high: float) -> Violation:
         u = low + (0.5 if found.at is None else found.at) * (high - low)
         kind, names, value, bound = _values(self.proof, found, self.place(u))
         decided = found.verdict is Verdict.BLOCKED

@@ -36,15 +36,16 @@ from safe_ompl.motions.inputs import (
 from safe_ompl.motions.polynomials import EPS
 from safe_ompl.robot import Robot
 
-JUMP = 1e-6  # [rad or m] between pieces, which proofs add to what they allow for
-_TURNS = 4 * np.pi  # [rad] beyond which a joint that has limits is not in radians
+JUMP = 1e-6  # [rad or m] allowed between pieces; proofs add it to a piece's `allowance`
+_TURNS = 4 * np.pi  # [rad] beyond which a joint that has limits is probably given in degrees
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion of n joints in K pieces, polynomials of time; the constructors make it of what others have.
+    """A motion of n joints in K pieces, polynomials of time.
 
-    q(t) = Σ_k c_k u^k with u = (t − t_j) / (t_{j+1} − t_j) in [0, 1] on piece j.
+    q(t) = Σ_k c_k u^k with u = (t − t_j) / (t_{j+1} − t_j) in [0, 1] on piece j. Other forms of motions are
+    converted by `of`, `through`, `hermite`, `bezier`, `bspline`, `profile` and `sampled`.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ class Motion:
                 "motion",
             )
 
-    # ------------------------------------------------------------------------------------------ what it says
+    # -------------------------------------------------------------------------------------- values and copies
 
     @property
     def n(self) -> int:
@@ -199,12 +200,12 @@ class Motion:
         return found
 
     def restricted(self, first: float, last: float) -> Motion:
-        """Return what it does from one time to another [s].
+        """Return the part of the motion from one time to another [s].
 
         Raises
         ------
         InputError
-            If the times are outside of it, or not in this order.
+            If the times are outside of the motion, or not in this order.
         """
         begin, end = float(self.times[0]), float(self.times[-1])
         first = number("first time", first, at_least=begin, at_most=end)
@@ -565,7 +566,7 @@ class Motion:
             documents.flag("short_way", data.get("short_way", False)),
         )
 
-    # ------------------------------------------------------------------------------------------------ parts
+    # ------------------------------------------------------------------------------------------------ internals
 
     @cached_property
     def _jumps(self) -> FloatArray:

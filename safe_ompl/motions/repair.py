@@ -25,34 +25,34 @@ from safe_ompl.motions.motion import Motion
 from safe_ompl.planning.ompl import joint_space
 from safe_ompl.trajectories import RateLimits
 
-# For each distance or limit: the row of where it is looked at, its gradient (n,), and what it lacks [m or rad].
-Lacks = tuple[IntArray, FloatArray, FloatArray]
-Connect = Callable[
-    [FloatArray, FloatArray], "FloatArray | None"
-]  # a proven path (N, n) from one to the other
+# Of M distances and limits of joints: the row of the configuration at which each is looked at (M,), its gradient
+# (M, n), and by how much it is too small (M,) [m or rad].
+Shortfalls = tuple[IntArray, FloatArray, FloatArray]
+# Finds a proven path (N, n) from one configuration to another.
+Connect = Callable[[FloatArray, FloatArray], "FloatArray | None"]
 
-# [rad or m] Pieces that are not proven, and those beside them, are divided into spans no longer than these, in turn:
-# the shorter, the less is moved; the longer, the farther. And how often displacements are attempted.
+# Pieces that are not proven, and those beside them, are divided into spans no longer than this [rad or m], and this
+# many displacements are attempted. Short spans come first: they change less of the motion, but cannot move it as far.
 _SPANS = ((0.06, 6), (0.2, 16))
-_PLACES = tuple(k / 4 for k in range(5))  # of a piece that is not proven, at which distances are looked at
-_SPARE = (5e-4, 1e-3, 2e-3, 4e-3)  # [m] beyond what must be kept, more with every few attempts
-_ATTEMPTS = 4  # with each of them
-_KEPT, _MOST_KEPT = (
-    0.25,
-    0.9,
-)  # of the moves found before, more with every attempt after the first: none alternate
-_LIMIT = 1e-4  # [rad or m] inside of joint limits
+_PLACES = tuple(
+    k / 4 for k in range(5)
+)  # fractions of a piece that is not proven, at which distances are looked at
+# [m] What distances should exceed the required ones by, in turn, and how many attempts are made with each.
+_SPARE = (5e-4, 1e-3, 2e-3, 4e-3)
+_ATTEMPTS = 4
+# Share of the moves found before that is kept: none in the first attempts, then more with each, so that attempts do not
+# alternate between two motions.
+_KEPT, _MOST_KEPT = 0.25, 0.9
+_LIMIT = 1e-4  # [rad or m] that joints should keep from their limits
 _SMOOTH = 1e-6  # relative: derivatives that differ by less at a knot are equal
-_SAME = 1e-6  # [rad or m] A way round that ends no farther from where it should is one.
+_SAME = 1e-6  # [rad or m] A planner's path must end no farther from where it should.
 _NOTHING = 1e-12  # [rad or m] Moves below this are rounding.
 _ROUNDS = 100  # of the search for the constraints that bind
-_ENOUGH = 1e-5  # [m or rad] by which they may be missed
-_SOFT = 1e-4  # relative: constraints that contradict each other give way
-_BAND = (
-    0.01  # [m] Where distances exceed what they should be by no more, moves elsewhere must not use that up.
-)
-_FARTHEST = 0.03  # [m] What distances grow by in one attempt: gradients hold near by only.
-_STEP = 0.3  # [rad or m] What any B-spline moves a joint by in one attempt.
+_ENOUGH = 1e-5  # [m or rad] by which a constraint may be violated
+_SOFT = 1e-4  # relative: regularisation, for constraints that contradict each other
+_BAND = 0.01  # [m] Distances that exceed what they should be by less are constraints, too.
+_FARTHEST = 0.03  # [m] by which a distance is to grow in one attempt at most: gradients hold near by only
+_STEP = 0.3  # [rad or m] by which any B-spline moves a joint in one attempt at most
 
 
 @dataclass(frozen=True)
@@ -122,6 +122,10 @@ def repaired(
     connect : callable, optional
         Finds proven paths between two configurations, where moving pieces aside does not succeed.
 
+    Returns
+    -------
+    Repair
+        True if it is proven; the motion as it was given, with the reason, where nothing near it is.
     """
     robot = proof.checker.robot
     motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
@@ -135,9 +139,9 @@ def repaired(
         if proof.check(q, q).verdict is not Verdict.FREE:
             how = f"its {name} cannot be proven, and ends are kept"
             return Repair(motion, checked(motion, proof, limits), how)
-    result = displacement.pushed()
+    result = displacement.moved()
     if result is None and connect is not None:
-        result, how = displacement.round(connect), "planned"
+        result, how = displacement.planned(connect), "planned"
     if result is None:
         how = "nothing near it could be proven" + ", and no way round was found" * (connect is not None)
         return Repair(motion, checked(motion, proof, limits), how)
@@ -165,18 +169,18 @@ class Displacement:
         self.bad = [piece.number for piece in PieceProofs(motion, proof) if not piece.proven()]
         self._given = motion
 
-    def pushed(self) -> Motion | None:
+    def moved(self) -> Motion | None:
         """Return the motion, moved away from what is too near; None if that cannot be proven."""
         motion = self._given
         near = {k + side for k in self.bad for side in (-1, 0, 1)} & set(range(motion.pieces))
         for span, attempts in _SPANS:
             fine = _divided(motion, {k: _parts(motion.coefficients[k], span) for k in near})
-            found = self._push(fine, attempts)
+            found = self._proven_near(fine, attempts)
             if found is not None:
                 return found
         return None
 
-    def round(self, connect: Connect) -> Motion | None:
+    def planned(self, connect: Connect) -> Motion | None:
         """Return the motion with a planner's way round what is in the way; None if that cannot be proven."""
         motion = self._given
         for reach in (0, 1, 3, motion.pieces):
@@ -191,7 +195,7 @@ class Displacement:
                 if abs(path[-1] - motion.knots[last]).max() > _SAME
                 else _following(motion, path, first, last)
             )
-            found = None if followed is None else self._push(followed, _SPANS[-1][1])
+            found = None if followed is None else self._proven_near(followed, _SPANS[-1][1])
             if found is not None:
                 return found
         return None
@@ -208,7 +212,7 @@ class Displacement:
             last += 1
         return first, last
 
-    def _push(self, motion: Motion, attempts: int) -> Motion | None:
+    def _proven_near(self, motion: Motion, attempts: int) -> Motion | None:
         """Return a motion near the one given that is proven, or None."""
         basis = _basis(motion)
         moves = np.zeros((basis.shape[2], motion.n))
@@ -235,7 +239,7 @@ class Displacement:
             undone = np.einsum("mi,mj,ji->m", slopes, rows, moves - kept_moves)
             wanted = np.minimum(missing, _FARTHEST) + undone
             if not len(rows):
-                continue  # what is too near for a proof is far enough at all places looked at: keep more
+                continue  # distances suffice at all places looked at, but not for a proof: ask for more
             step = kept_moves + _least_moves(rows, slopes, wanted) - moves
             moves = moves + step * min(1.0, _STEP / max(float(np.abs(step).max()), _NOTHING))
             before, moved = moved, _moved(motion, basis, moves)
@@ -243,8 +247,10 @@ class Displacement:
             waiting = {*bad, *np.flatnonzero(differs).tolist()}
         return None
 
-    def _missing(self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: FloatArray) -> Lacks:
-        """Return what is missing at fractions of pieces, or may be: distances, and room to limits."""
+    def _missing(
+        self, pieces: list[PieceProof], places: list[tuple[int, float]], spare: FloatArray
+    ) -> Shortfalls:
+        """Return by how much distances, those to joint limits included, are too small at fractions of pieces."""
         robot = self._proof.checker.robot
         Q = np.array([pieces[k].place(u) for k, u in places])
         found = []
@@ -276,8 +282,8 @@ class Gaps:
         self._kinematics = checker.robot.shared.model.createData()
         self._known: dict[int, pin.GeometryData] = {}  # by the geometry
 
-    def missing(self, Q: FloatArray, proof: CertifiedMotion, spare: FloatArray) -> Lacks:
-        """Return what distances lack at `Q: (B, n)`, or may lack.
+    def missing(self, Q: FloatArray, proof: CertifiedMotion, spare: FloatArray) -> Shortfalls:
+        """Return by how much distances are too small at `Q: (B, n)`; negative for those that may become too small.
 
         Parameters
         ----------
@@ -286,7 +292,7 @@ class Gaps:
         proof : CertifiedMotion
             Says what pairs must keep.
         spare : ndarray, shape (B,)
-            [m] How much more they shall keep.
+            [m] How much more they should keep.
         """
         robot, required = self._robot, proof.required
         pairs, wanted = required.pairs, required.at_start + spare[:, None]
