@@ -30,15 +30,15 @@ _log = logging.getLogger(__name__)
 
 _FIRST_GOALS = 100  # taken before planning begins
 _UNREAD = object()  # stands for an objective until the problem's is read
-_RANGE_FRACTION = (
-    0.075  # of the space's extent: 1.1 rad on an arm; longer steps are trapped, shorter ones crawl
-)
+# Of the space's extent: 1.1 rad on an arm. Longer steps are trapped more often, shorter ones need more nodes.
+_RANGE_FRACTION = 0.075
 
 
 class UnansweredRequest:
     """`getPlannerData` of a planner in Python: OMPL's own, which gives nothing, and a warning that says so.
 
-    A method in Python would end the process. OMPL first looks whether there is one, and finds its own here.
+    OMPL's bindings look it up when they need a planner's data, and end the process if they find a method in Python.
+    This descriptor hands them their own one.
     """
 
     def __get__(self, planner: Any, owner: type | None = None) -> Any:

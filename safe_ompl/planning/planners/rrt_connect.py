@@ -135,7 +135,7 @@ class SafeRRTConnect(SafePlanner):
             q_rand = self._problem.random_configuration(self._rng)
             old = self._select(tree, q_rand)
             outcome, new = self._extend(tree, old, q_rand)
-            if outcome is Extension.TRAPPED and self._short_steps.help(tree, old):
+            if outcome is Extension.TRAPPED and self._short_steps.is_due(tree, old):
                 nearer = self._short_steps.nearer(
                     tree.configurations[old], q_rand, self.getRange(), self._rng
                 )
@@ -145,7 +145,7 @@ class SafeRRTConnect(SafePlanner):
                 outcome, met = self._connect(other, self._select(other, q_new), q_new, ptc)
                 if outcome is Extension.REACHED:
                     return self._trees.path(tree, new, other, met)  # RETURN_PATH
-            if not self._schedule.again(tree, other):
+            if not self._schedule.grows_again(tree, other):
                 tree, other = other, tree  # SWAP
         return None
 

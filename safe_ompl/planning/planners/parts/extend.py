@@ -14,7 +14,7 @@ from safe_ompl.planning.ompl import StateBridge
 from safe_ompl.planning.planners.parts.problem import AdaptiveThreshold, DangerWeight, PlanningProblem
 from safe_ompl.planning.planners.parts.tree import Tree, Trees
 
-_RARE = 4  # refusals for obstacles to one for danger: from there on proofs go first
+_RARE = 4  # if obstacles refuse so many times as many steps as danger does, proofs go first
 _SHORTEST = 0.05  # of a whole step
 
 
@@ -41,11 +41,11 @@ def straight_extension(
 
 
 class TangentialDescent:
-    """Moves a way point down the gradient of the danger, at right angles to its way.
+    """Moves a way point down the gradient of the danger, at right angles to the motion that leads to it.
 
-    This is the null-space motion of the paper's JT-RRT (§4.3) for a straight motion in joint space: what the way leaves
-    free turns the links from danger. It acts where α > 0 and the objective offers gradients. The sideways motion is at
-    most a `share` of the planner's range.
+    This is the null-space motion of the paper's JT-RRT (§4.3) for a straight motion in joint space: directions in which
+    the motion does not lead turn the links away from danger. It acts where α > 0 and the objective offers gradients.
+    The sideways motion is at most a `share` of the planner's range.
     """
 
     def __init__(self, bridge: StateBridge, danger: DangerWeight) -> None:
@@ -109,7 +109,8 @@ class SafeStep:
         reach = self.descent.share * min(step, length - step)
         moved = self.descent.moved(straight, delta / length, reach, lambda: tree.gradient(old))
         for q_new in (straight,) if moved is None else (moved, straight):
-            # A proof costs as much as a danger. It waits, unless dangers refuse little: refusals lower the margin.
+            # A proof costs as much as a danger. The danger comes first, because a motion that is refused for obstacles
+            # lowers the margin; but where danger refuses few steps, computing it first would be wasted.
             proof_first = trees.blocked > _RARE * trees.dangerous
             if proof_first and not self._is_unblocked(trees, tree, q_old, q_new):
                 continue
@@ -147,8 +148,8 @@ class ShortSteps:
         self._bridge, self._danger = bridge, danger
         self.allowed = True
 
-    def help(self, tree: Tree, node: int) -> bool:
-        """Note that a step from a node was trapped; return whether a shorter one is to be tried."""
+    def is_due(self, tree: Tree, node: int) -> bool:
+        """Note that a step from a node was trapped; return whether a shorter one is to be tried now."""
         if not self.allowed:
             return False
         narrow = node in tree.trapped

@@ -264,8 +264,8 @@ class Trees(TwoTrees[Tree]):
 class TreeSchedule:
     """Says which of two trees grows next: they alternate, but one that lags behind a large one has eight of nine turns.
 
-    A tree in a narrow place hardly grows, while the other fills the space outside to little avail. The larger tree
-    keeps some of the turns: the smaller one may be sealed in, and more goals are taken as nodes are added.
+    A tree in a narrow place hardly grows, while the other fills the space outside, which helps little. The larger tree
+    keeps some of the turns: the smaller one may be enclosed, and more goals are taken as nodes are added.
     """
 
     def __init__(self) -> None:
@@ -275,7 +275,7 @@ class TreeSchedule:
         """Begin anew."""
         self._in_a_row = 1
 
-    def again(self, tree: Tree, other: Tree) -> bool:
+    def grows_again(self, tree: Tree, other: Tree) -> bool:
         """Return whether the tree that had this turn has the next one, too."""
         lags = len(other) > max(_LARGE, len(tree))
         if lags and self._in_a_row < _IN_A_ROW:

@@ -75,17 +75,17 @@ def test_a_straight_extension_advances_reaches_its_target_or_is_trapped():
 
 
 def test_a_node_gets_one_when_it_was_trapped_before(steps, tree):
-    assert [steps.help(tree, node) for node in (0, 1, 0, 1)] == [False, False, True, True]
+    assert [steps.is_due(tree, node) for node in (0, 1, 0, 1)] == [False, False, True, True]
 
 
 def test_at_once_while_danger_has_no_weight(steps, danger, tree):
     danger.scale = 0.0
-    assert steps.help(tree, 0)
+    assert steps.is_due(tree, 0)
 
 
 def test_never_where_they_are_off(steps, tree):
     steps.allowed = False
-    assert not any(steps.help(tree, 0) for _ in range(3))
+    assert not any(steps.is_due(tree, 0) for _ in range(3))
 
 
 def test_they_lie_on_the_way(steps, tree):

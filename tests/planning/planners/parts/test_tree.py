@@ -142,7 +142,7 @@ def order(schedule, first, second, count):
     tree, other, digits = first, second, ""
     for _ in range(count):
         digits += "1" if tree is first else "2"
-        if not schedule.again(tree, other):
+        if not schedule.grows_again(tree, other):
             tree, other = other, tree
     return digits
 
@@ -162,10 +162,10 @@ def test_the_smaller_tree_has_eight_of_nine_turns(bridge, schedule, counts):
 
 def test_a_tree_that_has_caught_up_gives_way(bridge, schedule):
     smaller, larger = pair(bridge, 98, 100)
-    assert schedule.again(smaller, larger)
+    assert schedule.grows_again(smaller, larger)
     for _ in range(2):
         smaller.add(np.zeros(2))
-    assert not schedule.again(smaller, larger)
+    assert not schedule.grows_again(smaller, larger)
 
 
 @pytest.mark.parametrize("name", ["SafeRRTConnect", "ClassicRRTConnect", "PaperSafeRRTConnect"])
