@@ -155,7 +155,7 @@ def people_caps(
     """
     people, window = distances.people, 0.0
     for last in (False, True):
-        bending = arc_cap(cells, limits)
+        bending = bending_cap(cells, limits)
         most = caps = np.minimum(velocity_cap(cells, limits), bending)
         brakes = braking(cells, limits, caps)
         speeds = bodies.bounds(curve, cells)
@@ -211,7 +211,7 @@ def _parts(
     return parts
 
 
-def arc_cap(cells: Cells, limits: RateLimits) -> FloatArray:
+def bending_cap(cells: Cells, limits: RateLimits) -> FloatArray:
     """Return the largest ṡ (N,) with which blends take half of the accelerations; the rest is left for braking."""
     with np.errstate(divide="ignore"):
         found: FloatArray = np.sqrt((BENDING * limits.acceleration / cells.bends).min(axis=1))

@@ -18,7 +18,7 @@ from safe_ompl.trajectories.caps import (
     MotionCaps,
     Standstill,
     StandstillError,
-    arc_cap,
+    bending_cap,
     people_caps,
     speed_caps,
 )
@@ -237,7 +237,7 @@ class PathTimer:
         most = np.min([cap.speeds for cap in caps], axis=0)
         if window:
             own = velocity_cap(cells, limits)
-            own = own if self.people is None else np.minimum(own, arc_cap(cells, limits))
+            own = own if self.people is None else np.minimum(own, bending_cap(cells, limits))
             smooth = SmoothLimits.of(cells, limits, own, window, stops=self.people is not None)
             return Trajectory(curve, smooth.law(limits, most), limits, tuple(caps), brakes, *kept)
         squares = fastest_law(cells, limits.acceleration, most, speed)

@@ -16,12 +16,20 @@ from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning.guarded_path import Command, GuardedPath, PathLimits, RobotBodies
 from safe_ompl.trajectories import BlendedCurve, Piece, blended
 
+_log = logging.getLogger(__name__)
+
 _SPREAD = (0.3, 0.6, 1.2)  # [rad] how far from the curve samples are, in turn
-_NEIGHBOURS = 8
+_NEIGHBOURS = 8  # of a milestone
 _STEP = 0.1  # [rad] cells of edges: estimates may be coarse
 _KEPT = 400  # edges whose cells are kept
-_STALE = 0.3  # [s] an estimate for an edge that people slow down is kept so long
-_PROOF, _ESTIMATE = 8, 1  # units of work
+_STALE = 0.3  # [s] for which an estimate is kept at least, also of an edge that people slow down
+_PROOF, _ESTIMATE, _SHORTCUT = 8, 1, 12  # units of work; a shortcut is a motion that replaces several edges
+# A detour must take less than this share of the time, and be this much quicker [s].
+_GAIN, _WORTH = 0.75, 0.3
+_SLOW = 1.2  # a detour is searched if the rest takes so many times as long as with nobody near
+_LONGEST = 30.0  # [s] detours that take longer are not wanted
+_SMALL = 1e-6  # [rad]
+_TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
 
 
 @dataclass(frozen=True)
@@ -65,8 +73,8 @@ class Roadmap:
     """Milestones around the paths of a robot, and what is known of the edges between them.
 
     An edge is proven free of still obstacles once, when it is first needed; the proof holds for ever. An estimate of
-    how long it takes beside people holds for the least time T = (distance − what a full-speed stop needs)/v in which
-    anyone can come near enough to slow it down. So many milestones are drawn around each new trajectory.
+    how long it takes beside people holds until anyone can be near enough to slow it down, at the earliest: for
+    T = (distance − what a full-speed stop needs)/v. `milestones` are drawn around each new trajectory.
     """
 
     def __init__(
@@ -263,17 +271,6 @@ def _line(step: FloatArray, start: FloatArray) -> BlendedCurve:
     return BlendedCurve([Piece(start, step / length, still, still, length)], [])
 
 
-_log = logging.getLogger(__name__)
-
-# A detour must take less than this share of the time, and be this much quicker [s].
-_GAIN, _WORTH = 0.75, 0.3
-_SLOW = 1.2  # times as long as with nobody near: then a detour is searched
-_LONGEST = 30.0  # [s] detours that take longer are not wanted
-_SMALL = 1e-6  # [rad]
-_TOLERANCE = 0.3  # [rad] of blends: the way points of a roadmap need not be met
-_CUTS = 12  # units of work for each straight motion that is tried instead of several edges
-
-
 class Detours:
     """Searches paths that are quicker beside people as they are now, on a roadmap of a `seed`, and keep limits."""
 
@@ -341,7 +338,7 @@ class Detours:
         while k < len(points) - 1:
             for other in range(len(points) - 1, k, -1):
                 if other == k + 1 or (
-                    budget.spend(_CUTS)
+                    budget.spend(_SHORTCUT)
                     and self._motion.is_free(points[k], points[other])
                     and self._straight_time([points[k], points[other]], people)
                     <= self._straight_time(points[k : other + 1], people)

@@ -24,13 +24,25 @@ from safe_ompl.trajectories import (
     SpeedCap,
     State,
     Trajectory,
-    arc_cap,
+    bending_cap,
     braking,
     ceilings,
     drive,
     speed_caps,
     velocity_cap,
 )
+
+STEP = 0.02  # [rad] largest cell
+_SLOWEST = 0.01  # [m/s] people are taken to be no slower, in estimates
+_BARRED = 0.02  # share of the full speed: cells that people make slower than this are barred
+_AHEAD = 1.0  # [s] that estimates look ahead at most
+_COARSE = 0.1  # [rad] cells of estimates
+_ENDS = 2  # cells at the ends of a path that are estimated again in small ones if they are barred
+_ROUGH = 5e-3  # [m] error of distances in estimates
+_CLOSE = 1e-4  # [m] error of margins that are called exact
+_SAME = 1e-9  # [rad] places nearer than this are one
+# Caps of trajectories that the replanner derives itself at every tick.
+_DERIVED = ("joint velocity", "separation", "separation or contact", "bends beside people")
 
 
 class Doing(str, Enum):
@@ -135,19 +147,6 @@ class Command:
         return self.motion.at(time - self.time)[1] > 0
 
 
-STEP = 0.02  # [rad] largest cell
-_SLOWEST = 0.01  # [m/s] of people, in estimates
-_BARRED = 0.02  # share of the full speed: ways that are slower than this are barred
-_AHEAD = 1.0  # [s] that estimates look ahead at most
-_COARSE = 0.1  # [rad] cells of estimates
-_ENDS = 2  # cells at the ends of a path that are estimated again in small ones if they are barred
-_ROUGH = 5e-3  # [m] of distances in estimates
-_CLOSE = 1e-4  # [m] of margins that are exact
-_SAME = 1e-9  # [rad]
-# Caps of trajectories that the replanner derives itself at every tick.
-_DERIVED = ("joint velocity", "separation", "separation or contact", "bends beside people")
-
-
 class RobotBodies:
     """The moving bodies of a robot, of `links`, as hulls in the frames of their joints, with balls about them."""
 
@@ -215,14 +214,14 @@ def own_caps(trajectory: Trajectory) -> tuple[SpeedCap, ...]:
 
 @dataclass(frozen=True)
 class GuardedPath:
-    """A curve in cells, with the bounds that hold in each: |q′|b + |q″|X keeps to the accelerations."""
+    """A curve in cells; in each of them ṡ² and |s̈| are bounded so that the joints keep their limits."""
 
     bodies: RobotBodies  # The robot's
     curve: BlendedCurve  # The path, proven against all that stands still
     limits: PathLimits  # The limits that it keeps
     edges: FloatArray  # (N + 1,), ends of the cells [rad]
-    squares: FloatArray  # (N,), bounds of ṡ² and |s̈|: |q′|b + |q″|X keeps to the accelerations
-    brakes: FloatArray
+    squares: FloatArray  # (N,), bounds X of ṡ²
+    brakes: FloatArray  # (N,), bounds b of |s̈|: |q′|b + |q″|X is within the accelerations of the joints
     stops: IntArray  # Edges where the robot stops
     frames: tuple[FloatArray, FloatArray]  # (N, m, 3, 3), of the joints at the centres of the cells
     travel: FloatArray  # (N, G), how far the bodies get from there [m]
@@ -248,7 +247,7 @@ class GuardedPath:
     ) -> GuardedPath:
         """Return the path along a curve, in cells no longer than a step [rad]."""
         cells, joints = curve.cells(step), limits.joints
-        speeds = np.minimum(velocity_cap(cells, joints), arc_cap(cells, joints))
+        speeds = np.minimum(velocity_cap(cells, joints), bending_cap(cells, joints))
         of_bodies = bodies.speeds(curve, cells)
         for cap in speed_caps(of_bodies, limits.tool_speed, limits.link_speed):
             speeds = np.minimum(speeds, cap.speeds)
@@ -290,7 +289,7 @@ class GuardedPath:
         return self if short else GuardedPath.along(self.bodies, self.curve, self.limits)
 
     def motion_from(self, s: float, square: float, push: float, tick: float) -> StopMotion:
-        """Return the motion of a tick [s] from (s, ṡ²), with a share of the acceleration of brakes, and its stop."""
+        """Return the motion of a tick [s] from (s, ṡ²) and its stop; s̈ is `push`, from −1 to 1, times the `brakes`."""
         return StopMotion(*drive(self.edges, self.squares, self.brakes, self.ceiling, s, square, push, tick))
 
     def margin(

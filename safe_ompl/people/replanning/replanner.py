@@ -31,7 +31,7 @@ from safe_ompl.trajectories import BlendedCurve, BlendProof, Trajectory
 _log = logging.getLogger(__name__)
 
 TICK = 0.05  # [s]
-# Shares of what brakes allow that are tried between −1 and 1.
+# Accelerations that are tried between full braking (−1) and full acceleration (1).
 _PUSHES = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
 _SAME = 1e-6  # [rad] configurations nearer than this are one
 
@@ -182,11 +182,11 @@ class Replanner:
 
     def _cover(self, trajectory: Trajectory) -> None:
         """Add milestones around a trajectory, if detours may be taken."""
-        foreign = own_caps(trajectory)
-        self._may_turn = self.options.detours and not foreign
+        caps = own_caps(trajectory)
+        self._may_turn = self.options.detours and not caps
         if not self._may_turn:
-            if foreign:
-                _log.info("no detours are searched: nothing proves the cap %r on them", foreign[0].name)
+            if caps:
+                _log.info("no detours are searched: nothing proves the cap %r on them", caps[0].name)
             return
         limits = PathLimits.of(trajectory)
         if self._detours is None:

@@ -19,6 +19,10 @@ from safe_ompl.people.simulation.movers import ObjectMover, PersonMover, Solid, 
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import Trajectory
 
+_FINE = 0.005  # [s] between two observations of the contact monitor
+_STILL = 1e-9  # [rad/s] slower than this is at rest
+_ROUNDING = 1e-6  # [m] by which a limb may be outside of its reach set
+
 
 class Nearest(NamedTuple):
     """The smallest distance at one instant [m], the link of the robot, and the limb of a person or object."""
@@ -97,18 +101,12 @@ class ContactMonitor:
         self._touching.clear()
 
 
-_FINE = 0.005  # [s] between two observations of the contact monitor
-_STILL = 1e-9  # [rad/s] slower than this is at rest
-_ROUNDING = 1e-6  # [m]
-
-
 @dataclass(frozen=True)
 class Faults:
     """Delay and faults between the world and the replanner; raises InputError if a value is out of its range."""
 
-    noise: float = (
-        0.0  # Errors of measured key points and places of objects: uniform in a ball of this radius [m]
-    )
+    # Errors of measured key points and places of objects: uniform in a ball of this radius [m]
+    noise: float = 0.0
     drops: float = 0.0  # Share of the measurements in which nobody is seen
     # Share of the ticks in which the replanner answers too late: the robot follows its last command to its stop
     late: float = 0.0
