@@ -124,12 +124,7 @@ def certificate(
         separation = Separation(tube=tuple(widths.tolist()))
         proof = CertifiedMotion(CollisionChecker(robot, scene), separation=separation)
     content = {
-        "format": schema.FORMAT,
-        "version": schema.VERSION,
-        "source": schema.as_plain(source or {}),
-        "robot": carried_robot(robot),
-        "scene": carried_scene(scene),
-        "joint_names": list(robot.joint_names),
+        **opening(robot, scene, source),
         "path": points.tolist(),
         "pairs": [list(names) for names in pairs.names],
         "clearance": None if clear is None else schema.as_plain(vars(clear)),
@@ -216,6 +211,18 @@ class Pairs:
                 distances[k] = 0.0 if clear is None else clear.of(link, obstacle)
                 distances[k] += 0.0 if moving is None else moving.of(obstacle)
         return distances
+
+
+def opening(robot: Robot, scene: Scene, source: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return what every certificate begins with: its form, where it comes from, robot and scene."""
+    return {
+        "format": schema.FORMAT,
+        "version": schema.VERSION,
+        "source": schema.as_plain(source or {}),
+        "robot": carried_robot(robot),
+        "scene": carried_scene(scene),
+        "joint_names": list(robot.joint_names),
+    }
 
 
 def _intervals(

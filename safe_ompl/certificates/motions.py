@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from safe_ompl.certificates.issue import _KIND, Pairs
+from safe_ompl.certificates.issue import _KIND, Pairs, opening
 from safe_ompl.certificates.verifier.verify import verify
 from safe_ompl.collision import CertifiedMotion, TipBounds, ToolOrientation
 from safe_ompl.common import CertificateError, InputError, PlanningError
 from safe_ompl.danger import DangerLimit
-from safe_ompl.io import carried_robot, carried_scene, schema
+from safe_ompl.io import schema
 from safe_ompl.motions import Motion, MotionCheck
 
 
@@ -44,12 +44,7 @@ def motion_certificate(
     robot, scene = proof.checker.robot, proof.checker.scene
     clear, speeds = separation.min_clearance, dict(separation.speeds)
     content = {
-        "format": schema.FORMAT,
-        "version": schema.VERSION,
-        "source": schema.as_plain(source or {}),
-        "robot": carried_robot(robot),
-        "scene": carried_scene(scene),
-        "joint_names": list(robot.joint_names),
+        **opening(robot, scene, source),
         "path": [],
         "pairs": [list(names) for names in Pairs(robot, scene).names],
         "clearance": None if clear is None else clear.as_dict(),

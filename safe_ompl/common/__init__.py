@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
-    from safe_ompl.common import cache, documents
+    from safe_ompl.common import cache, documents, polynomials
     from safe_ompl.common.compilation import clock, compiled, part
     from safe_ompl.common.documents import within
     from safe_ompl.common.errors import (
@@ -71,6 +71,7 @@ __all__ = [
     "number",
     "part",
     "pass_on",
+    "polynomials",
     "positive",
     "seed",
     "shaped_configuration",

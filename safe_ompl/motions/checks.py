@@ -19,9 +19,8 @@ from safe_ompl.collision import (
     ToolLimit,
     Verdict,
 )
-from safe_ompl.common import FloatArray, InputError, finite_array
+from safe_ompl.common import FloatArray, InputError, finite_array, polynomials
 from safe_ompl.danger import DangerLimit
-from safe_ompl.motions import polynomials
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import RateViolation, rate_violations
 from safe_ompl.motions.tube import tube_of
@@ -182,11 +181,8 @@ def check(
     """
     wanted = Constraints() if constraints is None else constraints
     if tube is not None:
-        wanted = replace(wanted, separation=replace(wanted.separation, tube=tube_of(tube, robot)))
-    proof = CertifiedMotion(
-        CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits
-    )
-    return checked(motion, proof, limits, speeds)
+        wanted = wanted.with_tube(tube_of(tube, robot))
+    return checked(motion, _proof(robot, scene, wanted), limits, speeds)
 
 
 def checked(
@@ -200,15 +196,14 @@ def checked(
     motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
     if speeds and not motion.timed:
         raise InputError("has no times, and obstacles that move need them", "motion")
-    found = list(map(_rate, rate_violations(motion, proof.checker.robot, limits)))
+    found = list(map(_rate, rate_violations(motion, robot, limits)))
+    outside = {violation.names[0] for violation in found if violation.kind == "position"}
     stretches: list[Violation] = []
     for piece in PieceProofs(motion, proof, speeds):
         verdict = piece.verdict()
         joint, what = verdict.pair or ("", "")
-        of_joint = (
-            what == "its limits" and joint in proof.checker.robot.joint_names
-        )  # `rate_violations` has it
-        if verdict.verdict is not Verdict.FREE and not of_joint:
+        known = what == "its limits" and joint in outside  # pairs and radii hold within the limits only
+        if verdict.verdict is not Verdict.FREE and not known:
             stretches += piece.unproven()
     limits = limits if motion.rated else None
     claims = ["joint limits", *(limits.kinds if limits is not None else ()), *_claims(proof)]
@@ -249,16 +244,13 @@ def widest_tube(
     InputError
         As `check`; if the proportions are not ≥ 0, or all 0, or the tolerance is not in (0, 1).
     """
-    wanted = Constraints() if constraints is None else constraints
     shape = np.ones(robot.n) if proportions is None else finite_array(proportions, (robot.n,), "proportions")
     if (shape < 0).any() or not shape.any():
         raise InputError(f"proportions must be >= 0, and not all 0, got {shape.tolist()}")
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance must be between 0 and 1, got {tolerance!r}")
     motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
-    proof = CertifiedMotion(
-        CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits
-    )
+    proof = _proof(robot, scene, Constraints() if constraints is None else constraints)
     order = list(range(motion.pieces))  # the pieces that failed last come first
 
     def proven(width: float) -> bool:
@@ -397,6 +389,10 @@ class PieceProofs:
         return self._proof.with_separation(replace(self._proof.separation, tube=tube))
 
 
+def _proof(robot: Robot, scene: Scene, wanted: Constraints) -> CertifiedMotion:
+    return CertifiedMotion(CollisionChecker(robot, scene), separation=wanted.separation, limits=wanted.limits)
+
+
 def _joined(stretches: list[Violation]) -> Iterator[Violation]:
     """Yield stretches of one kind that follow each other as one, with what is worst in any of them."""
 
@@ -422,6 +418,9 @@ def _values(
 ) -> tuple[str, tuple[str, ...], float | None, float | None]:
     """Return what kind of violation it is, of what, what is found at `q: (n,)`, and its bound."""
     name = None if found.pair is None else found.pair[0]
+    robot = proof.checker.robot
+    if name in robot.joint_names and found.pair is not None and found.pair[1] == "its limits":
+        return "position", (str(name),), float(q[robot.joint_names.index(str(name))]), None
     for limit in proof.limits:
         if getattr(limit, "name", type(limit).__name__) == name:
             if isinstance(limit, DangerLimit):

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import BoolArray, FloatArray, InputError, documents, finite_array
-from safe_ompl.motions.polynomials import EPS
+from safe_ompl.common import BoolArray, FloatArray, InputError, documents, finite_array, polynomials
 from safe_ompl.planning.ompl import StateBridge
 from safe_ompl.robot import Robot
 
@@ -129,5 +128,5 @@ def slack_between(at: FloatArray, held: FloatArray, max_velocity: float | ArrayL
             "samples",
         )
     v = np.maximum(v, means)
-    slack: FloatArray = (v - means) * (v + means) * spans / (2 * v) + 8 * EPS * v * spans
+    slack: FloatArray = (v - means) * (v + means) * spans / (2 * v) + 8 * polynomials.EPS * v * spans
     return slack

@@ -18,10 +18,10 @@ from safe_ompl.common import (
     finite_array,
     float_array,
     number,
+    polynomials,
     shown,
     whole_number,
 )
-from safe_ompl.motions import polynomials
 from safe_ompl.motions.inputs import (
     DEGREE,
     columns,
@@ -33,7 +33,6 @@ from safe_ompl.motions.inputs import (
     slack_between,
     vectors,
 )
-from safe_ompl.motions.polynomials import EPS
 from safe_ompl.robot import Robot
 
 JUMP = 1e-6  # [rad or m] allowed between pieces; proofs add it to a piece's `allowance`
@@ -219,7 +218,9 @@ class Motion:
         cuts = {0: (shares[0], shares[1])} if high - low == 1 else {0: (shares[0], 1.0), -1: (0.0, shares[1])}
         for piece, (left, right) in cuts.items():
             if (left, right) != (0.0, 1.0):
-                rounding[piece] += 4 * (self.degree + 1) * EPS * np.abs(coefficients[piece]).sum(axis=0)
+                rounding[piece] += (
+                    4 * (self.degree + 1) * polynomials.EPS * np.abs(coefficients[piece]).sum(axis=0)
+                )
                 coefficients[piece] = polynomials.restricted(coefficients[piece], left, right)
         times[[0, -1]] = first, last
         slack = None if self.slack is None else self.slack[low:high]
@@ -258,7 +259,9 @@ class Motion:
                 "motion",
             )
         if degrees:
-            rounding = (0.0 if rounding is None else rounding) + 2 * EPS * np.abs(coefficients).sum(axis=1)
+            rounding = (0.0 if rounding is None else rounding) + 2 * polynomials.EPS * np.abs(
+                coefficients
+            ).sum(axis=1)
         if self.short_way and robot.continuous.any():
             coefficients, rounding = _unwound(coefficients, rounding, robot)
         return Motion(
@@ -534,7 +537,9 @@ class Motion:
         rising = of_degree(pieces[:, zeros:][:, ::-1])
         orders = np.arange(float(rising.shape[1]))
         coefficients = rising * (np.diff(times)[:, None] ** orders)[..., None]
-        rounding = EPS * np.einsum("k,jkn->jn", np.where(orders > 0, orders + 3, 0.0), np.abs(coefficients))
+        rounding = polynomials.EPS * np.einsum(
+            "k,jkn->jn", np.where(orders > 0, orders + 3, 0.0), np.abs(coefficients)
+        )
         return cls._made(times, coefficients, rounding, names)
 
     # ------------------------------------------------------------------------------------------------ files
@@ -585,7 +590,7 @@ def _unwound(
     turns = 2 * np.pi * np.round(coefficients[:, 1] / (2 * np.pi)) * robot.continuous
     before = np.vstack([np.zeros(robot.n), np.cumsum(turns, axis=0)[:-1]])
     unwound = coefficients - np.stack([before, turns], axis=1)
-    error = 2 * EPS * (np.abs(coefficients).sum(axis=1) + np.abs(before)) * robot.continuous
+    error = 2 * polynomials.EPS * (np.abs(coefficients).sum(axis=1) + np.abs(before)) * robot.continuous
     return unwound, error if rounding is None else rounding + error
 
 

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, UnknownNameError
+from safe_ompl.common import FloatArray, InputError, UnknownNameError, polynomials
 from safe_ompl.motions.motion import Motion
-from safe_ompl.motions.polynomials import EPS, bernstein, peaks
 from safe_ompl.robot import Robot
 from safe_ompl.trajectories import RateLimits
 
@@ -88,12 +87,12 @@ def extremes(
     """
     held = motion.derivative_coefficients(order)
     spans = np.diff(motion.times)[:, None]
-    error = (held.shape[1] + 2) * EPS * np.abs(held).sum(axis=1)
+    error = (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1)
     if order == 0:
         error += motion.allowance
     elif motion.rounding is not None:
         error += perm(motion.degree, order) * motion.rounding / spans**order
-    points = bernstein(held)
+    points = polynomials.bernstein(held)
     top, top_at = _peaks(points, high - error)
     bottom, bottom_at = _peaks(-points, -low - error)
     times = motion.times[:-1, None]
@@ -106,7 +105,7 @@ def _peaks(points: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArr
     at: FloatArray = points.argmax(axis=1) / max(points.shape[1] - 1, 1)
     chosen = bound > enough
     if chosen.any():
-        found = peaks(np.moveaxis(points, 1, 2)[chosen])
+        found = polynomials.peaks(np.moveaxis(points, 1, 2)[chosen])
         bound[chosen], at[chosen] = found.bound, found.at
     return bound, at
 

@@ -12,16 +12,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import perm
 
 import numpy as np
 import pinocchio as pin
 
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Verdict, fresh_data
-from safe_ompl.common import FloatArray, InputError, IntArray
-from safe_ompl.motions import polynomials
+from safe_ompl.common import FloatArray, InputError, IntArray, polynomials
 from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, checked
 from safe_ompl.motions.motion import Motion
+from safe_ompl.paths import unrolled
 from safe_ompl.planning.ompl import joint_space
 from safe_ompl.trajectories import RateLimits
 
@@ -188,13 +187,10 @@ class Displacement:
             path = connect(motion.knots[first], motion.knots[last])
             if path is None:
                 continue
-            steps = self._proof.checker.robot.difference(path[:-1], path[1:])
-            path = motion.knots[first] + np.vstack([np.zeros(motion.n), np.cumsum(steps, axis=0)])
-            followed = (
-                None
-                if abs(path[-1] - motion.knots[last]).max() > _SAME
-                else _following(motion, path, first, last)
-            )
+            path = unrolled(self._proof.checker.robot, np.vstack([motion.knots[first], path[1:]]))
+            if np.abs(path[-1] - motion.knots[last]).max() > _SAME:
+                continue
+            followed = _following(motion, path, first, last)
             found = None if followed is None else self._proven_near(followed, _SPANS[-1][1])
             if found is not None:
                 return found
@@ -376,11 +372,9 @@ def _basis(motion: Motion) -> FloatArray:
     """Return coefficients (K, d + 1, N) of the B-splines that are as smooth as a motion and leave its ends."""
     degree = motion.degree
     smoothness = np.zeros(motion.pieces - 1, dtype=np.intp)
-    spans = np.diff(motion.times)[:, None]
     equal = np.ones(motion.pieces - 1, dtype=bool)
     for order in range(1, degree):
-        factors = np.array([perm(k, order) for k in range(order, degree + 1)], dtype=np.float64)
-        held = motion.coefficients[:, order:] * factors[:, None] / spans[:, None] ** order
+        held = motion.derivative_coefficients(order)
         before, after = held.sum(axis=1)[:-1], held[1:, 0]
         size = np.abs(held).sum(axis=1).max(axis=1)
         jump = np.abs(before - after).max(axis=1)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.common import clock
 from safe_ompl.common import documents as document
-from safe_ompl.motions import Repair, tube_of
+from safe_ompl.motions import Repair
 from safe_ompl.planning.ompl import Constraints
 from safe_ompl.planning.optimise import Cost
 from safe_ompl.planning.result import PlanResult
@@ -143,8 +143,8 @@ def repair(
         As `check`.
     """
     setup = SafeSetup(robot, scene)
-    wanted = Constraints() if constraints is None else constraints
+    if constraints is not None:
+        setup.setConstraints(constraints)
     if tube is not None:
-        wanted = replace(wanted, separation=replace(wanted.separation, tube=tube_of(tube, robot)))
-    setup.setConstraints(wanted)
+        setup.setTube(tube)
     return setup.repair(motion, limits, time=time)

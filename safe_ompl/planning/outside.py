@@ -43,6 +43,7 @@ class OutsidePlanner(SafePlanner):
         configurations, _, starts, ends = self._structure.graph()
         start, goals = configurations[starts[0]], configurations[ends]
         before: FloatArray | None = None
+        connect = connecting(self._setup, ptc)
         while not ptc():
             found = self._function(start.copy(), goals.copy())
             if found is None:
@@ -50,9 +51,7 @@ class OutsidePlanner(SafePlanner):
             path = self._led_to_its_ends(found, start, goals)
             if before is not None and np.array_equal(path, before):
                 return None
-            repair = repaired(
-                Motion.through(path), self._setup.certified_motion, connect=connecting(self._setup, ptc)
-            )
+            repair = repaired(Motion.through(path), self._setup.certified_motion, connect=connect)
             if repair:
                 _log.info("%s: %s", self.getName(), repair)
                 return repair.motion.knots

@@ -186,9 +186,7 @@ class ProblemSetup(og.SimpleSetup):  # type: ignore[misc]
         widths : float or array_like, shape (n,)
             How far each joint may be from where it should be, such as errors of control [rad or m]; 0 for no tube.
         """
-        tube = tube_of(widths, self.robot)
-        constraints = self.getConstraints()
-        self.setConstraints(replace(constraints, separation=replace(constraints.separation, tube=tube)))
+        self.setConstraints(self.getConstraints().with_tube(tube_of(widths, self.robot)))
 
     def setMovingObstacles(self, speeds: Mapping[str, float], time: float) -> None:
         """Have only motions that are free whatever obstacles do, no faster than their speeds, within a time.

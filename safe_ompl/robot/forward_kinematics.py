@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from math import comb
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +18,7 @@ from safe_ompl.common import (
     UnknownNameError,
     configuration,
     finite_array,
+    polynomials,
 )
 from safe_ompl.robot.joint_tables import Coupling, KinematicTree, Skeleton, frame_index, plain
 from safe_ompl.robot.kernels import kinematics as kernel
@@ -248,28 +248,20 @@ class JointLimits:
         curve : sequence of ndarray (n,)
             c_0 … c_d.
         """
-        degree = len(curve) - 1
-        bernstein = np.array(
-            [[comb(k, j) / comb(degree, j) for j in range(degree + 1)] for k in range(degree + 1)]
-        )
-        low, high = self._bounds
-        waiting = [(0.0, 1.0, bernstein @ np.array(curve))]
+        low, high = self._bounds[:, :, None]
+        waiting = [(0.0, 1.0, polynomials.bernstein(np.array(curve)[None])[0].T)]
         while waiting:
             begin, end, points = waiting.pop()
-            outside = ((points < low) | (points > high)).any(axis=0)
+            outside = ((points < low) | (points > high)).any(axis=1)
             if not outside.any():
                 continue
-            joint = int(outside.argmax())
-            for t, q in ((begin, points[0]), (end, points[-1])):
-                if not self.hold(q):
-                    return int(((q < low) | (q > high)).argmax()), t
+            for t, k in ((begin, 0), (end, -1)):
+                beyond = (points[:, [k]] < low) | (points[:, [k]] > high)
+                if beyond.any():
+                    return int(beyond.argmax()), t
             if end - begin < _SHORTEST:
-                return joint, begin
-            left, right = [points[0]], [points[-1]]
-            while len(points) > 1:  # de Casteljau
-                points = 0.5 * (points[1:] + points[:-1])
-                left.append(points[0])
-                right.append(points[-1])
+                return int(outside.argmax()), begin
+            left, right = polynomials.halves(points)
             middle = 0.5 * (begin + end)
-            waiting += [(middle, end, np.array(right[::-1])), (begin, middle, np.array(left))]
+            waiting += [(middle, end, right), (begin, middle, left)]
         return None

@@ -183,6 +183,17 @@ def test_what_lies_between_bare_samples_counts(crank, post):
     assert not check(sparse, crank, post)
 
 
+def test_a_piece_outside_the_limits_is_never_passed_over(crank, post, monkeypatch):
+    """Its collisions are not looked at; so something must be said of it, whatever the bounds of rates say."""
+    outside = Motion.hermite([0, 1], [[-2.9], [-3.1]], [[0.0], [0.0]])
+    (found,) = check(outside, crank, post).violations
+    assert (found.kind, found.names) == ("position", ("turn",))
+    monkeypatch.setattr("safe_ompl.motions.checks.rate_violations", lambda *arguments: [])
+    (found,) = check(outside, crank, post).violations
+    assert (found.kind, found.names) == ("position", ("turn",))
+    assert found.value < crank.lower[0]
+
+
 # ------------------------------------------------------------------------------------------------------- repair
 
 

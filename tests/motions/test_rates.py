@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from safe_ompl import InputError, Motion, RateLimits
+from safe_ompl.common.polynomials import peaks
 from safe_ompl.motions import extremes, rate_violations
-from safe_ompl.motions.polynomials import peaks
 
 FINE = np.linspace(0.0, 1.0, 4001)
 

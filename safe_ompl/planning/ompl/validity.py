@@ -91,6 +91,10 @@ class Constraints:
         """Return the same among obstacles that move; arguments as `CertifiedMotion.with_moving_obstacles`."""
         return replace(self, separation=replace(self.separation, speeds=speeds, time=time))
 
+    def with_tube(self, widths: tuple[float, ...]) -> Constraints:
+        """Return the same within a tube: how far each of the n joints may be from where it should be [rad or m]."""
+        return replace(self, separation=replace(self.separation, tube=widths))
+
     def in_scene_of(self, checker: CollisionChecker) -> Constraints:
         """Return the same in another scene, in which other obstacles may be dangerous."""
         if self.from_dangerous is None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_ompl.common import FloatArray
+from safe_ompl.common.inputs import FloatArray
 
 EPS = float(np.finfo(np.float64).eps)
 _CLOSE = 1e-9  # of the largest coefficient: how near a proven maximum is to a value that is taken
@@ -198,7 +198,7 @@ def peaks(rows: FloatArray) -> Peaks:
         if not len(owner):
             break
         width /= 2
-        lower, upper = _halves(cells)
+        lower, upper = halves(cells)
         middle = upper[:, 0]
         np.maximum.at(taken, owner, middle)
         best = middle == taken[owner]
@@ -209,7 +209,7 @@ def peaks(rows: FloatArray) -> Peaks:
     return Peaks(bound, taken, at)
 
 
-def _halves(cells: FloatArray) -> tuple[FloatArray, FloatArray]:
+def halves(cells: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the Bernstein coefficients of the halves of cells (C, d + 1), by de Casteljau's scheme."""
     lower, upper, row = np.empty_like(cells), np.empty_like(cells), cells
     for k in range(cells.shape[1]):
