@@ -12,9 +12,10 @@ import pytest
 FOLDER = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
 ADAPTERS = sorted((FOLDER / "adapters").glob("*.py"))
+PHYSICS = [FOLDER / "mujoco" / f"{name}.py" for name in ("follow", "world_as_scene")]
 
 
-@pytest.mark.parametrize("script", [*SCRIPTS, *ADAPTERS], ids=lambda script: script.stem)
+@pytest.mark.parametrize("script", [*SCRIPTS, *ADAPTERS, *PHYSICS], ids=lambda script: script.stem)
 def test_it_is_short_and_runs(script, tmp_path, monkeypatch, capfd):
     text = script.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 40
@@ -28,6 +29,6 @@ def test_it_is_short_and_runs(script, tmp_path, monkeypatch, capfd):
 
 def test_the_list_of_examples_is_complete():
     listed = re.findall(r"\]\(([\w/]+\.py)\)", (FOLDER / "README.md").read_text(encoding="utf-8"))
-    found = [script.relative_to(FOLDER).as_posix() for script in (*SCRIPTS, *ADAPTERS)]
+    found = [script.relative_to(FOLDER).as_posix() for script in (*SCRIPTS, *ADAPTERS, *PHYSICS)]
     assert sorted(listed) == sorted(found)
     assert len(SCRIPTS) == 11
