@@ -223,13 +223,13 @@ class ObstacleCost:
     def clearances(self, path: FloatArray) -> tuple[float, float]:
         """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
         checker = self._proximity.checker
-        ends = least = max(0.0, min(checker.clearance(q).distance for q in path[[0, -1]]))
+        ends = max(0.0, PairDistances(checker, np.inf).least(path[[0, -1]], np.inf))
         if not 0 < ends < np.inf:
             return ends, ends
         distances = self._proximity.distances if ends <= self.distance else PairDistances(checker, ends)
         curve = Curve(checker.robot, path)
         samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP)))
-        return ends, max(0.0, distances.least(samples, least))
+        return ends, max(0.0, distances.least(samples, ends))
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""
