@@ -36,7 +36,7 @@ from safe_ompl.geometry.kernels import (
     nearest_in_simplex,
     place_bodies,
 )
-from safe_ompl.robot.kernels import joint_frames, place_joints
+from safe_ompl.robot.kernels import place_joints
 
 _ROUNDING = 1e-12  # of the length of an interval, and of rates
 
@@ -396,6 +396,31 @@ def prove_curve(
 
 
 @compiled
+def prove_edges(
+    joints: Any,
+    shapes: Shapes,
+    pairs: Pairs,
+    edges: FloatArray,
+    required: FloatArray,
+    least: float,
+    proven: BoolArray,
+) -> int:
+    """Write which of E edges are proven (E,), as `prove_curve` without growth does; return how many places it took.
+
+    `edges: (E, 2, m)` are starts and ways to the ends, of which those that are not finite are not proven.
+    """
+    left, growth, places = np.empty((8, 2)), np.empty(0), 0
+    bodies, starts, vertices = shapes.bodies, shapes.starts, shapes.vertices
+    for k in range(len(edges)):
+        number, _, looked = prove_curve(
+            joints, bodies, starts, vertices, pairs, edges[k], required, growth, least, left
+        )
+        proven[k] = number == 0
+        places += looked
+    return places
+
+
+@compiled
 def hinge_costs(
     joints: Any,
     values: FloatArray,
@@ -415,17 +440,20 @@ def hinge_costs(
     (C,), `points` and `normals` (C, 3) in the frame of the joint and in the world, `offsets: (C,)` b, and
     `hinges: (H, 2)` D > 0 and w. As in CHOMP and TrajOpt.
     """
-    costs, gradients = np.zeros(len(values)), np.zeros(values.shape)
-    bends, place = np.zeros((len(rows), len(joints))), np.empty(3)
-    rotation, origin, axis = joint_frames(joints, values)
+    costs, gradients, m = np.zeros(len(values)), np.zeros(values.shape), len(joints)
+    bends, place, placed = np.zeros((len(rows), m)), np.empty(3), -1
+    rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     for c in range(len(rows)):
         b, i, p, normal = rows[c], carriers[c] - 1, points[c], normals[c]
+        if b != placed:
+            place_joints(joints, values[b], rotation, origin, axis)
+            placed = b
         distance = -offsets[c]
         for x in range(3):
             place[x] = p[x]
             if i >= 0:
-                frame = rotation[b, i]
-                place[x] = origin[b, i, x] + frame[x, 0] * p[0] + frame[x, 1] * p[1] + frame[x, 2] * p[2]
+                frame = rotation[i]
+                place[x] = origin[i, x] + frame[x, 0] * p[0] + frame[x, 1] * p[1] + frame[x, 2] * p[2]
             distance += place[x] * normal[x]
         rate, bend = 0.0, 0.0
         for h in range(len(hinges)):
@@ -439,10 +467,10 @@ def hinge_costs(
             slope = 0.0
             for x in range(3):
                 y, z = (x + 1) % 3, (x + 2) % 3
-                turning = axis[b, i, y] * (place[z] - origin[b, i, z]) - axis[b, i, z] * (
-                    place[y] - origin[b, i, y]
+                turning = axis[i, y] * (place[z] - origin[i, z]) - axis[i, z] * (
+                    place[y] - origin[i, y]
                 )
-                slope += normal[x] * (axis[b, i, x] if joints[i].slides else turning)
+                slope += normal[x] * (axis[i, x] if joints[i].slides else turning)
             gradients[b, i] += rate * slope
             bends[c, i] = sqrt(bend) * slope
             i = joints[i].parent - 1

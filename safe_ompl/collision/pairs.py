@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
-from safe_ompl.collision.kernels import Pairs, nearest_points, pair_bounds, prove_curve
+from safe_ompl.collision.kernels import Pairs, nearest_points, pair_bounds, prove_curve, prove_edges
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.robot import ConvexBodies, ReachCylinder, Robot, plain
 
@@ -118,6 +118,18 @@ class DistanceBounds:
         number, at, places = prove_curve(*self._flat, coefficients, required, more, floor, left)
         self._counts.bound_queries += places
         return BoundsProof(False, at, left[:number].tolist()) if number else _FREE
+
+
+    def prove_edges(
+        self, starts: FloatArray, ways: FloatArray, required: FloatArray, floor: float
+    ) -> BoolArray:
+        """Return which edges (E,) are proven, as `prove` does one by one; ends are `starts` + `ways: (E, n)`."""
+        proven = np.zeros(len(starts), dtype=bool)
+        if self._bounded and len(starts):
+            joints, shapes, known = self._data
+            edges = np.stack([self._coupling.values(starts), self._coupling.motions(ways)], axis=1)
+            self._counts.bound_queries += prove_edges(joints, shapes, known, edges, required, floor, proven)
+        return proven
 
 
 def _memory(joints: int) -> tuple[FloatArray, FloatArray]:
