@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, log2
+from math import ceil, inf, log2
 
 import numpy as np
 import pinocchio as pin
@@ -107,7 +107,9 @@ class CollisionChecker:
         Reaches are rounded up to 50 mm and its doublings: no pair more than twice as far comes in, and no more than
         a few sets are ever made. Each is made once.
         """
-        level = 0.0 if reach <= 0 else _REACH * 2.0 ** max(0, ceil(log2(reach / _REACH)))
+        level = max(0.0, reach)
+        if 0.0 < reach < inf:
+            level = _REACH * 2.0 ** max(0, ceil(log2(reach / _REACH)))
         if level not in self._pair_sets:
             with self.changes.none():
                 self._pair_sets[level] = self._pair_sets.get(level) or self._pairs_at(level)
@@ -142,7 +144,7 @@ class CollisionChecker:
             if not moved:
                 return
             self.revision += 1
-            self._table.measure_from_axes(moved)
+            self._table.follow(moved)
             self._contact.take_shapes(measured)
             for pairs in set(self._pair_sets.values()):
                 pairs.follow(measured)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -17,24 +16,40 @@ from safe_ompl.common import BoolArray, FloatArray, IntArray, PerThread, positiv
 from safe_ompl.robot import Robot, plain
 
 
+_TINY = 1e-12  # [m]
+
+
+class NearPairs(NamedTuple):
+    """C pairs of a link and an obstacle that are near each other: rows and pairs (C,), distances (C,) [m].
+
+    And the nearest points: `points: (C, 3)` of the link, in the frame of the joint that carries it [m]; unit `normals:
+    (C, 3)` from the obstacle to the link, in the world; `offsets: (C,)`, the abscissa of the obstacle's point along the
+    normal [m]. Of pairs in contact only the distance, ≤ 0, means something.
+    """
+
+    rows: IntArray
+    pairs: IntArray
+    distances: FloatArray
+    points: FloatArray
+    normals: FloatArray
+    offsets: FloatArray
+
+
 class PairDistances:
     """Distances of the K pairs of a link and an obstacle that may come nearer to each other than a reach [m].
 
     Lower bounds by the convex bodies that hold links and obstacles come first, for all pairs and configurations at
-    once (`DistanceBounds`); coal is asked only about pairs that these cannot tell from near ones. `joints: (K,)` has
-    Pinocchio's number of the joint that carries the link of each pair.
+    once (`DistanceBounds`). Pairs that these cannot tell from near ones are measured, by the same kernels where both
+    are convex, else by coal. `joints: (K,)` has Pinocchio's number of the joint that carries the link of each pair.
     """
 
     def __init__(self, checker: CollisionChecker, reach: float) -> None:
         self._robot, self._counts = checker.robot, checker.counts
         self._set = checker.pairs_within(reach)
-        self._geometry = self._set.geometry
         self._indices: IntArray = np.flatnonzero(self._set.meets_obstacle)
-        self._coal_indices: list[int] = self._indices.tolist()
-        carriers = [body.parentJoint for body in self._geometry.geometryObjects]
-        self.joints: IntArray = np.array(carriers, dtype=np.intp)[self._set.bodies[self._indices, 0]]
-        model = self._robot.shared.model
-        self._memory = PerThread(partial(_Memory, model, self._geometry, self._coal_indices))
+        self.joints: IntArray = self._set.carriers[self._indices]
+        # Coal is only asked about bodies that are not convex: many scenes have none.
+        self._memory = PerThread(lambda: _Memory(self._robot, self._set.geometry))
 
     def __len__(self) -> int:
         return len(self._indices)
@@ -42,69 +57,86 @@ class PairDistances:
     def __repr__(self) -> str:
         return f"PairDistances({self._robot.name!r}, {len(self)} pairs)"
 
-    def near(self, Q: FloatArray, within: float) -> Iterator[tuple[int, int, float]]:
-        """Yield row, pair and distance [m] of what is nearer than a distance [m] at `Q: (B, n)`, row by row."""
-        candidates = self._bounds(Q, within) < within
-        self._memory.own.forget()
-        for row in np.flatnonzero(candidates.any(axis=1)).tolist():
-            pairs = np.flatnonzero(candidates[row]).tolist()
-            for pair, distance in zip(pairs, self._exact(Q[row], pairs), strict=True):
-                if distance < within:
-                    yield row, pair, distance
+    def near(self, Q: FloatArray, within: float) -> NearPairs:
+        """Return the pairs that are nearer than a distance [m] at `Q: (B, n)`, row by row."""
+        rows, pairs = np.nonzero(self._bounds(Q, within) < within)
+        exact = self._exact[pairs]
+        found = np.empty((len(rows), 8))
+        found[exact] = self._set.bounds.nearest(Q, rows[exact], self._indices[pairs[exact]])
+        others = np.flatnonzero(~exact)
+        if len(others):
+            self._memory.own.forget()
+            found[others] = self._by_coal(Q, rows[others], pairs[others])
+        near = found[:, 0] < within
+        found = found[near]
+        return NearPairs(rows[near], pairs[near], found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7])
 
     def least(self, Q: FloatArray, within: float) -> float:
         """Return the least distance [m] at any of `Q: (B, n)`, or `within` where that is less."""
         bounds = self._bounds(Q, within)
-        lowest = bounds.min(axis=1, initial=np.inf)
-        self._memory.own.forget()
-        for row in np.argsort(lowest).tolist():
-            if lowest[row] >= within:
+        rows, pairs = np.nonzero(bounds < within)
+        candidates = bounds[rows, pairs]
+        exact = self._exact[pairs]
+        for most in (candidates.min(initial=np.inf), within):
+            chosen = exact & (candidates <= min(most, within))
+            found = self._set.bounds.nearest(Q, rows[chosen], self._indices[pairs[chosen]])
+            within = min(within, float(found[:, 0].min(initial=np.inf)))
+        others = np.flatnonzero(~exact)
+        if len(others):
+            self._memory.own.forget()
+        for k in others[np.argsort(candidates[others], kind="stable")].tolist():
+            if candidates[k] >= within:
                 break
-            within = min(within, *self._exact(Q[row], np.flatnonzero(bounds[row] < within).tolist()))
+            within = min(within, float(self._by_coal(Q, rows[[k]], pairs[[k]])[0, 0]))
         return within
+
+    @property
+    def _exact(self) -> BoolArray:
+        """Which pairs (K,) are of two convex bodies."""
+        return self._set.bounds.exact[self._indices]
 
     def _bounds(self, Q: FloatArray, enough: float) -> FloatArray:
         """Return lower bounds (B, K) [m] of what coal calls the distances."""
         return self._set.bounds.of(Q, self._indices, enough + DISTANCE_ERROR) - DISTANCE_ERROR
 
-    def _exact(self, q: FloatArray, pairs: Sequence[int]) -> list[float]:
-        """Return the distances of pairs [m] at `q: (n,)`."""
-        self._counts.distance_queries += 1
-        geometry, own, indices = self._geometry, self._memory.own, self._coal_indices
-        full = self._robot.pinocchio_configuration(q)
+    def _by_coal(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
+        """Return the same as `DistanceBounds.nearest`, (C, 8), of any pairs (C,) at rows (C,) that do not fall."""
+        found, geometry, own = np.zeros((len(rows), 8)), self._set.geometry, self._memory.own
+        on_link, placed = np.zeros((len(rows), 3)), -1
         with self._set.changes.none():
             data = own.at(self._set.revision)
-            pin.updateGeometryPlacements(self._robot.shared.model, own.kinematics, geometry, data, full)
-            return [
-                own.trees.distance(data, indices[k])
-                if indices[k] in own.trees
-                else pin.computeDistance(geometry, data, indices[k]).min_distance
-                for k in pairs
-            ]
-
-    def witness(self, pair: int) -> tuple[FloatArray, FloatArray]:
-        """Return the nearest points (3,) [m] of a pair, of link and obstacle, where this thread found its distance."""
-        own = self._memory.own
-        if self._coal_indices[pair] in own.trees:
-            return own.trees.witness(self._coal_indices[pair])
-        result = own.results[pair]
-        return result.getNearestPoint1(), result.getNearestPoint2()
+            for c, (row, k) in enumerate(zip(rows.tolist(), self._indices[pairs].tolist(), strict=True)):
+                if row != placed:
+                    self._counts.distance_queries += 1
+                    full, placed = self._robot.pinocchio_configuration(Q[row]), row
+                    model = self._robot.shared.model
+                    pin.updateGeometryPlacements(model, own.kinematics, geometry, data, full)
+                if k in own.trees:
+                    found[c, 0] = own.trees.distance(data, k)
+                    on_link[c], on_obstacle = own.trees.witness(k)
+                else:
+                    result = pin.computeDistance(geometry, data, k)
+                    found[c, 0] = result.min_distance
+                    on_link[c], on_obstacle = result.getNearestPoint1(), result.getNearestPoint2()
+                way = on_link[c] - on_obstacle
+                found[c, 4:7] = way / max(float(np.sqrt(way @ way)), _TINY)
+                found[c, 7] = found[c, 4:7] @ on_obstacle
+        found[:, 1:4] = _in_joint_frames(self._robot, Q[rows], self.joints[pairs], on_link)
+        return found
 
 
 class _Memory:
     """Where one thread keeps the places of bodies, and the distances of some pairs."""
 
-    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, indices: Sequence[int]) -> None:
-        self.kinematics = model.createData()
-        self._geometry, self._indices = geometry, indices
+    def __init__(self, robot: Robot, geometry: pin.GeometryModel) -> None:
+        self.kinematics = robot.shared.model.createData()
+        self._geometry = geometry
         self._revision = -1
 
     def at(self, revision: int) -> pin.GeometryData:
         """Return the memory of bodies; it is made anew where obstacles have moved since."""
         if self._revision != revision:
             self._revision, self._data = revision, fresh_data(self._geometry)
-            results = list(self._data.distanceResults)
-            self.results = [results[k] for k in self._indices]
             self.trees = TreeDistances(self._geometry)
         return self._data
 
@@ -162,25 +194,16 @@ class Proximity:
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether the robot is nearer than `within` to an obstacle (B,) at `Q: (B, n)`."""
         found = np.zeros(len(Q), dtype=bool)
-        found[[row for row, _, _ in self.distances.near(Q, self.within)]] = True
+        found[self.distances.near(Q, self.within).rows] = True
         return found
 
     def witnesses(self, Q: FloatArray) -> Witnesses:
         """Return the witnesses of all pairs that are nearer than `within` at the configurations `Q: (B, n)`."""
-        found = [
-            (row, pair, *self.distances.witness(pair))
-            for row, pair, distance in self.distances.near(Q, self.within)
-            if distance > 0  # in contact there is no way from one to the other
-        ]
-        each = zip(*found, strict=True) if found else ((),) * 4
-        rows, pairs, on_link, on_obstacle = (np.array(column) for column in each)
-        rows, joints = rows.astype(np.intp), self.distances.joints[pairs.astype(np.intp)]
-        on_link, ends = on_link.reshape(-1, 3), on_obstacle.reshape(-1, 3)
-        normals = on_link - ends
-        normals /= np.sqrt(np.einsum("ci,ci->c", normals, normals))[:, None]
-        local = _in_joint_frames(self.checker.robot, Q[rows], joints, on_link)
-        offsets = np.einsum("ci,ci->c", normals, ends)
-        return Witnesses(self.checker.robot, rows, joints, local, normals, offsets)
+        found = self.distances.near(Q, self.within)
+        apart = found.distances > 0  # in contact there is no way from one to the other
+        joints = self.distances.joints[found.pairs[apart]]
+        nearest = (plain(part[apart]) for part in (found.points, found.normals, found.offsets))
+        return Witnesses(self.checker.robot, found.rows[apart], joints, *nearest)
 
 
 def _in_joint_frames(robot: Robot, Q: FloatArray, joints: IntArray, places: FloatArray) -> FloatArray:

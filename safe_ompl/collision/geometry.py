@@ -91,6 +91,11 @@ class SceneGeometry:
         return model
 
     @property
+    def obstacle_bodies(self) -> list[pin.GeometryObject]:
+        """The bodies of the parts of all obstacles."""
+        return list(self._without_pairs.geometryObjects)[len(self._without_pairs.geometryObjects) - len(self.parts) :]
+
+    @property
     def parts(self) -> list[ObstaclePart]:
         """The parts of all obstacles."""
         return [part for parts in self._parts for part in parts]

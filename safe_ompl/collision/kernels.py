@@ -33,9 +33,10 @@ from safe_ompl.geometry.kernels import (
     begin_axis,
     distance_bounds,
     from_box,
+    nearest_in_simplex,
     place_bodies,
 )
-from safe_ompl.robot.kernels import joint_frames, place_joints
+from safe_ompl.robot.kernels import place_joints
 
 _ROUNDING = 1e-12  # of the length of an interval, and of rates
 
@@ -117,9 +118,77 @@ def pair_bounds(
                     if not known[p]:
                         begin_axis(axes[p], u, v, w, x, y, z)
                         known[p] = True
-                    found, _ = distance_bounds(shapes, poses, A, B, axes[p], simplex, enough, enough)
+                    found, _, _ = distance_bounds(shapes, poses, A, B, axes[p], simplex, enough, enough)
                     lower = max(lower, found)
             bounds[row, p] = lower if lower == lower else -inf
+
+
+@compiled
+def nearest_points(
+    joints: Any, shapes: Shapes, pairs: IntArray, values: FloatArray, rows: IntArray, found: FloatArray
+) -> None:
+    """Write distance, nearest point of the first body, normal and offset, (C, 8), of C pairs (C, 2) of bodies.
+
+    Pair c is looked at `values[rows[c]]` of the joints, `values: (B, m)`; rows do not fall. The point is in the frame of
+    the joint that carries the first body [m]; the normal points from the second body to the first one, in the world;
+    the offset is the abscissa of the second one's nearest point along it [m]. The distance of bodies that overlap is
+    −∞, and nothing else is written then.
+    """
+    m, bodies, row = values.shape[1], shapes.bodies, -1
+    poses, simplex, axis = np.empty(len(bodies), POSE), np.empty((4, 6)), np.empty(3)
+    rotations, origins, joint_axes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
+    place, nearest, normal = np.empty(3), np.empty(3), np.empty(3)
+    for c in range(len(pairs)):
+        A, B = pairs[c, 0], pairs[c, 1]
+        if rows[c] != row:
+            place_joints(joints, values[rows[c]], rotations, origins, joint_axes)
+            if row < 0:
+                place_bodies(bodies, poses, rotations, origins, False)
+            place_bodies(bodies, poses, rotations, origins, True)
+            row = rows[c]
+        a, b = poses[A].centre, poses[B].centre
+        u, v, w = from_box(bodies[B], poses[B], a)
+        begin_axis(axis, u, v, w, a[0] - b[0], a[1] - b[1], a[2] - b[2])
+        _, distance, corners = distance_bounds(shapes, poses, A, B, axis, simplex, inf, -inf)
+        found[c, 0] = distance
+        if distance == -inf:
+            continue
+        x, y, z, corners = nearest_in_simplex(simplex, corners)
+        length = sqrt(x * x + y * y + z * z)
+        normal[0], normal[1], normal[2] = x / length, y / length, z / length
+        _shares_of_corners(simplex, corners, x, y, z, place)
+        for k in range(3):
+            nearest[k] = -bodies[A].ball * normal[k]
+            for corner in range(corners):
+                nearest[k] += place[corner] * simplex[corner, 3 + k]
+        offset, joint = -distance, bodies[A].joint - 1
+        for k in range(3):
+            offset += normal[k] * nearest[k]
+        for k in range(3):
+            found[c, 1 + k] = nearest[k]
+            if joint >= 0:
+                found[c, 1 + k] = 0.0
+                for i in range(3):
+                    found[c, 1 + k] += rotations[joint, i, k] * (nearest[i] - origins[joint, i])
+            found[c, 4 + k] = normal[k]
+        found[c, 7] = offset
+
+
+@part
+def _shares_of_corners(S: FloatArray, corners: int, x: float, y: float, z: float, shares: FloatArray) -> None:
+    """Write the shares (3,) with which up to three corners of a simplex make a point that lies between them."""
+    shares[0], shares[1], shares[2] = 1.0, 0.0, 0.0
+    ux, uy, uz = S[1, 0] - S[0, 0], S[1, 1] - S[0, 1], S[1, 2] - S[0, 2]
+    px, py, pz = x - S[0, 0], y - S[0, 1], z - S[0, 2]
+    uu, up = ux * ux + uy * uy + uz * uz, ux * px + uy * py + uz * pz
+    if corners == 2:
+        shares[1] = up / uu
+    elif corners == 3:
+        vx, vy, vz = S[2, 0] - S[0, 0], S[2, 1] - S[0, 1], S[2, 2] - S[0, 2]
+        uv, vv, vp = ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz, vx * px + vy * py + vz * pz
+        area = uu * vv - uv * uv
+        shares[1], shares[2] = (vv * up - uv * vp) / area, (uu * vp - uv * up) / area
+    shares[0] = 1.0 - shares[1] - shares[2]
 
 
 class Pairs(NamedTuple):
@@ -222,7 +291,7 @@ def _half_length(
             continue
         if not known[p]:
             begin_axis(axes[p], u, v, w, x, y, z)
-        found, _ = distance_bounds(shapes, poses, A, B, axes[p], search.simplex, enough, required[p])
+        found, _, _ = distance_bounds(shapes, poses, A, B, axes[p], search.simplex, enough, required[p])
         known[p] = True
         lower = max(lower, found)
         if lower >= enough:
@@ -327,6 +396,31 @@ def prove_curve(
 
 
 @compiled
+def prove_edges(
+    joints: Any,
+    shapes: Shapes,
+    pairs: Pairs,
+    edges: FloatArray,
+    required: FloatArray,
+    least: float,
+    proven: BoolArray,
+) -> int:
+    """Write which of E edges are proven (E,), as `prove_curve` without growth does; return how many places it took.
+
+    `edges: (E, 2, m)` are starts and ways to the ends, of which those that are not finite are not proven.
+    """
+    left, growth, places = np.empty((8, 2)), np.empty(0), 0
+    bodies, starts, vertices = shapes.bodies, shapes.starts, shapes.vertices
+    for k in range(len(edges)):
+        number, _, looked = prove_curve(
+            joints, bodies, starts, vertices, pairs, edges[k], required, growth, least, left
+        )
+        proven[k] = number == 0
+        places += looked
+    return places
+
+
+@compiled
 def hinge_costs(
     joints: Any,
     values: FloatArray,
@@ -346,17 +440,20 @@ def hinge_costs(
     (C,), `points` and `normals` (C, 3) in the frame of the joint and in the world, `offsets: (C,)` b, and
     `hinges: (H, 2)` D > 0 and w. As in CHOMP and TrajOpt.
     """
-    costs, gradients = np.zeros(len(values)), np.zeros(values.shape)
-    bends, place = np.zeros((len(rows), len(joints))), np.empty(3)
-    rotation, origin, axis = joint_frames(joints, values)
+    costs, gradients, m = np.zeros(len(values)), np.zeros(values.shape), len(joints)
+    bends, place, placed = np.zeros((len(rows), m)), np.empty(3), -1
+    rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     for c in range(len(rows)):
         b, i, p, normal = rows[c], carriers[c] - 1, points[c], normals[c]
+        if b != placed:
+            place_joints(joints, values[b], rotation, origin, axis)
+            placed = b
         distance = -offsets[c]
         for x in range(3):
             place[x] = p[x]
             if i >= 0:
-                frame = rotation[b, i]
-                place[x] = origin[b, i, x] + frame[x, 0] * p[0] + frame[x, 1] * p[1] + frame[x, 2] * p[2]
+                frame = rotation[i]
+                place[x] = origin[i, x] + frame[x, 0] * p[0] + frame[x, 1] * p[1] + frame[x, 2] * p[2]
             distance += place[x] * normal[x]
         rate, bend = 0.0, 0.0
         for h in range(len(hinges)):
@@ -370,10 +467,10 @@ def hinge_costs(
             slope = 0.0
             for x in range(3):
                 y, z = (x + 1) % 3, (x + 2) % 3
-                turning = axis[b, i, y] * (place[z] - origin[b, i, z]) - axis[b, i, z] * (
-                    place[y] - origin[b, i, y]
+                turning = axis[i, y] * (place[z] - origin[i, z]) - axis[i, z] * (
+                    place[y] - origin[i, y]
                 )
-                slope += normal[x] * (axis[b, i, x] if joints[i].slides else turning)
+                slope += normal[x] * (axis[i, x] if joints[i].slides else turning)
             gradients[b, i] += rate * slope
             bends[c, i] = sqrt(bend) * slope
             i = joints[i].parent - 1

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.pairs import BoundsProof, Curve, PairSet
 from safe_ompl.collision.separation import TOUCHING_ONLY, RequiredDistances, Separation
-from safe_ompl.common import FloatArray, InputError, finite_array, positive, shaped_configuration
+from safe_ompl.common import BoolArray, FloatArray, InputError, finite_array, positive, shaped_configuration
 from safe_ompl.robot import JointLimits
 
 # [m] Bodies move at most this far in half of a first interval. Larger intervals almost never pass: starting here
@@ -203,6 +203,20 @@ class CertifiedMotion:
             return False
         limits = self._limits
         return not limits or all(self._keeps(limit, start, end).verdict is Verdict.FREE for limit in limits)
+
+    def proven_by_bounds(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
+        """Return for motions between `starts` and `ends: (E, n)` whether bounds of distances alone prove them, (E,).
+
+        Those are free; of others nothing is said. It takes much less time than to ask `is_free` of one after the other.
+        """
+        required, changes = self._required, self._checker.changes
+        if self._limits or required.growth is not None:
+            return np.zeros(len(starts), dtype=bool)
+        with changes.none():
+            within = self._joint_limits.all_hold(starts) & self._joint_limits.all_hold(ends)
+            ways = self._checker.robot.difference(starts, ends)
+            bounds = required.pairs.bounds
+            return within & bounds.prove_edges(starts, ways, required.allowed_for, self._floor)
 
     def check(self, start: ArrayLike, end: ArrayLike) -> MotionVerdict:
         """Check the straight motion between `start` and `end: (n,)`; name the witness where it is not free.

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from safe_ompl.collision.broad_phase import DISTANCE_ERROR, Queries
 from safe_ompl.collision.geometry import ObstaclePart, SceneGeometry
-from safe_ompl.collision.kernels import Pairs, pair_bounds, prove_curve
+from safe_ompl.collision.kernels import Pairs, nearest_points, pair_bounds, prove_curve, prove_edges
 from safe_ompl.common import BoolArray, Changes, Counts, FloatArray, IntArray, PerThread
 from safe_ompl.robot import ConvexBodies, ReachCylinder, Robot, plain
 
@@ -54,24 +54,22 @@ class DistanceBounds:
     """Lower bounds of the distances of pairs of bodies, by the convex bodies that hold them.
 
     Every bound holds, whatever the configuration. Nothing is kept from one question to the next: an edge is always
-    decided alike. The geometry has the robot's bodies and, after them, the parts of the obstacles; `pairs: (P, 2)` have
+    decided alike. The `bodies` are the robot's and, after them, the parts of the obstacles; `pairs: (P, 2)` of them have
     displacement radii (P, m) by the joints of Pinocchio's model.
     """
 
     def __init__(
-        self, robot: Robot, geometry: pin.GeometryModel, pairs: IntArray, radii: FloatArray, counts: Counts
+        self, robot: Robot, bodies: ConvexBodies, pairs: IntArray, radii: FloatArray, counts: Counts
     ) -> None:
-        own = robot.bounds.convex_bodies
-        links = len(own.bodies)
-        bodies = own.joined(ConvexBodies.of(list(geometry.geometryObjects)[links:]))
-        moved = np.zeros((len(bodies.bodies), robot.bounds.joint_radii.shape[1]), dtype=bool)
-        moved[:links] = robot.bounds.joint_radii > 0
+        moved = np.zeros((len(bodies.bodies), radii.shape[1]), dtype=bool)
+        moved[: len(robot.bounds.joint_radii)] = robot.bounds.joint_radii > 0
         pair_table = Pairs(np.array(pairs), np.array(radii), moved)
         self._data = robot.kinematics.joints, bodies.shapes, pair_table
         self._flat = robot.kinematics.joints, *bodies.shapes, pair_table
         # Kernels are compiled anew for arrays that are read-only or strided: they are given none.
         self._memory = PerThread(partial(_memory, radii.shape[1]))
         self._bounded, self._coupling, self._counts = bodies.bounded, robot.coupling, counts
+        self.exact: BoolArray = bodies.exact[pair_table.bodies].all(axis=1) & bodies.bounded
 
     def of(self, Q: FloatArray, pairs: IntArray, enough: float) -> FloatArray:
         """Return lower bounds (B, K) [m] of the distances of some of the pairs, (K,), at `Q: (B, n)`.
@@ -84,6 +82,18 @@ class DistanceBounds:
             pair_bounds(joints, shapes, known.bodies[pairs], plain(self._coupling.values(Q)), enough, bounds)
             self._counts.bound_queries += len(Q)
         return bounds
+
+    def nearest(self, Q: FloatArray, rows: IntArray, pairs: IntArray) -> FloatArray:
+        """Return distances and nearest points (C, 8) of pairs (C,) that are `exact`, each at one of the rows (C,) of Q.
+
+        The rows do not fall. What is returned is that of `safe_ompl.collision.kernels.nearest_points`.
+        """
+        found = np.empty((len(rows), 8))
+        if len(rows):
+            joints, shapes, known = self._data
+            values = plain(self._coupling.values(Q))
+            nearest_points(joints, shapes, known.bodies[pairs], values, rows, found)
+        return found
 
     def prove(
         self, curve: Curve, required: FloatArray, growth: FloatArray | None, floor: float
@@ -110,6 +120,18 @@ class DistanceBounds:
         return BoundsProof(False, at, left[:number].tolist()) if number else _FREE
 
 
+    def prove_edges(
+        self, starts: FloatArray, ways: FloatArray, required: FloatArray, floor: float
+    ) -> BoolArray:
+        """Return which edges (E,) are proven, as `prove` does one by one; ends are `starts` + `ways: (E, n)`."""
+        proven = np.zeros(len(starts), dtype=bool)
+        if self._bounded and len(starts):
+            joints, shapes, known = self._data
+            edges = np.stack([self._coupling.values(starts), self._coupling.motions(ways)], axis=1)
+            self._counts.bound_queries += prove_edges(joints, shapes, known, edges, required, floor, proven)
+        return proven
+
+
 def _memory(joints: int) -> tuple[FloatArray, FloatArray]:
     """Return arrays for an edge (2, m), and for the intervals that are not proven."""
     return np.empty((2, joints)), np.empty((_INTERVALS, 2))
@@ -133,7 +155,7 @@ class PairTable:
         self.bodies: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         self.with_obstacle: IntArray = np.arange(len(own), len(pairs))
         self.obstacle_radii = np.full((len(geometry.names), robot.bounds.joint_radii.shape[1]), np.inf)
-        self.measure_from_axes(parts)
+        self._measure_from_axes(parts)
         cylinders = list(reaches.values())
         self._reaches = [_as_object(reach) for reach in cylinders]
         self._parts = parts
@@ -145,6 +167,11 @@ class PairTable:
         hollow = np.array([isinstance(part.shape, _HOLLOW) for part in parts], dtype=bool)
         far = np.where(hollow, radii, 0.0)  # the centre of any other is in it
         self._upper = np.where(movable[:, None], -np.inf, away + far[:, None] + _ROUNDING)
+
+    @cached_property
+    def convex_bodies(self) -> ConvexBodies:
+        """All G bodies as convex ones that hold them, obstacles where they are now."""
+        return self.robot.bounds.convex_bodies.joined(ConvexBodies.of(self.geometry.obstacle_bodies))
 
     def names(self, rows: IntArray) -> tuple[tuple[str, str], ...]:
         """Return the names of pairs: link and obstacle, or link and link."""
@@ -165,8 +192,12 @@ class PairTable:
         nearer[self.with_obstacle] = (self._lower < distance).ravel()
         return nearer
 
-    def measure_from_axes(self, parts: Sequence[ObstaclePart]) -> None:
-        """Renew the `obstacle_radii` of parts of obstacles, which have moved."""
+    def follow(self, parts: Sequence[ObstaclePart]) -> None:
+        """Renew what follows from the places of parts of obstacles, which have moved."""
+        vars(self).pop("convex_bodies", None)
+        self._measure_from_axes(parts)
+
+    def _measure_from_axes(self, parts: Sequence[ObstaclePart]) -> None:
         rows = [part.index for part in parts]
         self.obstacle_radii[rows] = self.robot.shared.chain.axis_reaches.distances(
             [part.hull for part in parts]
@@ -219,8 +250,6 @@ class PairSet:
 
     Attributes
     ----------
-    geometry : pin.GeometryModel
-        The robot's bodies and, after them, the parts of the obstacles, with the pairs.
     names, bodies : tuple of (str, str), ndarray of int, shape (P, 2)
         Names of the pairs, link and obstacle, or link and link; their indices in the geometry, the smaller one first.
     revision : int
@@ -239,10 +268,31 @@ class PairSet:
         self.meets_obstacle: BoolArray = np.isin(rows, table.with_obstacle)
         for array in (self.bodies, self.meets_obstacle):
             array.setflags(write=False)
-        self.geometry = table.geometry.with_pairs(self.bodies)
         self.revision = 0
         self._take_radii()
-        self._queries = Queries(self._robot.shared.model, self.geometry, self.bodies, changes)
+        self._coal: Queries | None = None  # made when it is asked first
+
+    @cached_property
+    def geometry(self) -> pin.GeometryModel:
+        """The robot's bodies and, after them, the parts of the obstacles, with the pairs."""
+        with self.changes.none():
+            return self._table.geometry.with_pairs(self.bodies)
+
+    @property
+    def _queries(self) -> Queries:
+        if self._coal is None:
+            with self.changes.none():
+                geometry = self.geometry
+                self._coal = self._coal or Queries(
+                    self._robot.shared.model, geometry, self.bodies, self.changes
+                )
+        return self._coal
+
+    @property
+    def carriers(self) -> IntArray:
+        """Pinocchio's number of the joint that carries the first body of each pair, (P,)."""
+        joints: IntArray = self._table.convex_bodies.bodies["joint"][self.bodies[:, 0]]
+        return joints
 
     def _take_radii(self) -> None:
         links, obstacles = self._robot.bounds.joint_radii, self._table.obstacle_radii
@@ -252,7 +302,8 @@ class PairSet:
 
     def follow(self, measured: Sequence[int]) -> None:
         """Renew what follows from the places of obstacles, which have moved, and of bodies that were measured anew."""
-        self._queries.take_shapes(measured)
+        if self._coal is not None:
+            self._coal.take_shapes(measured)
         self._take_radii()
         vars(self).pop("bounds", None)
         self.revision += 1
@@ -263,7 +314,8 @@ class PairSet:
     @cached_property
     def bounds(self) -> DistanceBounds:
         """Lower bounds of the distances of the pairs, which prove most motions without a query."""
-        return DistanceBounds(self._robot, self.geometry, self.bodies, self._joint_radii, self._counts)
+        bodies = self._table.convex_bodies
+        return DistanceBounds(self._robot, bodies, self.bodies, self._joint_radii, self._counts)
 
     def margins(self, obstacles: float, links: float = 0.0) -> FloatArray:
         """Return margins (P,), read-only: one [m] for pairs with an obstacle, one for pairs of two links."""

@@ -15,7 +15,13 @@ class PerThread(threading.local, Generic[_Memory]):
     """Working memory of each thread, made by `make` when a thread first asks for its `own`."""
 
     def __init__(self, make: Callable[[], _Memory]) -> None:
-        self.own = make()
+        self._make = make
+
+    def __getattr__(self, name: str) -> _Memory:
+        if name != "own":
+            raise AttributeError(name)
+        self.own: _Memory = self._make()
+        return self.own
 
 
 class Changes:

@@ -12,7 +12,7 @@ from safe_ompl.collision import CollisionChecker, PairDistances, Proximity, Witn
 from safe_ompl.common import BoolArray, FloatArray, IntArray, number
 from safe_ompl.danger import DangerField
 from safe_ompl.paths import kernels as kernel
-from safe_ompl.paths.measures import Curve, divided, path_length
+from safe_ompl.paths.measures import Curve, path_length
 from safe_ompl.robot import Robot, plain
 
 _BESIDE, _CLOSELY = 0.4, 0.02  # [rad] so far from the ends peaks are looked for, at samples so close together
@@ -223,13 +223,13 @@ class ObstacleCost:
     def clearances(self, path: FloatArray) -> tuple[float, float]:
         """Return the least clearance [m] of the ends of a path (N, n), and at samples along it; ≥ 0."""
         checker = self._proximity.checker
-        ends = least = max(0.0, min(checker.clearance(q).distance for q in path[[0, -1]]))
+        ends = max(0.0, PairDistances(checker, np.inf).least(path[[0, -1]], np.inf))
         if not 0 < ends < np.inf:
             return ends, ends
         distances = self._proximity.distances if ends <= self.distance else PairDistances(checker, ends)
         curve = Curve(checker.robot, path)
         samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _STEP)))
-        return ends, max(0.0, distances.least(samples, least))
+        return ends, max(0.0, distances.least(samples, ends))
 
     def near(self, Q: FloatArray) -> BoolArray:
         """Return whether anything is nearer than D (B,) at `Q: (B, n)`."""
@@ -272,17 +272,27 @@ class ActiveSetCost:
     def __init__(self, danger: DangerDensity, obstacles: ObstacleCost | None, path: FloatArray) -> None:
         self.everywhere = danger
         self._obstacles = obstacles
+        self._active: DangerField | None = None
         self.look_at(path)
 
-    def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> None:
-        """Take the danger points that matter near a path (N, n), and at some configurations (B, n) besides."""
-        samples = divided(path, _SCAN)
+    def look_at(self, path: FloatArray, besides: FloatArray | None = None) -> bool:
+        """Take the danger points that matter near a path (N, n), and at some configurations (B, n) besides.
+
+        Returns whether they are others than before: if not, J is what it was.
+        """
+        robot = self.everywhere.field.robot
+        curve = Curve(robot, path)
+        samples = curve.at(np.linspace(0.0, curve.length, 2 + int(curve.length / _SCAN)))
         if besides is not None:
             samples = np.concatenate([samples, besides])
-        robot = self.everywhere.field.robot
-        danger = self.everywhere.restricted(self.everywhere.field.active(samples, _SHARE))
+        active, before = self.everywhere.field.active(samples, _SHARE), self._active
+        if before is not None and np.array_equal(active.points, before.points):
+            return False
+        self._active = active
+        danger = self.everywhere.restricted(active)
         self.danger = PathCost(robot, [danger])
         self.total = PathCost(robot, [danger, *([] if self._obstacles is None else [self._obstacles])])
+        return True
 
     def of(self, path: FloatArray) -> float:
         """Return J of a path (N, n), without obstacle cost."""

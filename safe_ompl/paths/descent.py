@@ -294,8 +294,7 @@ class ProvenDescent:
     def _look_again(self) -> bool:
         """Take the danger points that matter now; return whether the path is still no dearer than the given one."""
         whole = self._whole(self.path)
-        self._cost.look_at(whole)
-        cost = self._cost.of(whole)
+        cost = self._cost.of(whole) if self._cost.look_at(whole) else self.price.cost
         self.price = Price(cost, cost + self.price.total - self.price.cost)
         return not self.leads or self._best.confirm(cost)
 

@@ -33,7 +33,8 @@ Stop = Callable[[], bool]
 _CONVERGED = 0.03  # a round that lowers the cost by less than this share is the last
 _SAME = 1e-4  # [m] clearances that differ by less are the same
 _FEW = 14  # way points between which shortcuts are looked for after the descent
-_WORTHWHILE = 0.08  # share of the cost that shortcuts after the descent must save to be taken
+_WORTHWHILE = 0.08  # share of the cost that shortcuts after the descent must save to be taken,
+_PROMISING = 0.04  # and by an estimate to be proven
 _ALLOWANCE = 1.3  # clearance below this times that of the nearer end costs most
 
 
@@ -314,7 +315,8 @@ class SimplificationRun:
 
     def _shorten(self, most: int = MOST, worth: float = np.inf) -> bool:
         """Take shortcuts between up to `most` way points, if the path then costs no more; return whether."""
-        shorter = self._shortcut(partial(shortcut, most=most), self.best)
+        estimate = 1.0 if worth == np.inf else 1.0 - _PROMISING
+        shorter = self._shortcut(partial(shortcut, most=most, worth=estimate), self.best)
         if shorter is None or path_length(shorter) > self._terms.longest:
             return False
         self._cost.look_at(shorter)  # where the given path has not been, other danger points may matter

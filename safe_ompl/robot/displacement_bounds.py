@@ -150,7 +150,7 @@ _POINT = np.zeros((1, 3))
 
 @dataclass(frozen=True)
 class ConvexBodies:
-    """Convex bodies that hold the G bodies of a geometry model, in its order; exact where these are convex.
+    """Convex bodies that hold the G bodies of a geometry model, in its order; `exact: (G,)` says which are the same.
 
     `bodies` are of type `BODY` (`safe_ompl.geometry.kernels.convex`), `starts: (C + 1,)` and `vertices: (E, 3)` the
     lists of their vertices; `bounded` says whether all are finite: no plane, no half space.
@@ -160,6 +160,7 @@ class ConvexBodies:
     starts: IntArray
     vertices: FloatArray
     bounded: bool
+    exact: BoolArray
 
     @property
     def shapes(self) -> Shapes:
@@ -172,9 +173,11 @@ class ConvexBodies:
         bodies = np.zeros(len(parts), BODY)
         starts, lists, bounded = [np.zeros(1, dtype=np.intp)], [np.zeros((0, 3))], True
         cells = entries = 0
-        for body, part in zip(bodies, parts, strict=True):
+        exact = np.zeros(len(parts), dtype=bool)
+        for k, (body, part) in enumerate(zip(bodies, parts, strict=True)):
             summands = _summands(part.geometry)
             bounded &= summands.bounded
+            exact[k] = summands.exact
             grid, own_starts, own_vertices = _listed(summands.vertices)
             if summands.bounded:
                 _fill(body, part, summands)
@@ -182,7 +185,7 @@ class ConvexBodies:
             starts.append(own_starts[1:] + entries)
             lists.append(own_vertices)
             cells, entries = cells + len(own_starts) - 1, entries + len(own_vertices)
-        return cls(bodies, np.concatenate(starts), np.concatenate(lists), bounded)
+        return cls(bodies, np.concatenate(starts), np.concatenate(lists), bounded, exact)
 
     def joined(self, others: ConvexBodies) -> ConvexBodies:
         """Return these bodies and, after them, others."""
@@ -193,17 +196,19 @@ class ConvexBodies:
             np.concatenate([self.starts, others.starts[1:] + len(self.vertices)]),
             np.concatenate([self.vertices, others.vertices]),
             self.bounded and others.bounded,
+            np.concatenate([self.exact, others.exact]),
         )
 
 
 @dataclass(frozen=True)
 class _Summands:
-    """The parts whose Minkowski sum is a convex body: vertices (V, 3), box (3,), disc and ball."""
+    """The parts whose Minkowski sum is a convex body, or holds one that is not `exact`ly it: vertices (V, 3), …"""
 
     vertices: FloatArray
     box: FloatArray
     disc: float = 0.0
     ball: float = 0.0
+    exact: bool = True
 
     @property
     def bounded(self) -> bool:
@@ -224,9 +229,11 @@ def _summands(geometry: coal.CollisionGeometry) -> _Summands:
         return _Summands(_POINT, along, disc=geometry.radius, ball=swept)
     with np.errstate(over="ignore"):  # of planes
         hull = bounding_hull(geometry)
-    if len(hull.points) > _MOST:
+    few = len(hull.points) <= _MOST
+    if not few:
         hull = bounding_hull(geometry, coarse=True)
-    return _Summands(hull.points, np.zeros(3), ball=hull.radius + swept)
+    exact = few and isinstance(geometry, coal.ConvexBase)
+    return _Summands(hull.points, np.zeros(3), ball=hull.radius + swept, exact=exact)
 
 
 def _fill(body: Records, part: pin.GeometryObject, summands: _Summands) -> None:

@@ -237,6 +237,12 @@ class JointLimits:
         """Return whether `q: (n,)` is within limits; NaN and infinity never are."""
         return bool(kernel.within(q, self._bounds))
 
+    def all_hold(self, Q: FloatArray) -> BoolArray:
+        """Return the same (B,) of configurations `Q: (B, n)`."""
+        low, high = self._bounds
+        held: BoolArray = ((low <= Q) & (high >= Q)).all(axis=1)
+        return held
+
     def left_by(self, curve: Sequence[FloatArray]) -> tuple[int, float] | None:
         """Return a joint that leaves its limits on the motion q(t) = Σ_k c_k t^k, t in [0, 1], and a t where it may.
 

@@ -13,6 +13,7 @@ from safe_ompl import CertifiedMotion, CollisionChecker, Verdict
 from safe_ompl.collision import FLOOR, Separation
 from safe_ompl.collision.pairs import ALLOWANCE, BoundsProof, DistanceBounds
 from safe_ompl.common import Counts
+from safe_ompl.robot import ConvexBodies
 
 ROBOTS = ["panda", "ur5", "kinova", "twin_arm", "slider"]
 STEP = 0.01  # [rad]
@@ -161,7 +162,7 @@ def test_nothing_is_kept_from_one_edge_to_the_next(ur5, clutter):
 
 def test_without_pairs_everything_is_free(ur5):
     nothing = np.zeros((0, 2), np.intp), np.zeros((0, ur5.n))
-    bounds = DistanceBounds(ur5, ur5.shared.collision_model, *nothing, Counts())
+    bounds = DistanceBounds(ur5, ur5.bounds.convex_bodies, *nothing, Counts())
     assert bounds.prove(next(edges(ur5, 1)), np.zeros(0), None, FLOOR).proven
 
 
@@ -171,7 +172,7 @@ def test_what_has_no_end_is_left_to_coal(ur5):
         "plane", 0, pin.SE3.Identity(), coal.Halfspace(np.array([0.0, 0.0, 1.0]), -9.0)
     )
     number = geometry.addGeometryObject(plane)
-    bounds = DistanceBounds(ur5, geometry, np.array([[3, number]]), np.ones((1, ur5.n)), Counts())
+    bounds = DistanceBounds(ur5, ConvexBodies.of(list(geometry.geometryObjects)), np.array([[3, number]]), np.ones((1, ur5.n)), Counts())
     found = bounds.prove(next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
     assert not found.proven
     assert not found.covers(0.4, 0.6)

@@ -2,12 +2,14 @@
 
 from itertools import pairwise
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from safe_ompl import Box, CollisionChecker, Obstacle, Pose, Scene, Sphere
-from safe_ompl.collision import PairDistances, Proximity
+from safe_ompl.collision import PairDistances, Proximity, fresh_data
+from safe_ompl.robot import ConvexBodies
 
 WITHIN = 0.1
 
@@ -26,20 +28,48 @@ def path(panda, rng):
     return np.concatenate([np.linspace(a, b, 15) for a, b in pairwise(ends)])
 
 
+def by_coal(checker, q, reach):
+    """Return the distances (K,) of the pairs of a link and an obstacle, as coal has them."""
+    pairs = checker.pairs_within(reach)
+    model, geometry = checker.robot.shared.model, pairs.geometry
+    data, kinematics = fresh_data(geometry), model.createData()
+    full = checker.robot.pinocchio_configuration(q)
+    pin.updateGeometryPlacements(model, kinematics, geometry, data, full)
+    indices = np.flatnonzero(pairs.meets_obstacle).tolist()
+    return np.array([pin.computeDistance(geometry, data, k).min_distance for k in indices])
+
+
 def test_what_is_near_is_what_coal_calls_near(checker, path):
     distances = PairDistances(checker, WITHIN)
-    found = list(distances.near(path, WITHIN))
-    everything = list(distances.near(path, np.inf))
-    assert len(everything) == len(path) * len(distances)
-    assert found == [(row, pair, distance) for row, pair, distance in everything if distance < WITHIN]
-    assert 0 < len(found) < len(everything)
+    found, everything = distances.near(path, WITHIN), distances.near(path, np.inf)
+    assert len(everything.rows) == len(path) * len(distances)
+    expected = np.array([by_coal(checker, q, WITHIN) for q in path])
+    apart = everything.distances > 0
+    np.testing.assert_allclose(everything.distances[apart], expected.ravel()[apart], rtol=0, atol=2e-5)
+    assert (expected.ravel()[~apart] < 2e-5).all()
+    near = everything.distances < WITHIN
+    assert 0 < near.sum() < len(near)
+    np.testing.assert_array_equal(found.rows, everything.rows[near])
+    np.testing.assert_array_equal(found.pairs, everything.pairs[near])
+    np.testing.assert_allclose(found.distances, everything.distances[near], rtol=1e-5)
 
 
-def test_coal_is_asked_about_few_pairs_that_are_not_near(checker, path, monkeypatch):
-    distances, asked, compute = PairDistances(checker, WITHIN), [], pin.computeDistance
-    monkeypatch.setattr(pin, "computeDistance", lambda *args: asked.append(args[2]) or compute(*args))
-    near = list(distances.near(path, WITHIN))
-    assert 0 < len(near) <= len(asked) < 1.2 * len(near)
+def test_coal_is_not_asked_about_convex_bodies(checker, path, monkeypatch):
+    monkeypatch.setattr(pin, "computeDistance", None)
+    assert len(PairDistances(checker, WITHIN).near(path, WITHIN).rows)
+
+
+def test_meshes_that_are_not_convex_are_measured_by_coal(panda, path, rng):
+    mesh = coal.BVHModelOBBRSS()
+    corners = rng.uniform(-0.1, 0.1, (12, 3))
+    mesh.beginModel(4, 12)
+    for three in corners.reshape(4, 3, 3):
+        mesh.addTriangle(*three)
+    mesh.endModel()
+    convex = np.array([isinstance(shape, coal.ConvexBase) for shape in (mesh, coal.Box(1, 1, 1))])
+    assert not convex.any()
+    parts = [pin.GeometryObject("m", 0, pin.SE3.Identity(), shape) for shape in (mesh, coal.Box(1, 1, 1))]
+    np.testing.assert_array_equal(ConvexBodies.of(parts).exact, [False, True])
 
 
 def test_witnesses_do_not_depend_on_what_was_asked_before(checker, path):

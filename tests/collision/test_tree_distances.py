@@ -110,11 +110,15 @@ def test_nearest_points_are_given_of_the_link_first(checker, path, side):
     checker.move(scene_of(column(300)))
     distances, pairs = PairDistances(checker, 0.5), checker.pairs_within(0.5)
     names = [pairs.names[k][1] for k in np.flatnonzero(pairs.meets_obstacle)]
-    seen = 0
-    for _, pair, distance in distances.near(path[::side], 0.5):
-        on_link, on_obstacle = distances.witness(pair)
-        assert np.linalg.norm(on_link - on_obstacle) == pytest.approx(abs(distance), abs=1e-6)
-        name = names[pair]
+    seen, Q = 0, path[::side]
+    found = distances.near(Q, 0.5)
+    places, _ = checker.robot.body_points(Q, found.rows, distances.joints[found.pairs], found.points)
+    for pair, distance, on_link, normal, offset in zip(
+        found.pairs, found.distances, places, found.normals, found.offsets, strict=True
+    ):
+        if distance > 0:
+            assert on_link @ normal - offset == pytest.approx(distance, abs=1e-6)
+        name, on_obstacle = names[pair], on_link - distance * normal
         if name == "scan" and distance > 0.05:
             local = TURNED.se3.actInv(on_obstacle)
             assert np.hypot(local[0] - 0.5, local[1]) < 0.08 + 0.01 + 0.01, "on the column, not on the link"
@@ -125,5 +129,6 @@ def test_nearest_points_are_given_of_the_link_first(checker, path, side):
 def test_what_was_asked_before_does_not_change_an_answer(checker, path):
     checker.move(scene_of(column(300)))
     fresh, used = PairDistances(checker, 0.5), PairDistances(checker, 0.5)
-    list(used.near(path[::-1] + 0.05, 0.5))
-    assert list(used.near(path, 0.5)) == list(fresh.near(path, 0.5))
+    used.near(path[::-1] + 0.05, 0.5)
+    for found, expected in zip(used.near(path, 0.5), fresh.near(path, 0.5), strict=True):
+        np.testing.assert_array_equal(found, expected)

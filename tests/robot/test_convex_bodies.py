@@ -63,7 +63,7 @@ def bounds(first, second, axis=None, enough=np.inf, least=-np.inf):
         pose["centre"] = body["translation"] + body["rotation"] @ body["centre"]
     if axis is None:
         axis = poses[0]["centre"] - poses[1]["centre"]
-    return distance_bounds(model.shapes, poses, 0, 1, np.array(axis), np.empty((4, 3)), enough, least)
+    return distance_bounds(model.shapes, poses, 0, 1, np.array(axis), np.empty((4, 3)), enough, least)[:2]
 
 
 def placed(shape, rng, reach):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, part
-from safe_ompl.danger.kernels.field import Skeleton, add_pull, potentials
+from safe_ompl.danger.kernels.field import Skeleton, add_pull, new_block, potentials
 from safe_ompl.danger.kernels.groups import (
     MAXIMUM,
     MEAN,
@@ -97,7 +97,7 @@ def dangers(
     out, levels, share = np.empty(B), np.empty(M), np.empty(M)
     rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
     places, forces = np.empty((len(keys), 3)), np.empty((len(keys), 3))
-    skeleton = Skeleton(places, links, tables.by_length)
+    skeleton = Skeleton(places, links, tables.by_length, new_block(len(keys)))
     known = np.empty((3, len(balls)))
     room = Room(np.empty((len(links), len(balls))), known, np.empty((1, most_points(balls))))
     sloped = len(gradients) > 0

@@ -19,12 +19,43 @@ _SERIES = 0.01  # (ℓ/S)² below which κ is summed as a series
 _LN2 = 0.6931471805599453
 
 
+_BLOCK = 128  # points at once: what is known of them stays in the nearest cache
+
+
+class Block(NamedTuple):
+    """A block of points: points (3, N), distances (K, N), θ (N,) of a link, and room for its logarithm.
+
+    `bits` is the same memory as `mantissa`.
+    """
+
+    points: FloatArray
+    distances: FloatArray
+    theta: FloatArray
+    mantissa: FloatArray
+    bits: IntArray
+    power: FloatArray
+
+
+@part
+def new_block(keypoints: int) -> Block:
+    """Return memory for so many key points; one serves all configurations, as it takes time to come by."""
+    mantissa = np.empty(_BLOCK)
+    return Block(
+        np.empty((3, _BLOCK)), np.empty((keypoints, _BLOCK)), np.empty(_BLOCK), mantissa,
+        mantissa.view(np.int64), np.empty(_BLOCK),
+    )  # fmt: skip
+
+
 class Skeleton(NamedTuple):
-    """A skeleton at one configuration: places (K, 3) of key points, links (L, 2) between them, and their weighting."""
+    """A skeleton at one configuration: places (K, 3) of key points, links (L, 2) between them, and their weighting.
+
+    And working memory.
+    """
 
     places: FloatArray
     links: IntArray
     by_length: bool
+    block: Block
 
 
 @part
@@ -88,22 +119,7 @@ def ray(skeleton: Skeleton, points: FloatArray, m: int, key: int, out: FloatArra
 
 
 _LANES = 16  # numbers that a processor works on at once, times what the compiler unrolls
-_BLOCK = 128  # points at once: what is known of them stays in the nearest cache
 _NEAR = 1e3  # 2ℓ/(S − ℓ) above which the difference has lost too many digits
-
-
-class _Block(NamedTuple):
-    """A block of points: points (3, N), distances (K, N), θ (N,) of a link, and room for its logarithm.
-
-    `bits` is the same memory as `mantissa`.
-    """
-
-    points: FloatArray
-    distances: FloatArray
-    theta: FloatArray
-    mantissa: FloatArray
-    bits: IntArray
-    power: FloatArray
 
 
 @part
@@ -113,11 +129,7 @@ def potentials(skeleton: Skeleton, points: FloatArray, begin: int, end: int, lev
     The sum is written where there is room for one row only. There may be room for more points than there are.
     """
     places, links = skeleton.places, skeleton.links
-    mantissa = np.empty(_BLOCK)
-    block = _Block(
-        np.empty((3, _BLOCK)), np.empty((len(places), _BLOCK)), np.empty(_BLOCK), mantissa,
-        mantissa.view(np.int64), np.empty(_BLOCK),
-    )  # fmt: skip
+    block = skeleton.block
     for row in range(len(levels)):
         for j in range(end - begin):
             levels[row, j] = 0.0
@@ -135,7 +147,7 @@ def potentials(skeleton: Skeleton, points: FloatArray, begin: int, end: int, lev
 
 
 @part
-def _rays(places: FloatArray, points: FloatArray, begin: int, number: int, block: _Block) -> int:
+def _rays(places: FloatArray, points: FloatArray, begin: int, number: int, block: Block) -> int:
     """Copy a block of points, and write their distances (K, ·) from all key points.
 
     The last point is repeated up to a whole number of lanes, which is returned: loops over what is left after these
@@ -157,7 +169,7 @@ def _rays(places: FloatArray, points: FloatArray, begin: int, number: int, block
 
 
 @part
-def _angles(places: FloatArray, start: int, end: int, length: float, block: _Block, number: int) -> None:
+def _angles(places: FloatArray, start: int, end: int, length: float, block: Block, number: int) -> None:
     """Write θ = log(1 + 2ℓ/(S − ℓ)) of a link at a block of points."""
     theta, distances = block.theta, block.distances
     near = 0
@@ -198,7 +210,7 @@ def _log1p_each(x: FloatArray, mantissa: FloatArray, bits: IntArray, power: Floa
 
 @part
 def _restore_digits(
-    places: FloatArray, start: int, end: int, length: float, block: _Block, number: int
+    places: FloatArray, start: int, end: int, length: float, block: Block, number: int
 ) -> None:
     """Replace what cancels in 2ℓ/(S − ℓ) by ℓ (S + ℓ)/((S² − ℓ²)/2); 0 on the segment."""
     ratios, points = block.theta, block.points
@@ -213,7 +225,7 @@ def _restore_digits(
 
 
 @part
-def _mark_contacts(start: int, end: int, block: _Block, number: int) -> None:
+def _mark_contacts(start: int, end: int, block: Block, number: int) -> None:
     """Let θ be infinite on the segment, and what is not a number stay none."""
     for j in range(number):
         S = block.distances[start, j] + block.distances[end, j]
@@ -289,9 +301,9 @@ def _space_slope(skeleton: Skeleton, points: FloatArray, m: int, out: FloatArray
 @compiled
 def fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
     """Return CDF(p) (B, M)."""
-    out = np.empty((len(places), points.shape[2]))
+    out, block = np.empty((len(places), points.shape[2])), new_block(places.shape[1])
     for b in range(len(places)):
-        skeleton, at = Skeleton(places[b], links, by_length), points[b if len(points) > 1 else 0]
+        skeleton, at = Skeleton(places[b], links, by_length, block), points[b if len(points) > 1 else 0]
         potentials(skeleton, at, 0, out.shape[1], out[b : b + 1])
     return out
 
@@ -299,9 +311,9 @@ def fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: b
 @compiled
 def link_fields(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
     """Return the field of each link (B, L, M)."""
-    out = np.empty((len(places), len(links), points.shape[2]))
+    out, block = np.empty((len(places), len(links), points.shape[2])), new_block(places.shape[1])
     for b in range(len(places)):
-        skeleton, at = Skeleton(places[b], links, by_length), points[b if len(points) > 1 else 0]
+        skeleton, at = Skeleton(places[b], links, by_length, block), points[b if len(points) > 1 else 0]
         potentials(skeleton, at, 0, out.shape[2], out[b])
     return out
 
@@ -329,9 +341,9 @@ def link_distances(places: FloatArray, links: IntArray, points: FloatArray) -> F
 @compiled
 def space_gradients(places: FloatArray, links: IntArray, points: FloatArray, by_length: bool) -> FloatArray:
     """Return ∂CDF/∂p (B, M, 3)."""
-    out = np.empty((len(places), points.shape[2], 3))
+    out, block = np.empty((len(places), points.shape[2], 3)), new_block(places.shape[1])
     for b in range(len(places)):
-        skeleton, at = Skeleton(places[b], links, by_length), points[b if len(points) > 1 else 0]
+        skeleton, at = Skeleton(places[b], links, by_length, block), points[b if len(points) > 1 else 0]
         for m in range(points.shape[2]):
             _space_slope(skeleton, at, m, out[b, m])
     return out
@@ -342,9 +354,9 @@ def pulls(
     places: FloatArray, links: IntArray, points: FloatArray, weights: FloatArray, by_length: bool
 ) -> FloatArray:
     """Return the gradients (B, K, 3) of Σ_m w_m CDF(p_m) by the key points; weights (B, M)."""
-    out = np.zeros(places.shape)
+    out, block = np.zeros(places.shape), new_block(places.shape[1])
     for b in range(len(places)):
-        skeleton, at = Skeleton(places[b], links, by_length), points[b if len(points) > 1 else 0]
+        skeleton, at = Skeleton(places[b], links, by_length, block), points[b if len(points) > 1 else 0]
         for m in range(points.shape[2]):
             if weights[b, m] != 0.0:
                 add_pull(skeleton, at, m, weights[b, m], out[b])

@@ -21,7 +21,7 @@ import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, part
 from safe_ompl.danger.kernels.danger import Tables
-from safe_ompl.danger.kernels.field import ZERO, Skeleton, dot, potentials, ray
+from safe_ompl.danger.kernels.field import ZERO, Skeleton, dot, new_block, potentials, ray
 from safe_ompl.danger.kernels.groups import Points
 from safe_ompl.danger.kernels.kinetostatic import difference, link_parts
 from safe_ompl.robot.kernels import move_joints, move_keypoints, place_joints, place_keypoints
@@ -170,13 +170,14 @@ def highest(
         most = max(most, balls[g].end - balls[g].begin)
     room = np.empty((len(links) + 2 * len(keys), most))
     rotation, origin, axis, twists = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 6))
+    block = new_block(len(keys))
     for b in range(B):
         places, velocities = motions[0, b], motions[1, b]
         place_joints(joints, values[b], rotation, origin, axis)
         place_keypoints(keys, rotation, origin, places)
         move_joints(joints, rates[b], origin, axis, twists)
         move_keypoints(keys, twists, places, velocities)
-        motion = Motion(Skeleton(places, links, tables.by_length), velocities, ahead, spread)
+        motion = Motion(Skeleton(places, links, tables.by_length, block), velocities, ahead, spread)
         best, peak = 0, -inf
         if blocks == 1:
             bounds[0] = inf

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         distance_bounds,
         extreme_vertices,
         from_box,
+        nearest_in_simplex,
         place_bodies,
     )
     from safe_ompl.geometry.kernels.hull_gaps import CellFrames, Hulls, Sets, cell_gaps, gaps
@@ -34,6 +35,7 @@ __all__ = [
     "extreme_vertices",
     "from_box",
     "gaps",
+    "nearest_in_simplex",
     "place_bodies",
 ]
 

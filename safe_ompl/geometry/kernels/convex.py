@@ -78,7 +78,8 @@ def _hides(S: FloatArray, i: int, j: int, k: int, opposite: int) -> bool:
 def nearest_in_simplex(S: FloatArray, corners: int) -> Found:
     """Return the point of a simplex that is nearest to the origin, and how many corners it lies between.
 
-    `S: (4, 3)` has so many corners; those that the point lies between are moved to the front.
+    `S: (4, 3 or more)` has so many corners; those that the point lies between are moved to the front, with all that is
+    in their rows.
     """
     if corners == 1:
         return S[0, 0], S[0, 1], S[0, 2], 1
@@ -98,7 +99,8 @@ def nearest_in_simplex(S: FloatArray, corners: int) -> Found:
     count = 0
     for i in range(corners):
         if between >> i & 1:
-            S[count, 0], S[count, 1], S[count, 2] = S[i, 0], S[i, 1], S[i, 2]
+            for column in range(S.shape[1]):
+                S[count, column] = S[i, column]
             count += 1
     return x, y, z, count
 
@@ -141,7 +143,8 @@ POSE = np.dtype(
 )
 
 _STEPS = 32  # of the search for an axis
-_TIGHT = 0.9  # of the distance: a bound as good as this is not improved any more
+_TIGHT = 0.9  # of the distance: a bound as good as this is not improved any more,
+_EXACT = 1.0 - 1e-6  # and this where the nearest points are wanted
 _OVERLAPPING = 1e-12  # [m] between bodies that count as overlapping
 
 
@@ -241,19 +244,22 @@ def distance_bounds(
     simplex: FloatArray,
     enough: float,
     least: float,
-) -> tuple[float, float]:
+) -> tuple[float, float, int]:
     """Return a lower and an upper bound of the distance [m] of bodies a and b; −∞ as the upper one if they overlap.
 
     The algorithm of Gilbert, Johnson and Keerthi. It begins with an `axis: (3,)` from b to a, and ends as soon as the
     lower bound is `enough`, or tight, or the upper one shows that `least` cannot be reached; the best axis is left in
-    `axis`. `simplex: (4, 3)` is working memory.
+    `axis`. `simplex: (4, 3)` is working memory. With six columns it has points of a − b, each beside the point of a,
+    without its ball; the nearest point lies between so many of them as the last number says, and bounds are tight to
+    a millionth then.
     """
     body_a, pose_a, body_b, pose_b = shapes.bodies[a], poses[a], shapes.bodies[b], poses[b]
     starts, vertices = shapes.starts, shapes.vertices
     balls = body_a.ball + body_b.ball
     x, y, z = axis[0], axis[1], axis[2]
     lower, upper = -inf, inf
-    corners = 0
+    corners, wide = 0, simplex.shape[1] == 6
+    tight = _EXACT if wide else _TIGHT
     for _ in range(_STEPS):
         p = support(body_a, pose_a, starts, vertices, -x, -y, -z)
         q = support(body_b, pose_b, starts, vertices, x, y, z)
@@ -262,17 +268,19 @@ def distance_bounds(
         if bound > lower:
             lower = bound
             axis[0], axis[1], axis[2] = x, y, z
-        if lower >= enough or lower >= _TIGHT * upper:
+        if lower >= enough or lower >= tight * upper:
             break
         simplex[corners, 0], simplex[corners, 1], simplex[corners, 2] = u, v, w
+        if wide:
+            simplex[corners, 3], simplex[corners, 4], simplex[corners, 5] = p
         x, y, z, corners = nearest_in_simplex(simplex, corners + 1)
         between = sqrt(x * x + y * y + z * z)
         if corners == 4 or between < _OVERLAPPING:
-            return lower, -inf
+            return lower, -inf, corners
         upper = between - balls
         if upper <= least:
             break
-    return lower, upper
+    return lower, upper, corners
 
 
 # -------------------------------------------------------------------- which vertices may be extreme, by direction
