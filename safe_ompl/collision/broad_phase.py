@@ -29,7 +29,7 @@ class BroadPhase:
     def __init__(self, geometry: pin.GeometryModel, data: pin.GeometryData, pairs: IntArray) -> None:
         self._geometry, self._data = geometry, data
         self._places = _places(data)
-        self._pairs = pairs
+        self._pairs = np.array(pairs)  # which can be written to, as kernels want it
         self._near = np.empty(len(pairs), dtype=np.intp)
         self.margins: FloatArray = np.zeros(len(pairs))
         self._boxes: FloatArray = np.empty((len(self._places), 6))

@@ -24,6 +24,10 @@ from typing import Any, TypeVar
 
 from numba import njit
 from numba.core import event
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.typed_passes import NativeLowering
 from numba.core.types.misc import unliteral
 
 from safe_ompl.common.errors import warn_once
@@ -54,9 +58,46 @@ def compiled(function: _Function) -> _Function:
 
 def part(function: _Function) -> _Function:
     """Return a part of kernels: `function`, compiled into the kernels that call it; Python cannot call it."""
-    inner: Any = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
+    inner: Any = njit(error_model="numpy", **options)(function)
     fast: _Function = _without_literals(inner)
     return fast
+
+
+class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """What LLVM is to know of a part: no machine code, and not optimised before it is within a kernel."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _PartLowering(NativeLowering):  # type: ignore[misc]
+    """Lowers a part to a library from which nothing can be called."""
+
+    _name = "part_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        identity = [].append  # Numba knows a function by what Python would call: some built-in, unlike all others
+        state.targetctx.insert_user_function(identity, state.cr.fndesc, [state.library])
+        state.cr = state.cr._replace(cfunc=identity)
+        return True
+
+
+class _PartCompiler(CompilerBase):  # type: ignore[misc]
+    """Numba's own passes with `_PartLowering` for the last but one."""
+
+    def define_pipelines(self) -> list[Any]:
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [(_PartLowering if p is NativeLowering else p, words) for p, words in passes.passes]
+        passes.finalize()
+        return [passes]
 
 
 def _without_literals(kernel: Any) -> Any:

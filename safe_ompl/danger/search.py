@@ -186,7 +186,7 @@ class PeakSearch:
         known = (np.array([[pair[side].speed, pair[side].acceleration] for pair in pairs]) for side in (0, 1))
         speed, acceleration = self._rates.between(edges, h, *known)
         links = self._field.robot.segments
-        bounds = speed[:, links].max(axis=2), acceleration[:, links].max(axis=2)
+        bounds = speed.take(links, axis=1).max(axis=2), acceleration.take(links, axis=1).max(axis=2)
         motions = zip(pairs, h.tolist(), *bounds, self._longest(pairs, edges, h), strict=True)
         lines = (chords(first.ends, last.ends, *motion) for (first, last), *motion in motions)
         # Aggregates are convex and grow with each level: above two ends of a line they are above all of it.

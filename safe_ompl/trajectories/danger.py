@@ -10,6 +10,7 @@ import numpy as np
 from safe_ompl.common import FloatArray, InputError, IntArray
 from safe_ompl.danger import JointMotions, KinetostaticField
 from safe_ompl.danger.kernels import CellMotions, cell_bounds
+from safe_ompl.robot import plain
 from safe_ompl.trajectories.body_speeds import acceleration_bounds
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 from safe_ompl.trajectories.time_law import TimeLaw
@@ -104,7 +105,7 @@ class MovingDanger:
         level, push = cell_bounds(
             CellMotions(*state, speeds, accelerations, spans.halves, strokes),
             field.segments.pairs,
-            np.ascontiguousarray(points),
+            plain(points),
             self.field.gamma,
             field.weighting == "length",
             self.field.lead * rates,

@@ -3,11 +3,18 @@
 import coal
 import numpy as np
 import pytest
+from numba import njit
 
 from safe_ompl import RateLimits, time_path
-from safe_ompl.geometry.kernels.hull_gaps import hull_gap
+from safe_ompl.geometry.kernels import hull_gaps
 from safe_ompl.people import ReachSets
 from safe_ompl.people.replanning import GuardedPath, RobotBodies, StopMotion
+
+
+@njit
+def hull_gap(first, second, start, wanted, close, decide):
+    """Parts of kernels are called by kernels only."""
+    return hull_gaps.hull_gap(first, second, start, wanted, close, decide)
 
 
 def convex(points):

@@ -6,10 +6,21 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from numba import njit
 
 from safe_ompl.collision.kernels import near_boxes
-from safe_ompl.geometry.kernels import extreme_vertices
-from safe_ompl.geometry.kernels.convex import cell_of, nearest_in_simplex
+from safe_ompl.geometry.kernels import convex, extreme_vertices
+
+
+@njit
+def cell_of(x, y, z, grid):
+    """Parts of kernels are called by kernels only."""
+    return convex.cell_of(x, y, z, grid)
+
+
+@njit
+def nearest_in_simplex(simplex, corners):
+    return convex.nearest_in_simplex(simplex, corners)
 
 
 def nearest(corners):

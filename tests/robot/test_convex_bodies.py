@@ -10,8 +10,7 @@ import pytest
 from numba import njit
 
 from safe_ompl import PointCloud
-from safe_ompl.geometry.kernels import POSE, distance_bounds, from_box
-from safe_ompl.geometry.kernels.convex import support
+from safe_ompl.geometry.kernels import POSE, convex, from_box
 from safe_ompl.geometry.mesh import triangle_tree
 from safe_ompl.robot import ConvexBodies
 
@@ -63,7 +62,18 @@ def bounds(first, second, axis=None, enough=np.inf, least=-np.inf):
         pose["centre"] = body["translation"] + body["rotation"] @ body["centre"]
     if axis is None:
         axis = poses[0]["centre"] - poses[1]["centre"]
-    return distance_bounds(model.shapes, poses, 0, 1, np.array(axis), np.empty((4, 3)), enough, least)[:2]
+    return distance_bounds(model.shapes, poses, np.array(axis), enough, least)[:2]
+
+
+@njit
+def distance_bounds(shapes, poses, axis, enough, least):
+    """Parts of kernels are called by kernels only."""
+    return convex.distance_bounds(shapes, poses, 0, 1, axis, np.empty((4, 3)), enough, least)
+
+
+@njit
+def support(body, pose, starts, vertices, x, y, z):
+    return convex.support(body, pose, starts, vertices, x, y, z)
 
 
 def placed(shape, rng, reach):
@@ -137,7 +147,6 @@ def test_meshes_and_clouds_are_inside_their_bodies(rng):
 
 @njit
 def way_from_box(body, pose, point):
-    """Parts of kernels are called by kernels only."""
     return from_box(body, pose, point)
 
 

@@ -114,7 +114,7 @@ def _turn(z: complex, w: complex) -> float:
     return atan2(z.imag * w.real - z.real * w.imag, z.real * w.real + z.imag * w.imag)
 
 
-@compiled
+@part
 def link_parts(
     u: FloatArray,
     v: FloatArray,

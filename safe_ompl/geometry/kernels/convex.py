@@ -74,7 +74,7 @@ def _hides(S: FloatArray, i: int, j: int, k: int, opposite: int) -> bool:
     return not to_origin * to_corner > 0.0
 
 
-@compiled
+@part
 def nearest_in_simplex(S: FloatArray, corners: int) -> Found:
     """Return the point of a simplex that is nearest to the origin, and how many corners it lies between.
 
@@ -175,7 +175,7 @@ def place_bodies(
             c[x] = o[x] + R[x, 0] * centre[0] + R[x, 1] * centre[1] + R[x, 2] * centre[2]
 
 
-@compiled
+@part
 def support(
     body: Records, pose: Records, starts: IntArray, vertices: FloatArray, x: float, y: float, z: float
 ) -> Vector:
@@ -234,7 +234,7 @@ def begin_axis(axis: FloatArray, u: float, v: float, w: float, x: float, y: floa
     axis[0], axis[1], axis[2] = u, v, w
 
 
-@compiled
+@part
 def distance_bounds(
     shapes: Shapes,
     poses: Records,
@@ -286,7 +286,7 @@ def distance_bounds(
 # -------------------------------------------------------------------- which vertices may be extreme, by direction
 
 
-@compiled
+@part
 def cell_of(x: float, y: float, z: float, grid: int) -> int:
     """Return the cell of a direction: six sides (±x, ±y, ±z) of grid × grid cells; 0 where there is no grid."""
     if grid == 0:

@@ -19,7 +19,7 @@ _STEPS = 60
 _CLOSE = 1e-5  # [m] nearer bounds than this are not looked for
 
 
-@compiled
+@part
 def hull_gap(
     first: FloatArray, second: FloatArray, start: FloatArray, wanted: float, close: float, decide: bool
 ) -> float:

@@ -37,7 +37,10 @@ def place_joints(
     joints: Any, values: FloatArray, rotation: FloatArray, origin: FloatArray, axis: FloatArray
 ) -> None:
     """Write R (m, 3, 3), o (m, 3) and z (m, 3) of the joints at `values: (m,)`."""
-    still, turn, base = np.empty((3, 3)), np.empty((3, 3)), np.eye(3)
+    still, turn, base = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for x in range(3):
+        for y in range(3):
+            base[x, y] = 1.0 if x == y else 0.0  # np.eye takes four times as long to compile
     for i in range(len(joints)):
         joint, q = joints[i], values[i]
         parent = joint.parent - 1

@@ -25,7 +25,7 @@ def _distance(rows: FloatArray, node: int, q: FloatArray, wraps: BoolArray) -> f
     for i in range(len(q)):
         delta = q[i] - rows[node, i]
         if wraps[i]:
-            delta -= _ROUND * np.round(delta / _ROUND)
+            delta -= _ROUND * np.rint(delta / _ROUND)
         total += delta * delta
     return sqrt(total)
 
