@@ -54,8 +54,8 @@ class DistanceBounds:
     """Lower bounds of the distances of pairs of bodies, by the convex bodies that hold them.
 
     Every bound holds, whatever the configuration. Nothing is kept from one question to the next: an edge is always
-    decided alike. The `bodies` are the robot's and, after them, the parts of the obstacles; `pairs: (P, 2)` of them have
-    displacement radii (P, m) by the joints of Pinocchio's model.
+    decided alike. The `bodies` are the robot's and, after them, the parts of the obstacles; `pairs: (P, 2)` of them
+    have displacement radii (P, m) by the joints of Pinocchio's model.
     """
 
     def __init__(
@@ -118,7 +118,6 @@ class DistanceBounds:
         number, at, places = prove_curve(*self._flat, coefficients, required, more, floor, left)
         self._counts.bound_queries += places
         return BoundsProof(False, at, left[:number].tolist()) if number else _FREE
-
 
     def prove_edges(
         self, starts: FloatArray, ways: FloatArray, required: FloatArray, floor: float

@@ -172,7 +172,13 @@ def test_what_has_no_end_is_left_to_coal(ur5):
         "plane", 0, pin.SE3.Identity(), coal.Halfspace(np.array([0.0, 0.0, 1.0]), -9.0)
     )
     number = geometry.addGeometryObject(plane)
-    bounds = DistanceBounds(ur5, ConvexBodies.of(list(geometry.geometryObjects)), np.array([[3, number]]), np.ones((1, ur5.n)), Counts())
+    bounds = DistanceBounds(
+        ur5,
+        ConvexBodies.of(list(geometry.geometryObjects)),
+        np.array([[3, number]]),
+        np.ones((1, ur5.n)),
+        Counts(),
+    )
     found = bounds.prove(next(edges(ur5, 1)), np.zeros(1), None, FLOOR)
     assert not found.proven
     assert not found.covers(0.4, 0.6)

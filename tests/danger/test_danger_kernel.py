@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from oracles import numpy_danger
 
 from safe_ompl import DangerField, InputError
-from safe_ompl.danger.link_field import WEIGHTINGS, Segments
+from safe_ompl.common import compiled
+from safe_ompl.danger.kernels.field import Skeleton, ceilings
+from safe_ompl.danger.link_field import WEIGHTINGS, Segments, field
 from safe_ompl.danger.points import AGGREGATES, Evaluation, grouped
 
 ROBOTS = (
@@ -82,9 +84,10 @@ def test_groups_of_many_points_change_nothing(robot_named, seed, number, weighti
     many = DangerField(robot, points, weights, weighting=weighting)
     Q = some(robot, rng, 3)
     expected = numpy_danger.danger_and_gradient(many, Q)
-    values, gradients = many.values_and_gradients(Q)
+    values, gradients = many._evaluation.values_and_gradients(Q, many.groups)
     np.testing.assert_allclose(values, expected[0], rtol=1e-12)
     np.testing.assert_array_equal(many.values(Q), values)
+    np.testing.assert_array_equal(many.gradients(Q), gradients)
     few = [
         DangerField(robot, points[k : k + 400], weights[k : k + 400], weighting=weighting)
         for k in range(0, number, 400)
@@ -93,6 +96,70 @@ def test_groups_of_many_points_change_nothing(robot_named, seed, number, weighti
     for q, value, gradient in zip(Q, values, gradients, strict=True):
         alone = next(field for field in few if field.value(q) == value)
         np.testing.assert_array_equal(gradient, alone.gradient(q))
+
+
+@compiled
+def bounds_of(places, links, points, by_length, reach):
+    out = np.empty(points.shape[1], np.float32)
+    ceilings(Skeleton(places, links, by_length), points, reach, out)
+    return out
+
+
+@settings(max_examples=100)
+@given(
+    seed=st.integers(0, 10**6),
+    scale=st.sampled_from([1e-3, 1.0, 30.0]),
+    away=st.sampled_from([0.0, 10.0, 1000.0]),
+    weighting=st.sampled_from(WEIGHTINGS),
+)
+def test_no_level_exceeds_its_bound_in_single_precision(seed, scale, away, weighting):
+    """Points anywhere, and as near to the links, to their ends and to the lines beyond them as rounding can tell."""
+    rng = np.random.default_rng(seed)
+    places = scale * rng.normal(size=(5, 3)) + away
+    places[4] = places[3] + rng.choice([0.0, 1e-9, 1e-4]) * rng.normal(size=3)
+    links = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
+    on = [
+        places[a] + t * (places[b] - places[a]) for a, b in links for t in (-0.5, 0.0, 0.3, 0.999, 1.0, 2.0)
+    ]
+    beside = np.array(on)[:, None] + 10.0 ** rng.uniform(-12, 0, (20, 1)) * rng.normal(size=(20, 3))
+    points = np.vstack([scale * rng.normal(size=(50, 3)) + away, on, beside.reshape(-1, 3)])
+    exact = field(places[None], Segments(links), points, weighting=weighting)[0]
+    reach = max(np.abs(points).max(), np.abs(places).max())
+    bounds = bounds_of(places, links, points.T.astype(np.float32), weighting == "length", reach)
+    assert (bounds >= exact).all()
+    far = exact < 0.2 / scale * (scale if weighting == "length" else 1.0)
+    assert away or (bounds[far] <= 1.05 * exact[far] + 1e-6).all()
+
+
+@pytest.mark.parametrize("aggregate", AGGREGATES)
+@pytest.mark.parametrize("name", ["panda", "slider", "gripper"])
+def test_the_mean_of_a_motion(robot_named, rng, name, aggregate):
+    robot = robot_named(name)
+    danger = DangerField(robot, rng.normal([1.5, 0, 0], 1.0, (500, 3)), aggregate=aggregate)
+    for start, end in rng.uniform(robot.lower, robot.upper, (5, 2, robot.n)):
+        t = np.linspace(0, 1, 2001)[:, None]
+        exact = np.trapezoid(danger.values(start + t * (end - start)), t[:, 0])
+        assert danger.mean(start, end, 1e-4) == pytest.approx(exact, rel=1e-3)
+        assert danger.mean(end, start, 1e-4) == pytest.approx(danger.mean(start, end, 1e-4), rel=1e-12)
+    before = danger.counts.field_configurations
+    danger.mean(start, start)
+    assert danger.counts.field_configurations == before + 3
+    assert danger.mean(start, start) == pytest.approx(danger.value(start))
+
+
+def test_the_mean_of_a_motion_through_a_danger_point_is_infinite(robot_named):
+    robot = robot_named("panda")
+    q = np.zeros(robot.n)
+    danger = DangerField(robot, robot.keypoints(q)[-1:])
+    assert danger.mean(q - 0.1, q + 0.1) == np.inf
+
+
+def test_the_mean_without_danger_points_and_with_those_of_a_callable(robot_named):
+    robot = robot_named("panda")
+    q = np.zeros(robot.n)
+    assert DangerField(robot, []).mean(q, q + 1) == 0.0
+    with pytest.raises(InputError, match="depend on the configuration"):
+        DangerField(robot, lambda q: [[1.0, 0.0, 0.0]]).mean(q, q + 1)
 
 
 @settings(max_examples=25)

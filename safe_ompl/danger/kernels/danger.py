@@ -11,7 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_ompl.common import FloatArray, IntArray, compiled, part
-from safe_ompl.danger.kernels.field import Skeleton, add_pull, new_block, potentials
+from safe_ompl.danger.kernels.field import (
+    Block,
+    Skeleton,
+    add_pull,
+    ceilings,
+    new_block,
+    potential,
+    potentials,
+)
 from safe_ompl.danger.kernels.groups import (
     MAXIMUM,
     MEAN,
@@ -82,6 +90,144 @@ def _shares(levels: FloatArray, kind: int, sharpness: float, out: FloatArray) ->
         out[m] /= total
 
 
+class _Work(NamedTuple):
+    """Room for the danger of one configuration: of joints, of key points, of points, and of balls."""
+
+    rotation: FloatArray
+    origin: FloatArray
+    axis: FloatArray
+    places: FloatArray
+    forces: FloatArray
+    levels: FloatArray
+    share: FloatArray
+    short: Any
+    reach: Any
+    bounds: Any
+    tops: Any
+    alone: FloatArray
+    block: Block
+    room: Room
+
+
+@part
+def _room(tables: Tables, points: Points) -> _Work:
+    """Return room for the work; levels, and what follows them, only where every point is looked at."""
+    m, K, balls = len(tables.joints), len(tables.keys), points.balls
+    M = points.charges.shape[1] if len(balls) == 0 else 0
+    room = Room(
+        np.empty((len(tables.links), len(balls))),
+        np.empty((3, len(balls))),
+        np.empty((1, most_points(balls))),
+    )
+    return _Work(
+        np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((K, 3)), np.empty((K, 3)), np.empty(M),
+        np.empty(M), np.empty((3, M), np.float32), np.empty(1, np.uint32), np.empty(M, np.float32),
+        np.empty((M + _CHUNK - 1) // _CHUNK, np.uint32), np.empty((4, len(tables.links))),
+        new_block(K), room,
+    )  # fmt: skip
+
+
+_CHUNK = 32  # points of which the highest bound is known
+_SIZE = np.uint32(0x7FFFFFFF)  # all bits of a float32 but its sign
+
+
+@part
+def _highest_level(skeleton: Skeleton, points: Points, work: _Work) -> tuple[float, int]:
+    """Return the largest level of points without balls, and where the first of these is; exact.
+
+    Levels are computed where a bound in single precision does not tell that they are lower.
+    """
+    columns, charges, bounds = points.columns, points.charges, work.bounds
+    M = len(charges)
+    reach = float(work.reach.view(np.float32)[0])
+    for k in range(len(skeleton.places)):
+        for x in range(3):
+            reach = max(reach, abs(skeleton.places[k, x]))
+    ceilings(skeleton, work.short, reach, bounds)
+    for k in range(M):
+        bounds[k] *= np.float32(charges[k])
+    # As integers positive numbers have the same order, and what is no number comes last.
+    bits, tops = bounds.view(np.uint32), work.tops
+    likely = 0
+    for c in range(len(tops)):
+        top = np.uint32(0)
+        for k in range(_CHUNK * c, min(_CHUNK * (c + 1), M)):
+            top = bits[k] if bits[k] > top else top
+        tops[c] = top
+        likely = c if tops[c] > tops[likely] else likely
+    best = _CHUNK * likely
+    while bits[best] != tops[likely]:
+        best += 1
+    peak = potential(skeleton, columns, best, work.alone) * charges[best]
+    enough, highs, likely = np.float32(peak * (1.0 - 1e-7)), tops.view(np.float32), best
+    for c in range(len(tops)):
+        if not highs[c] < enough:
+            for k in range(_CHUNK * c, min(_CHUNK * (c + 1), M)):
+                if not bounds[k] < enough and k != likely:
+                    level = potential(skeleton, columns, k, work.alone) * charges[k]
+                    if level > peak or (level == peak and k < best):
+                        best, peak = k, level
+    return peak, best
+
+
+@part
+def _shorten(points: FloatArray, work: _Work) -> None:
+    """Write points (3, M) in single precision, and their largest coordinate."""
+    largest = np.uint32(0)
+    for x in range(3):
+        short = work.short[x]
+        bits = short.view(np.uint32)
+        for k in range(len(short)):
+            short[k] = points[x, k]
+        for k in range(len(short)):
+            size = bits[k] & _SIZE
+            largest = size if size > largest else largest
+    work.reach[0] = largest
+
+
+@part
+def _danger(
+    tables: Tables,
+    values: FloatArray,
+    points: Points,
+    aggregate: Aggregate,
+    work: _Work,
+    gradient: FloatArray,
+) -> float:
+    """Return the danger at `values: (m,)` of the joints, and write its gradient (m or 0,)."""
+    joints, keys, kind, sloped = tables.joints, tables.keys, aggregate.kind, len(gradient) > 0
+    place_joints(joints, values, work.rotation, work.origin, work.axis)
+    place_keypoints(keys, work.rotation, work.origin, work.places)
+    skeleton = Skeleton(work.places, tables.links, tables.by_length, work.block)
+    columns, charges = points.columns, points.charges
+    levels, share, forces = work.levels, work.share, work.forces
+    forces[:] = 0.0
+    if len(points.balls) > 0:
+        out = 0.0
+        if kind != MEAN:
+            out = highest_level(skeleton, points, work.room, forces, sloped and kind == MAXIMUM)
+        if kind != MAXIMUM:
+            out = total_level(skeleton, points, aggregate, out, work.room, forces, sloped)
+    elif kind == MAXIMUM:
+        out, best = _highest_level(skeleton, points, work)
+        if sloped:
+            add_pull(skeleton, columns, best, charges[best], forces)
+    else:
+        M = len(charges)
+        potentials(skeleton, columns, 0, M, levels.reshape(1, M))
+        for k in range(M):
+            levels[k] *= charges[k]
+        out = _aggregate(levels, kind, aggregate.sharpness)
+        if sloped:
+            _shares(levels, kind, aggregate.sharpness, share)
+            for k in range(M):
+                if share[k] != 0.0:
+                    add_pull(skeleton, columns, k, charges[k] * share[k], forces)
+    if sloped:
+        pull(joints, keys, work.origin, work.axis, work.places, forces, gradient)
+    return float(out)
+
+
 @compiled
 def dangers(
     tables: Tables, values: FloatArray, points: Points, aggregate: Aggregate, gradients: FloatArray
@@ -91,42 +237,74 @@ def dangers(
     Points have columns (1 or B, 3, M ≥ 1) and charges (1 or B, M), the same or others for every configuration; without
     balls every point is looked at. Gradients are not written where there is no room; points on a link have none.
     """
-    B, m = values.shape
-    joints, keys, links, balls, kind = tables.joints, tables.keys, tables.links, points.balls, aggregate.kind
-    M = points.charges.shape[1] if len(balls) == 0 else 0
-    out, levels, share = np.empty(B), np.empty(M), np.empty(M)
-    rotation, origin, axis = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3))
-    places, forces = np.empty((len(keys), 3)), np.empty((len(keys), 3))
-    skeleton = Skeleton(places, links, tables.by_length, new_block(len(keys)))
-    known = np.empty((3, len(balls)))
-    room = Room(np.empty((len(links), len(balls))), known, np.empty((1, most_points(balls))))
-    sloped = len(gradients) > 0
-    for b in range(B):
-        place_joints(joints, values[b], rotation, origin, axis)
-        place_keypoints(keys, rotation, origin, places)
+    out, work, nothing = np.empty(len(values)), _room(tables, points), np.empty(0)
+    for b in range(len(values)):
         own = points.columns[b if len(points.columns) > 1 else 0]
         charge = points.charges[b if len(points.charges) > 1 else 0]
-        forces[:] = 0.0
-        if len(balls) > 0:
-            base, here = 0.0, Points(own, charge, balls)
-            if kind != MEAN:
-                base = highest_level(skeleton, here, room, forces, sloped and kind == MAXIMUM)
-            out[b] = base
-            if kind != MAXIMUM:
-                out[b] = total_level(skeleton, here, aggregate, base, room, forces, sloped)
-        else:
-            potentials(skeleton, own, 0, M, levels.reshape(1, M))
-            for k in range(M):
-                levels[k] *= charge[k]
-            out[b] = _aggregate(levels, kind, aggregate.sharpness)
-            if sloped:
-                _shares(levels, kind, aggregate.sharpness, share)
-                for k in range(M):
-                    if share[k] != 0.0:
-                        add_pull(skeleton, own, k, charge[k] * share[k], forces)
-        if sloped:
-            pull(joints, keys, origin, axis, places, forces, gradients[b])
+        if b == 0 or len(points.columns) > 1:
+            _shorten(own, work)
+        gradient = gradients[b] if len(gradients) > 0 else nothing
+        out[b] = _danger(tables, values[b], Points(own, charge, points.balls), aggregate, work, gradient)
     return out
+
+
+_HALVINGS = 6  # of a panel at most
+
+
+@compiled
+def mean_danger(
+    tables: Tables, ends: FloatArray, points: Points, aggregate: Aggregate, panels: int, tolerance: float
+) -> tuple[float, int]:
+    """Return the mean danger on the straight way between two `ends: (2, m)` of the joints; from how many evaluations.
+
+    By Simpson's rule. Of a panel, at first one of `panels`, the trapezoidal rule with the same three values differs by
+    |f₀ − 2f₁ + f₂|/12 from it. The panel is halved where that is more than the relative tolerance times the mean.
+    Points have columns (1, 3, M ≥ 1) and charges (1, M).
+    """
+    work, nothing = _room(tables, points), np.empty(0)
+    here = Points(points.columns[0], points.charges[0], points.balls)
+    _shorten(here.columns, work)
+    q, first, evaluations = np.empty(ends.shape[1]), np.empty(2 * panels + 1), 2 * panels + 1
+    mean = 0.0
+    for k in range(evaluations):
+        _between(ends, k / (2 * panels), q)
+        first[k] = _danger(tables, q, here, aggregate, work, nothing)
+        mean += first[k] * (4.0 if k % 2 else 1.0 if k in (0, 2 * panels) else 2.0) / (6 * panels)
+    if not mean < inf:
+        return mean, evaluations
+    total, enough = 0.0, 12.0 * tolerance * mean
+    pending = np.empty((_HALVINGS + 1, 5))  # panels: where they begin, how long they are, and three values
+    for k in range(panels):
+        depth = 0
+        _put(pending[0], k / panels, 1.0 / panels, (first[2 * k], first[2 * k + 1], first[2 * k + 2]))
+        while depth >= 0:
+            begin, length = pending[depth, 0], pending[depth, 1]
+            f0, f1, f2 = pending[depth, 2], pending[depth, 3], pending[depth, 4]
+            if abs(f0 - 2.0 * f1 + f2) <= enough or length * panels < 1.5 / 2**_HALVINGS:
+                total += length * (f0 + 4.0 * f1 + f2) / 6.0
+                depth -= 1
+                continue
+            _between(ends, begin + 0.25 * length, q)
+            left = _danger(tables, q, here, aggregate, work, nothing)
+            _between(ends, begin + 0.75 * length, q)
+            right = _danger(tables, q, here, aggregate, work, nothing)
+            evaluations += 2
+            _put(pending[depth], begin + 0.5 * length, 0.5 * length, (f1, right, f2))
+            depth += 1
+            _put(pending[depth], begin, 0.5 * length, (f0, left, f1))
+    return total, evaluations
+
+
+@part
+def _put(panel: FloatArray, begin: float, length: float, values: tuple[float, float, float]) -> None:
+    panel[0], panel[1] = begin, length
+    panel[2], panel[3], panel[4] = values
+
+
+@part
+def _between(ends: FloatArray, t: float, out: FloatArray) -> None:
+    for i in range(len(out)):
+        out[i] = ends[0, i] + t * (ends[1, i] - ends[0, i])
 
 
 @compiled

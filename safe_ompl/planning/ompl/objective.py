@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,6 +29,7 @@ _OWN_THREAD = (
 )
 _MOTION_STEP = 0.2  # [rad] between the first samples of a motion's cost
 _DANGER_REFINEMENTS, _DURATION_REFINEMENTS = 6, 4  # halvings of that step
+_KEPT = 20_000  # motions, some 5 MB
 _CRAWL = 50.0  # where people allow no speed a motion takes this many times the time of its joints
 
 _SLOPE_SAMPLES = 50
@@ -35,18 +38,21 @@ _VALUE_SAMPLES = 100
 
 
 class Motion(NamedTuple):
-    """A straight motion in a space: where it begins, its difference to where it ends (n,), and its length [rad]."""
+    """A straight motion in a space: where it begins, and its difference to where it ends (n,)."""
 
     start: FloatArray
     delta: FloatArray
-    length: float
+
+    @property
+    def length(self) -> float:
+        """Its length [rad]."""
+        return math.sqrt(self.delta.dot(self.delta))
 
     @classmethod
     def between(cls, bridge: StateBridge, start: Any, end: Any) -> Motion:
         """Return the motion between two states."""
-        q_start, q_end = bridge.read(start), bridge.read(end)
-        delta = bridge.difference(q_start, q_end)
-        return cls(q_start, delta, float(np.linalg.norm(delta)))
+        q = bridge.read(start)
+        return cls(q, bridge.difference(q, bridge.view(end)))
 
     def integral(
         self, density: Callable[[FloatArray], FloatArray], tolerance: float, refinements: int
@@ -69,12 +75,29 @@ class Motion(NamedTuple):
         return mean * self.length
 
 
+def _kept_integrals(field: DangerField, bridge: StateBridge) -> Callable[[bytes, bytes, float, int], float]:
+    """Return ∫ CDF ds of motions between configurations, given as bytes, to a tolerance; the last ones are kept."""
+
+    # Nothing of OMPL's may refer to itself, by a bound method for example: it would never be freed.
+    @lru_cache(_KEPT)
+    def integral(first: bytes, second: bytes, tolerance: float, revision: int) -> float:
+        start = np.frombuffer(first)
+        motion = Motion(start, bridge.difference(start, np.frombuffer(second)))
+        if field.points is None:
+            return motion.integral(field.values, tolerance, _DANGER_REFINEMENTS)
+        return field.mean(start, start + motion.delta, tolerance) * motion.length
+
+    return integral
+
+
 class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
     """The danger field of a robot as a cost: of a state CDF(q), of a motion ∫ CDF(q(s)) ds.
 
-    The trapezoidal rule is refined until its last change is as small as the relative `tolerance` of a motion's cost, >
-    0. Optimising planners skip motions that cannot improve a path: `motionCostHeuristic` is CDF_min times the distance,
-    with a proven lower bound CDF_min of the danger (`DangerField.minimum`).
+    The integral is that of `DangerField.mean` with the relative `tolerance` > 0; where the danger points depend on the
+    configuration the trapezoidal rule, refined until its last change is as small. Planners ask for many motions again,
+    also the other way round: the last 20 000 are kept. Optimising planners skip motions that cannot improve a path:
+    `motionCostHeuristic` is CDF_min times the distance, with a proven lower bound CDF_min of the danger
+    (`DangerField.minimum`).
     """
 
     def __init__(self, si: Any, field: DangerField, tolerance: float = 0.01) -> None:
@@ -82,6 +105,7 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
         self.field = field
         self.tolerance = positive(tolerance, "tolerance")
         self._bridge = StateBridge(si.getStateSpace())
+        self._integral = _kept_integrals(field, self._bridge)
         self._scales: dict[Any, float] = {}
         self._revision = field.revision  # that the scales are of
         self._thread = threading.get_ident()  # that asked last
@@ -106,12 +130,13 @@ class DangerObjective(ob.OptimizationObjective):  # type: ignore[misc]
 
     def motionCost(self, start: Any, end: Any) -> Any:
         """Return the integral of the danger over the straight motion, to within the tolerance."""
-        motion = Motion.between(self._bridge, start, end)
-        return ob.Cost(motion.integral(self.values, self.tolerance, _DANGER_REFINEMENTS))
+        ends = self._bridge.view(start).tobytes(), self._bridge.view(end).tobytes()
+        return ob.Cost(self._integral(min(ends), max(ends), self.tolerance, self.field.revision))
 
     def motionCostHeuristic(self, start: Any, end: Any) -> Any:
         """Return a cost that no way between two states goes below."""
-        return ob.Cost(self._least() * Motion.between(self._bridge, start, end).length)
+        delta = self._bridge.difference(self._bridge.read(start), self._bridge.view(end))  # asked very often
+        return ob.Cost(self._least() * math.sqrt(delta.dot(delta)))
 
     def _least(self) -> float:
         """Return the danger that no configuration goes below; say so if it is a thread of OMPL's own that asks.

@@ -7,7 +7,16 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from safe_ompl import DangerField, DangerObjective, InputError, PeakDangerObjective, Scenario, make_planner
+from safe_ompl import (
+    DangerField,
+    DangerObjective,
+    InputError,
+    PeakDangerObjective,
+    Pose,
+    Scenario,
+    Scene,
+    make_planner,
+)
 from safe_ompl.planning import setup_scenario
 from safe_ompl.planning.ompl import ScratchState, StateBridge, StateCost, joint_space
 from safe_ompl.scene import find_scenario
@@ -50,18 +59,51 @@ def test_cost_of_a_state_is_its_danger(setting, rng):
         assert objective.stateCost(scratch.set(q)).value() == pytest.approx(field.value(q))
 
 
-def test_cost_of_a_motion_is_the_integral_of_the_danger(setting, rng):
+@pytest.mark.parametrize("tolerance", [0.01, 0.001])
+def test_cost_of_a_motion_is_the_integral_of_the_danger(setting, rng, tolerance):
     si, field, bridge = setting
-    objective = DangerObjective(si, field)
+    objective = DangerObjective(si, field, tolerance=tolerance)
     first, second = ScratchState(bridge), ScratchState(bridge)
     for q1, q2 in rng.uniform(bridge.lower, bridge.upper, (5, 2, bridge.n)):
         delta = bridge.difference(q1, q2)
         t = np.linspace(0, 1, 2001)
         exact = np.trapezoid(field.values(q1 + t[:, None] * delta), t) * np.linalg.norm(delta)
         cost = objective.motionCost(first.set(q1), second.set(q2)).value()
-        assert cost == pytest.approx(exact, rel=1e-3)
-        assert objective.motionCost(second.set(q2), first.set(q1)).value() == pytest.approx(cost)
+        assert cost == pytest.approx(exact, rel=tolerance)
+        assert objective.motionCost(second.set(q2), first.set(q1)).value() == cost
     assert objective.motionCost(first.set(q1), second.set(q1)).value() == 0
+
+
+def test_a_motion_that_is_asked_for_again_costs_no_evaluation_until_the_points_move(setting, rng):
+    si, _, bridge = setting
+    robot = setting[1].robot
+    ball = {"name": "ball", "sphere": {"radius": 0.1}, "position": [0.6, 0.2, 0.5], "weight": 1}
+    scene = Scene.from_mapping({"obstacles": [ball]})
+    field = DangerField.of_scene(robot, scene)
+    objective = DangerObjective(si, field)
+    first, second = ScratchState(bridge), ScratchState(bridge)
+    ends = [
+        scratch.set(q) for scratch, q in zip((first, second), rng.uniform(-1, 1, (2, bridge.n)), strict=True)
+    ]
+    cost = objective.motionCost(*ends).value()
+    before = field.counts.field_configurations
+    assert objective.motionCost(*reversed(ends)).value() == cost
+    assert field.counts.field_configurations == before
+    field.move(scene.moved({"ball": Pose([0.6, 0.2, 0.8])}))
+    moved = objective.motionCost(*ends).value()
+    assert moved != cost
+    assert moved == DangerObjective(si, field).motionCost(*ends).value()
+
+
+def test_danger_points_that_depend_on_the_configuration_are_integrated_too(setting, points, rng):
+    si, field, bridge = setting
+    objective = DangerObjective(si, DangerField(field.robot, lambda q: points))
+    first, second = ScratchState(bridge), ScratchState(bridge)
+    ends = [
+        scratch.set(q) for scratch, q in zip((first, second), rng.uniform(-1, 1, (2, bridge.n)), strict=True)
+    ]
+    expected = DangerObjective(si, field).motionCost(*ends).value()
+    assert objective.motionCost(*ends).value() == pytest.approx(expected, rel=0.01)
 
 
 def test_ompl_sums_it_over_a_path(setting, rng):
