@@ -97,7 +97,7 @@ def _broken_pipe() -> int:
 
 
 _SCENARIO, _PLANNER, _TIME = "planar2", "SafeRRTConnect", 10.0
-_EXTRAS = ("plots", "viewer", "cluster")
+_EXTRAS = ("plots", "viewer", "cluster", "mcap")
 _SHELLS = ("bash", "zsh", "fish")
 
 
