@@ -39,6 +39,7 @@ from safe_ompl.apps.cli.output import (
     write_json,
 )
 from safe_ompl.apps.cli.view import check_page
+from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile, ticks_header
@@ -178,7 +179,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     robot = scenario.build_robot()
     people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))
     found = choose_actors(scenario, robot, people, options)
-    setup = setup_scenario(limits_of_still(scenario, found), robot)
+    setup = setup_scenario(limits_of_still(scenario, found.still, beside_people=bool(found.people)), robot)
     make_folder(Path(options.out), "--out")
     check_page(options.html)
     check_mcap(options.mcap)
@@ -208,7 +209,10 @@ def _drive(
     if result.path is None:
         error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
         return 1
-    ways = there_and_back(result.path, replanner, scenario)
+    ways = [
+        timed_way(way, replanner.robot, replanner.motion, scenario)
+        for way in (result.path, result.path[::-1])
+    ]
     simulation = Simulation(replanner, ways, actors.people, actors.objects, faults=faults)
     around, moving = replanner.surroundings.scene, simulation.world.description()
     header = ticks_header(replanner.tick, replanner.robot, around, moving)
@@ -237,20 +241,17 @@ def _drive(
     return 0
 
 
-def there_and_back(path: FloatArray, replanner: Replanner, scenario: Scenario) -> list[Trajectory]:
-    """Return the trajectories along a path and back, under the scenario's limits."""
-    limits = RateLimits.of(replanner.robot, scenario.motion.velocity, scenario.motion.acceleration)
-    return [
-        time_path(
-            way,
-            replanner.robot,
-            limits,
-            motion=replanner.motion,
-            tool_speed=scenario.motion.tool_speed,
-            link_speed=scenario.motion.link_speed,
-        )
-        for way in (path, path[::-1])
-    ]
+def timed_way(way: FloatArray, robot: Robot, motion: CertifiedMotion, scenario: Scenario) -> Trajectory:
+    """Return the trajectory along way points under the scenario's limits."""
+    limits = scenario.motion
+    return time_path(
+        way,
+        robot,
+        RateLimits.of(robot, limits.velocity, limits.acceleration),
+        motion=motion,
+        tool_speed=limits.tool_speed,
+        link_speed=limits.link_speed,
+    )
 
 
 def describe(summary: Summary) -> str:
@@ -466,9 +467,9 @@ def _base(robot: Robot, q: FloatArray) -> FloatArray:
 # ---------------------------------------------------------------------------------------------------- limits
 
 
-def limits_of_still(scenario: Scenario, found: Actors) -> Scenario:
+def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) -> Scenario:
     """Return the scenario with its still obstacles only, and limits that concern them; see `clearance_of_movers`."""
-    still, limits = found.still, scenario.limits
+    limits = scenario.limits
     dangerous = [obstacle.name for obstacle in still if obstacle.weight > 0]
     kept_from = dangerous
     if limits.obstacles is not None:
@@ -484,7 +485,7 @@ def limits_of_still(scenario: Scenario, found: Actors) -> Scenario:
         exempt=tuple(pair for pair in limits.exempt if pair[1] in kept_from),
         moving=None,
     )
-    if scenario.limits.max_danger and found.people:
+    if scenario.limits.max_danger and beside_people:
         _log.warning(
             "limits.max_danger counts obstacles that stand still only; the robot keeps a distance from people who move"
         )

@@ -35,6 +35,7 @@ EXTRAS = {
     "plots": ("matplotlib", "pictures"),
     "viewer": ("viser", "the viewer"),
     "mcap": ("mcap", "logs and recordings"),
+    "ros": ("rclpy", "the node of ROS 2"),
 }
 _WIDTH = 120  # of tables that go to a file or pipe
 

@@ -4,7 +4,8 @@ People are a `visualization_msgs/MarkerArray` (the namespace is the person, the 
 its name if it has one) or a `geometry_msgs/PoseArray` (the poses are the key points of one person, NaN where one is not
 seen). Joints are `sensor_msgs/JointState`, `trajectory_msgs/JointTrajectory`, of which each takes the place of the one
 before from its own beginning on, or `control_msgs/JointTrajectoryControllerState`, which has both what was commanded
-and what was measured. The time of a message is its stamp; without one, when it was recorded.
+and what was measured. The time of a message is its stamp; without one, when it was recorded. Lengths are metres, and z
+points upwards, whatever the skeleton.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from safe_ompl.apps.exchange.mcap_log import reading
 from safe_ompl.apps.exchange.messages import JOINT_STATE, JOINT_TRAJECTORY, MARKERS, POSES, SECOND
+from safe_ompl.apps.exchange.received import in_metres
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import STANDING
@@ -134,7 +136,7 @@ def read_people(file: str | Path, source: PeopleSource) -> Recording:
     UnknownNameError
         If there is no such topic, person or skeleton.
     """
-    skeleton = None if source.skeleton is None else find_skeleton(source.skeleton)
+    skeleton = None if source.skeleton is None else in_metres(find_skeleton(source.skeleton))
     bag = Bag(file)
     topic = bag.topic(source.topic, (MARKERS, POSES), "--topic")
     with document.within(f"{file}: {topic}", ": "):
@@ -158,7 +160,7 @@ def _skeleton(names: Sequence[str]) -> Skeleton:
         raise InputError(
             f"{len(names)} key points without names: say which skeleton with --skeleton", "skeleton"
         )
-    return ALL_KEYPOINTS if tuple(names) == ALL_KEYPOINTS.points else skeleton_of(names)
+    return ALL_KEYPOINTS if tuple(names) == ALL_KEYPOINTS.points else in_metres(skeleton_of(names))
 
 
 def _posed(found: Sequence[tuple[int, Any]]) -> tuple[list[int], FloatArray, list[str]]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from safe_ompl.apps.exchange.messages import colour, pose, stamp, vector
+from safe_ompl.apps.exchange.messages import colour, header, pose, stamp, vector
 from safe_ompl.geometry import STANDING, Obstacle, Person, Pose, Triangles
 from safe_ompl.view import RobotBody
 
@@ -22,6 +22,7 @@ _ROBOT, _STILL, _DANGEROUS, _LIMB = (
     (0.83, 0.43, 0.29),
 )
 _AROUND = 24  # corners of round shapes
+_MARKERS, _DELETE_ALL = {"spheres": 2, "cylinders": 3, "triangles": 11}, 3
 _KINDS = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 
 Message = dict[str, Any]
@@ -93,6 +94,22 @@ def transforms(time: int, places: Mapping[str, pin.SE3]) -> Message:
         where = {"translation": at["position"], "rotation": at["orientation"]}
         found.append({"timestamp": stamp_of(time), **ends, **where})
     return {"transforms": found}
+
+
+def markers(time: int, update: Mapping[str, Any]) -> Message:
+    """Return the entities of an update as a `visualization_msgs/MarkerArray` for RViz, after one that deletes all."""
+    found: list[Message] = [{"header": header(time, WORLD), "action": _DELETE_ALL}]
+    for entity in update["entities"]:
+        solids = [(kind, solid) for kind in ("spheres", "cylinders", "triangles") for solid in entity[kind]]
+        for k, (kind, solid) in enumerate(solids):
+            marker = {"header": header(time, entity["frame_id"]), "ns": entity["id"], "id": k}
+            marker |= {"type": _MARKERS[kind], "pose": solid["pose"], "color": solid["color"]}
+            if kind == "triangles":
+                points = [solid["points"][corner] for corner in solid["indices"]]
+                found.append({**marker, "scale": vector([1.0] * 3), "points": points})
+            else:
+                found.append({**marker, "scale": solid["size"]})
+    return {"markers": found}
 
 
 def stamp_of(time: int) -> Message:

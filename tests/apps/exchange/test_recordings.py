@@ -71,7 +71,7 @@ def test_people_of_a_bag(tmp_path, plugin):
     rows = [("/skeleton", messages.POSES, 5 + t, poses(walking(t))) for t in times]
     folder = write_bag(tmp_path / "bag", rows, plugin)
     found = read_people(folder, PeopleSource(skeleton="coco17"))
-    assert found.skeleton is COCO
+    assert found.skeleton == COCO
     assert found.rate == pytest.approx(10.0)
     np.testing.assert_allclose(found.frames, [walking(t) for t in times], atol=1e-9)
     (file,) = [file for file in folder.iterdir() if file.suffix in (".mcap", ".db3")]
