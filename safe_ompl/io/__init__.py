@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from safe_ompl.io.motions import ACCELERATION, JointPath, TimedMotion
     from safe_ompl.io.problems import SceneDocument, built_scene, carried_scene, unpacked_robot
     from safe_ompl.io.robot_document import RobotDocument, built_robot, carried_robot, links_without_collision
-    from safe_ompl.io.ticks import read_ticks, ticks_header, write_ticks
+    from safe_ompl.io.ticks import TickLog, TicksFile, check_header, read_ticks, ticks_header
 
 __all__ = [
     "ACCELERATION",
@@ -21,11 +21,14 @@ __all__ = [
     "JointPath",
     "RobotDocument",
     "SceneDocument",
+    "TickLog",
+    "TicksFile",
     "TimedMotion",
     "built_robot",
     "built_scene",
     "carried_robot",
     "carried_scene",
+    "check_header",
     "links_without_collision",
     "load",
     "marked",
@@ -40,7 +43,6 @@ __all__ = [
     "strict_json",
     "ticks_header",
     "unpacked_robot",
-    "write_ticks",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

@@ -9,7 +9,7 @@ The first line is a header:
 objects where they are at first, but no tracked people; ``objects`` are bounds of speeds [m/s]. Every other line is a
 tick:
 
-    {"time": 1.25, "q": [...], "qd": [...],
+    {"time": 1.25, "q": [...], "qd": [...], "stop": {"times": [1.25, 1.3, ...], "q": [[...], ...], "qd": [[...], ...]},
      "people": {"operator": {"head": [x, y, z], "left_shoulder": [...], ...}},
      "objects": {"cube": {"position": [x, y, z], "quaternion_xyzw": [...]}},
      "state": "moving" | "slowed" | "braking" | "standing" | "done",
@@ -20,7 +20,8 @@ tick:
 Lengths are metres, times seconds. A tick describes the instant ``time``. People and objects are where they truly are
 then, in the world; the key points are those of `safe_ompl.geometry.person` (18 with the pelvis): ``Person(height,
 keypoints)`` at the world's origin draws them. ``q``, ``qd``, ``state``, ``margin``, ``reason``, ``measured`` and
-``path`` belong to the command that the robot follows at that instant. The command that answers the measurement of
+``path`` belong to the command that the robot follows at that instant; ``stop`` is the rest of that command, until the
+robot stands, which is what is proven. The command that answers the measurement of
 ``time`` holds a latency later, so the next tick shows it. ``margin`` is the smallest margin along the proven motion
 (null: nobody is there); ``distance`` is the distance between ``link`` and ``limb`` of ``who``, the nearest ones (null:
 not observed). ``reason`` says why the robot is not as fast as it could be; ``measured`` is the time of the measurement
@@ -32,9 +33,9 @@ to the reach model until the next tick; ``reaction`` is how long the answer to t
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from safe_ompl.common import InputError
 from safe_ompl.io.files import strict_json
@@ -58,12 +59,30 @@ def ticks_header(tick: float, robot: Robot, scene: Scene, moving: Mapping[str, A
     }
 
 
-def write_ticks(file: Path, header: dict[str, Any], ticks: Iterable[dict[str, Any]]) -> None:
-    """Write the header, then ticks as they come."""
-    with file.open("w", encoding="utf-8") as stream:
-        print(strict_json(header), file=stream)
-        for tick in ticks:
-            print(strict_json(tick), file=stream)
+class TickLog(Protocol):
+    """What takes ticks one by one, as they come."""
+
+    def write(self, tick: Mapping[str, Any]) -> None:
+        """Take a tick."""
+
+    def close(self) -> None:
+        """Take no more, and finish what was written."""
+
+
+class TicksFile:
+    """A file of ticks that begins with a header."""
+
+    def __init__(self, file: Path, header: Mapping[str, Any]) -> None:
+        self._stream = file.open("w", encoding="utf-8")
+        self.write(header)
+
+    def write(self, tick: Mapping[str, Any]) -> None:
+        """Write a line."""
+        print(strict_json(tick), file=self._stream)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
 
 
 def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -82,9 +101,13 @@ def read_ticks(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         raise InputError(f"cannot be read as JSON lines: {error}", str(file)) from None
     if not lines or not all(isinstance(line, dict) for line in lines):
         raise InputError("must hold a JSON object in every line", str(file))
-    first = lines[0]
-    if first.get("format") != FORMAT:
+    check_header(lines[0], file)
+    return lines[0], lines[1:]
+
+
+def check_header(header: Mapping[str, Any], file: str | Path) -> None:
+    """Raise InputError, which names the file, unless this is the header of ticks of this version."""
+    if header.get("format") != FORMAT:
         raise InputError(f"must begin with a header of {FORMAT!r}", str(file))
-    if first.get("version") != VERSION:
-        raise InputError(f"version {first.get('version')!r} is not known, {VERSION} is", str(file))
-    return first, lines[1:]
+    if header.get("version") != VERSION:
+        raise InputError(f"version {header.get('version')!r} is not known, {VERSION} is", str(file))

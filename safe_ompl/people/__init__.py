@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         facing,
         find_skeleton,
         list_clips,
+        skeleton_of,
     )
     from safe_ompl.people.tracking import Surroundings, Tracker, Violation
 
@@ -45,6 +46,7 @@ __all__ = [
     "facing",
     "find_skeleton",
     "list_clips",
+    "skeleton_of",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

@@ -10,12 +10,13 @@ if TYPE_CHECKING:
     from safe_ompl.scene.constraints import MotionLimits, MovingObstacles, ToolConstraint
     from safe_ompl.scene.mbm import WHERE_FROM, MbmFile, MbmProblem
     from safe_ompl.scene.people import BodyRegion, People
-    from safe_ompl.scene.scenario import Scenario, find_scenario, list_scenarios
+    from safe_ompl.scene.scenario import Goal, Scenario, find_scenario, list_scenarios
     from safe_ompl.scene.scene import Scene
 
 __all__ = [
     "WHERE_FROM",
     "BodyRegion",
+    "Goal",
     "MbmFile",
     "MbmProblem",
     "MotionLimits",

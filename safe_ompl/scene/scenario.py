@@ -206,6 +206,8 @@ class Scenario:
         Who may come near it, for trajectories.
     time : float, optional
         Time limit [s].
+    frames : mapping of str to Pose, optional
+        Where frames of sensors are in the world, for messages of ROS that are in them.
     file : Path, optional
         Where the scenario came from, for errors.
 
@@ -227,6 +229,7 @@ class Scenario:
     limits: PathLimits = field(default_factory=PathLimits)
     motion: MotionLimits = field(default_factory=MotionLimits)
     people: People | None = None
+    frames: Mapping[str, Pose] = field(default_factory=dict)
     file: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -289,6 +292,7 @@ class Scenario:
             motion=document.section("motion", data.get("motion"), MotionLimits.from_mapping),
             people=people,
             time=data.get("time", _TIME),
+            frames=document.section("frames", data.get("frames"), _frames),
             file=file,
         )
 
@@ -308,6 +312,11 @@ class Scenario:
             **({"motion": self.motion.to_mapping()} if self.motion != MotionLimits() else {}),
             **({"people": self.people.to_mapping()} if self.people is not None else {}),
             "time": self.time,
+            **(
+                {"frames": {name: pose.to_mapping() for name, pose in self.frames.items()}}
+                if self.frames
+                else {}
+            ),
         }
         Path(path).write_text(document.dump_document(data), encoding="utf-8")
 
@@ -329,6 +338,13 @@ class Scenario:
     @property
     def _source(self) -> str:
         return str(self.file) if self.file else f"scenario {self.name!r}"
+
+
+def _frames(data: Mapping[str, Any]) -> dict[str, Pose]:
+    return {
+        name: document.section(name, document.mapping(name, place), Pose.from_mapping)
+        for name, place in data.items()
+    }
 
 
 def list_scenarios() -> dict[str, Path]:

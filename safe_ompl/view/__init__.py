@@ -26,12 +26,14 @@ if TYPE_CHECKING:
         save_animation,
         save_png,
     )
+    from safe_ompl.view.pictures.surface import RobotBody
 
 __all__ = [
     "ANIMATION_ENDINGS",
     "RECORDING_ENDING",
     "BrowserView",
     "DrawnPath",
+    "RobotBody",
     "ViewerContent",
     "draw_plan",
     "drawn_path",

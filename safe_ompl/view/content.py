@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -365,14 +365,22 @@ class Nearest:
 # -------------------------------------------------------------------------------------------------- recordings
 
 
+Ticks = tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]
+"""Header and ticks."""
+
+
 def read_recording(
-    file: str | Path, robot: Robot | None = None, package_dirs: Sequence[Path] = ()
+    file: str | Path,
+    robot: Robot | None = None,
+    package_dirs: Sequence[Path] = (),
+    read: Callable[[str | Path], Ticks] = read_ticks,
 ) -> ViewerContent:
     """Return what a file of ticks shows: robot and people in motion, with the robot's state and its reason.
 
-    The robot is by default built from what the file carries; parameters and errors as of `safe_ompl.load`.
+    The robot is by default built from what the file carries; `read` reads files of another form. Parameters and errors
+    as of `safe_ompl.load`.
     """
-    header, ticks = read_ticks(file)
+    header, ticks = read(file)
     with document.within(str(file), ": "):
         if len(ticks) < 2:
             raise InputError(f"must have two ticks at least, got {len(ticks)}")

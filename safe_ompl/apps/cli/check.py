@@ -19,6 +19,7 @@ from safe_ompl.apps.cli.options import (
     add_robot_options,
     by_joint,
     given_robot,
+    is_bag,
     limit,
     load_scenario,
     scenario_robot,
@@ -30,6 +31,7 @@ from safe_ompl.apps.cli.output import (
     check_drawable,
     check_writable,
     error_console,
+    need_extra,
     opened,
     output_console,
     plain_table,
@@ -130,8 +132,13 @@ def add_commands(commands: Any) -> None:
         "logs",
         metavar="LOG",
         nargs="*",
-        help="tables (.csv) or arrays (.npz) with time, <joint>_commanded and <joint>_measured",
+        help="tables (.csv) or arrays (.npz) with time, <joint>_commanded and <joint>_measured; recordings of ROS 2 "
+        "(.mcap, or a bag) with a controller's state, or with a JointTrajectory and a JointState",
     )
+    for what in ("commanded", "measured"):
+        parser.add_argument(
+            f"--{what}-topic", metavar="NAME", help=f"topic of the {what} positions in a recording"
+        )
     parser.add_argument(
         "--commanded", metavar="FILE", help="or two motions, as `check` reads them: this one, and"
     )
@@ -344,6 +351,8 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
     pair = options.commanded, options.measured
     if (None in pair) != (pair == (None, None)) or bool(options.logs) == (None not in pair):
         raise InputError("give logs, or both --commanded and --measured")
+    if not options.logs and (options.commanded_topic or options.measured_topic):
+        raise InputError("are for recordings: give one", "--commanded-topic and --measured-topic")
     robot = None
     if options.scenario is not None:
         _, robot = scenario_robot(options, load_scenario(options.scenario))
@@ -353,7 +362,7 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
         raise InputError("needs the robot, which knows the joints that turn: give --scenario", "--degrees")
     found: dict[str, MeasuredTube] = {}
     for log in options.logs or [" and ".join(pair)]:
-        motions = read_log(log) if options.logs else (read_motion(pair[0]), read_motion(pair[1]))
+        motions = _log(log, options) if options.logs else (read_motion(pair[0]), read_motion(pair[1]))
         with document.within(log, ": "):
             continuous = None
             if robot is not None:
@@ -367,6 +376,19 @@ def prepare_tube(options: argparse.Namespace) -> Callable[[], int]:
             if set(found[log].joint_names) != set(first):
                 raise InputError(f"must be of the joints {', '.join(first)}", "columns")
     return partial(_tube, found, options.factor)
+
+
+def _log(log: str, options: argparse.Namespace) -> tuple[Motion, Motion]:
+    """Return the commanded and the measured motion of a log, whatever its form."""
+    topics = options.commanded_topic, options.measured_topic
+    if is_bag(log):
+        need_extra("mcap", log)
+        from safe_ompl.apps.exchange import read_joint_log  # needs the extra
+
+        return read_joint_log(log, *topics)
+    if topics != (None, None):
+        raise InputError(f"are for recordings, not for {log!r}", "--commanded-topic and --measured-topic")
+    return read_log(log)
 
 
 def _tube(found: Mapping[str, MeasuredTube], factor: float) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ from safe_ompl.apps.cli.options import (
     add_scenario,
     count,
     finite,
+    is_bag,
     limit,
     load_scenario,
     noise,
@@ -27,11 +29,20 @@ from safe_ompl.apps.cli.options import (
     seconds,
     share,
 )
-from safe_ompl.apps.cli.output import error_console, make_folder, output_console, progress_bar, write_json
+from safe_ompl.apps.cli.output import (
+    check_writable,
+    error_console,
+    make_folder,
+    need_extra,
+    output_console,
+    progress_bar,
+    write_json,
+)
 from safe_ompl.apps.cli.view import check_page
+from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
-from safe_ompl.io import ticks_header, write_ticks
+from safe_ompl.io import TickLog, TicksFile, ticks_header
 from safe_ompl.people import PELVIS, Recording, TrackedBody, Tracker, facing
 from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation import (
@@ -72,9 +83,20 @@ def add_commands(commands: Any) -> None:
     parser.add_argument(
         "--people",
         metavar="FILE|random[:N]",
-        help="a file of recorded key points (.npz), or the number of people who walk at random",
+        help="a file of recorded key points (.npz; .mcap or a bag of ROS 2), or the number of people who walk at "
+        "random",
     )
-    parser.add_argument("--clip", metavar="NAME", help=f"name of the recording in the file; default: {CLIP}")
+    parser.add_argument(
+        "--clip",
+        metavar="NAME",
+        help=f"name of the recording in the file; default: {CLIP}, or the only person of a bag",
+    )
+    parser.add_argument("--topic", metavar="NAME", help="topic of the people in a bag; default: the only one")
+    parser.add_argument(
+        "--skeleton",
+        metavar="NAME",
+        help="skeleton of key points in a bag that have no names, such as coco17",
+    )
     parser.add_argument(
         "--place",
         type=_place,
@@ -105,6 +127,7 @@ def add_commands(commands: Any) -> None:
         metavar="FILE",
         help="also write a page that plays the simulation in any browser, offline (.html)",
     )
+    add_mcap(parser)
     parser.add_argument(
         "--tick", type=seconds, default=0.05, metavar="S", help="time between commands; default: %(default)g"
     )
@@ -133,6 +156,21 @@ def add_commands(commands: Any) -> None:
     )
 
 
+def add_mcap(parser: argparse.ArgumentParser) -> None:
+    """Add the log that Foxglove opens."""
+    parser.add_argument("--mcap", metavar="FILE", help="also write a log that Foxglove opens (.mcap)")
+
+
+def check_mcap(file: str | None) -> None:
+    """Raise InputError if a log is to be written to a file and cannot be."""
+    if file is None:
+        return
+    need_extra("mcap", "--mcap")
+    if Path(file).suffix.lower() != ".mcap":
+        raise InputError(f"{file!r} must end in .mcap", "--mcap")
+    check_writable(file, "--mcap")
+
+
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     scenario = load_scenario(options.scenario, options.package_dir)
@@ -141,9 +179,10 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     robot = scenario.build_robot()
     people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))
     found = choose_actors(scenario, robot, people, options)
-    setup = setup_scenario(limits_of_still(scenario, found), robot)
+    setup = setup_scenario(limits_of_still(scenario, found.still, beside_people=bool(found.people)), robot)
     make_folder(Path(options.out), "--out")
     check_page(options.html)
+    check_mcap(options.mcap)
     replanner = Replanner(
         robot,
         found.scene,
@@ -170,17 +209,30 @@ def _drive(
     if result.path is None:
         error_console().print(f"safe-ompl: {_PLANNER} found no path: {result.status}")
         return 1
-    ways = there_and_back(result.path, replanner, scenario)
+    ways = [
+        timed_way(way, replanner.robot, replanner.motion, scenario)
+        for way in (result.path, result.path[::-1])
+    ]
     simulation = Simulation(replanner, ways, actors.people, actors.objects, faults=faults)
     around, moving = replanner.surroundings.scene, simulation.world.description()
     header = ticks_header(replanner.tick, replanner.robot, around, moving)
-    with progress_bar(error_console()) as bar:
+    with ExitStack() as stack:
+        logs: list[TickLog] = [stack.enter_context(closing(TicksFile(folder / "ticks.jsonl", header)))]
+        if options.mcap is not None:
+            from safe_ompl.apps.exchange import McapLog  # needs the extra
+
+            logs.append(stack.enter_context(closing(McapLog(options.mcap, header, replanner.robot, around))))
+        bar = stack.enter_context(progress_bar(error_console()))
         ticks, number = simulation.ticks(options.seconds), round(options.seconds / options.tick)
-        write_ticks(folder / "ticks.jsonl", header, bar.track(ticks, total=number, description="live"))
+        for tick in bar.track(ticks, total=number, description="live"):
+            for log in logs:
+                log.write(tick)
     summary = simulation.summary
     write_json(str(folder / "summary.json"), summary.as_dict())
     output_console().print(describe(summary))
     error_console().print(f"ticks and summary in {folder}")
+    if options.mcap is not None:
+        error_console().print(f"log in {options.mcap}")
     if options.html is None:
         error_console().print(f"see it: safe-ompl view {folder / 'ticks.jsonl'}")
     else:
@@ -189,20 +241,17 @@ def _drive(
     return 0
 
 
-def there_and_back(path: FloatArray, replanner: Replanner, scenario: Scenario) -> list[Trajectory]:
-    """Return the trajectories along a path and back, under the scenario's limits."""
-    limits = RateLimits.of(replanner.robot, scenario.motion.velocity, scenario.motion.acceleration)
-    return [
-        time_path(
-            way,
-            replanner.robot,
-            limits,
-            motion=replanner.motion,
-            tool_speed=scenario.motion.tool_speed,
-            link_speed=scenario.motion.link_speed,
-        )
-        for way in (path, path[::-1])
-    ]
+def timed_way(way: FloatArray, robot: Robot, motion: CertifiedMotion, scenario: Scenario) -> Trajectory:
+    """Return the trajectory along way points under the scenario's limits."""
+    limits = scenario.motion
+    return time_path(
+        way,
+        robot,
+        RateLimits.of(robot, limits.velocity, limits.acceleration),
+        motion=motion,
+        tool_speed=limits.tool_speed,
+        link_speed=limits.link_speed,
+    )
 
 
 def describe(summary: Summary) -> str:
@@ -261,17 +310,18 @@ def choose_actors(scenario: Scenario, robot: Robot, people: People, options: arg
     """Return the people and objects that the options name, and those that may move by the scenario's limits."""
     found = Actors(scenario.scene)
     if options.people is None:
-        for option, given in (("--clip", options.clip), ("--place", options.place)):
-            if given is not None:
-                raise InputError("there is nobody: give --people", option)
+        for option in ("clip", "place", "topic", "skeleton"):
+            if getattr(options, option) is not None:
+                raise InputError("there is nobody: give --people", f"--{option}")
         if not options.movers:
             raise InputError("nobody and nothing moves: give a file of recordings or random", "--people")
     elif (count := _random_count(options.people)) is None:
         name, mover = _recorded(scenario, options)
         found.people[name] = mover
     else:
-        if options.clip is not None:
-            raise InputError(f"is for recordings, not for {options.people!r}", "--clip")
+        for option in ("clip", "topic", "skeleton"):
+            if getattr(options, option) is not None:
+                raise InputError(f"is for recordings, not for {options.people!r}", f"--{option}")
         found.people.update(_walkers(scenario, robot, people, count, options))
     if scenario.limits.moving is not None:
         for name, speed in scenario.limits.moving.speeds.items():
@@ -319,12 +369,12 @@ def _free_name(word: str, taken: tuple[str, ...]) -> str:
 
 def _recorded(scenario: Scenario, options: argparse.Namespace) -> tuple[str, Playback]:
     """Return the person who plays the recording."""
-    if not Path(options.people).is_file():
+    if not is_bag(options.people) and not Path(options.people).is_file():
         raise InputError(
             f"must be a file of recordings, {RANDOM} or {RANDOM}:N, and there is no file {options.people!r}",
             "--people",
         )
-    recording = Recording.load(options.people, options.clip or CLIP)
+    recording = _recording(options)
     persons = _persons(scenario)
     body, name = _body_of(persons), _free_name("person", scenario.scene.names)
     if options.place is not None:
@@ -335,6 +385,19 @@ def _recorded(scenario: Scenario, options: argparse.Namespace) -> tuple[str, Pla
         raise InputError("the scenario has no person whose place could be taken: say where", "--place")
     tracker = Tracker(recording.skeleton, body, place, options.noise)
     return (persons[0].name if persons else name), Playback(recording, tracker, options.faster)
+
+
+def _recording(options: argparse.Namespace) -> Recording:
+    """Return the recording that the options name."""
+    if is_bag(options.people):
+        need_extra("mcap", "--people")
+        from safe_ompl.apps.exchange import PeopleSource, read_people  # needs the extra
+
+        return read_people(options.people, PeopleSource(options.topic, options.clip, options.skeleton))
+    for option in ("topic", "skeleton"):
+        if getattr(options, option) is not None:
+            raise InputError(f"is for bags, not for {options.people!r}", f"--{option}")
+    return Recording.load(options.people, options.clip or CLIP)
 
 
 def _instead_of(pose: Pose, recording: Recording, body: TrackedBody) -> Pose:
@@ -404,9 +467,9 @@ def _base(robot: Robot, q: FloatArray) -> FloatArray:
 # ---------------------------------------------------------------------------------------------------- limits
 
 
-def limits_of_still(scenario: Scenario, found: Actors) -> Scenario:
+def limits_of_still(scenario: Scenario, still: Scene, *, beside_people: bool) -> Scenario:
     """Return the scenario with its still obstacles only, and limits that concern them; see `clearance_of_movers`."""
-    still, limits = found.still, scenario.limits
+    limits = scenario.limits
     dangerous = [obstacle.name for obstacle in still if obstacle.weight > 0]
     kept_from = dangerous
     if limits.obstacles is not None:
@@ -422,7 +485,7 @@ def limits_of_still(scenario: Scenario, found: Actors) -> Scenario:
         exempt=tuple(pair for pair in limits.exempt if pair[1] in kept_from),
         moving=None,
     )
-    if scenario.limits.max_danger and found.people:
+    if scenario.limits.max_danger and beside_people:
         _log.warning(
             "limits.max_danger counts obstacles that stand still only; the robot keeps a distance from people who move"
         )

@@ -31,7 +31,12 @@ from safe_ompl.planning import PlanResult
 
 STANDARD_OUTPUT = "-"
 # Module, and what it is for.
-EXTRAS = {"plots": ("matplotlib", "pictures"), "viewer": ("viser", "the viewer")}
+EXTRAS = {
+    "plots": ("matplotlib", "pictures"),
+    "viewer": ("viser", "the viewer"),
+    "mcap": ("mcap", "logs and recordings"),
+    "ros": ("rclpy", "the node of ROS 2"),
+}
 _WIDTH = 120  # of tables that go to a file or pipe
 
 
@@ -165,15 +170,20 @@ def missing_extra(extra: str) -> str | None:
     return f"{module} missing; get {purpose} with: pip install 'safe-ompl[{extra}]'"
 
 
+def need_extra(extra: str, key: str | None = None) -> None:
+    """Raise InputError, which says what to install, unless an extra of the package is installed."""
+    advice = missing_extra(extra)
+    if advice:
+        raise InputError(advice, key)
+
+
 def check_drawable(file: str | None, option: str, endings: Sequence[str] = (".png",)) -> None:
     """Raise InputError, naming `option`, if a picture cannot be drawn or written."""
     if file is None:
         return
     if Path(file).suffix.lower() not in endings:
         raise InputError(f"{file!r} must end in {' or '.join(endings)}", option)
-    advice = missing_extra("plots")
-    if advice:
-        raise InputError(advice, option)
+    need_extra("plots", option)
     check_writable(file, option)
 
 

@@ -18,10 +18,10 @@ from safe_ompl.apps.cli.options import (
     port,
     run_options,
 )
-from safe_ompl.apps.cli.output import check_drawable, check_writable, error_console, missing_extra
+from safe_ompl.apps.cli.output import check_drawable, check_writable, error_console, need_extra
 from safe_ompl.common import InputError
 from safe_ompl.common import documents as document
-from safe_ompl.io import TimedMotion, load, read_json, schema, unpacked_robot
+from safe_ompl.io import TimedMotion, load, read_json, read_ticks, schema, unpacked_robot
 from safe_ompl.planning import PlanResult, setup_scenario
 from safe_ompl.scene import Scenario
 from safe_ompl.view import (
@@ -53,7 +53,7 @@ def add_commands(commands: Any) -> None:
         metavar="SCENARIO|RESULT|CERTIFICATE|TRAJECTORY|TICKS",
         nargs="+",
         help="name or YAML file of a scenario; or files of `plan --json`, or of `plan --trajectory`, side by side; "
-        "or one of `plan --certificate`, or ticks.jsonl of `live`",
+        "or one of `plan --certificate`, or ticks.jsonl or a log (.mcap) of `live`",
     )
     parser.add_argument(
         "--planners",
@@ -94,11 +94,13 @@ def add_view_options(parser: argparse._ActionsContainer) -> None:
 def prepare(options: argparse.Namespace) -> Callable[[], int]:
     """Check what the options name, and return the job."""
     check_view_options(options)
-    recordings = [name for name in options.what if Path(name).suffix.lower() == RECORDING_ENDING]
+    readers = {RECORDING_ENDING: read_ticks, ".mcap": _read_log}
+    recordings = [name for name in options.what if Path(name).suffix.lower() in readers]
     if recordings:
         if len(options.what) > 1:
             raise InputError(f"one recording at a time, not {', '.join(options.what)}")
-        recorded = read_recording(recordings[0], package_dirs=options.package_dir)
+        read = readers[Path(recordings[0]).suffix.lower()]
+        recorded = read_recording(recordings[0], package_dirs=options.package_dir, read=read)
         return lambda: show(recorded, options)
     files = [name for name in options.what if Path(name).suffix.lower() == ".json"]
     if not files:
@@ -112,11 +114,19 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     return lambda: show(content, options)
 
 
+def _read_log(file: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return header and ticks of an MCAP log."""
+    need_extra("mcap", str(file))
+    from safe_ompl.apps.exchange import read_log  # needs the extra
+
+    return read_log(file)
+
+
 def check_view_options(options: argparse.Namespace) -> None:
     """Raise InputError if what a view is written to cannot be, or the viewer is missing."""
     check_drawable(options.animation, "--animation", ANIMATION_ENDINGS)
     if options.animation is None:
-        _check_viewer()
+        need_extra("viewer")
     check_page(options.html)
     if options.slice is not None and options.html is None:
         raise InputError("is for --html; a live view has a slider for it", "--slice")
@@ -126,16 +136,10 @@ def check_page(file: str | None) -> None:
     """Raise InputError if a page is to be written to a file and cannot be."""
     if file is None:
         return
-    _check_viewer()
+    need_extra("viewer")
     if Path(file).suffix.lower() != ".html":
         raise InputError(f"{file!r} must end in .html", "--html")
     check_writable(file, "--html")
-
-
-def _check_viewer() -> None:
-    advice = missing_extra("viewer")
-    if advice:
-        raise InputError(advice)
 
 
 def show(content: ViewerContent, options: argparse.Namespace) -> int:

@@ -142,6 +142,15 @@ class Command:
         slope, bend = place.slope[0], place.bend[0]
         return State(place.q[0], slope * speed, slope * push + bend * speed * speed)
 
+    def until_rest(self, time: float, step: float) -> tuple[FloatArray, list[State]]:
+        """Return times (K,) from `time` on, `step` apart, the last one when the robot stands; and what holds then [s].
+
+        There is one if it stands already.
+        """
+        steps = np.arange(time, self.standstill - 1e-6, step)
+        states = [*(self.at(each) for each in steps.tolist()), self.at(np.inf)]
+        return np.append(steps, max(time, self.standstill)), states
+
     def moves(self, time: float) -> bool:
         """Return whether the robot moves at a time [s]."""
         return self.motion.at(time - self.time)[1] > 0

@@ -338,11 +338,16 @@ class Simulation:
             summary.contacts_at_rest = sum(not c.moving for c in contacts)
 
     def _line(self, now: float, command: Command, nearest: Nearest) -> dict[str, Any]:
-        state = command.at(max(now, command.time))
+        times, states = command.until_rest(max(now, command.time), self.replanner.tick)
         return {
             "time": now,
-            "q": state.q.tolist(),
-            "qd": state.qd.tolist(),
+            "q": states[0].q.tolist(),
+            "qd": states[0].qd.tolist(),
+            "stop": {
+                "times": times.tolist(),
+                "q": [state.q.tolist() for state in states],
+                "qd": [state.qd.tolist() for state in states],
+            },
             **self.world.tick(now),
             "state": command.doing.value,
             "margin": command.left.margin,

@@ -1,0 +1,38 @@
+"""What other programs read and write: logs that Foxglove opens, recordings of ROS 2, and a node of ROS 2.
+
+It needs the extra `safe-ompl[mcap]`. Only what starts a node needs ROS, too (`safe-ompl[ros]`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from safe_ompl.doors import lazily
+
+if TYPE_CHECKING:
+    from safe_ompl.apps.exchange import messages
+    from safe_ompl.apps.exchange.controller import Cell, ControlOptions, LiveController
+    from safe_ompl.apps.exchange.mcap_log import McapLog, read_log
+    from safe_ompl.apps.exchange.received import Frames, in_metres
+    from safe_ompl.apps.exchange.recordings import PeopleSource, read_joint_log, read_people
+    from safe_ompl.apps.exchange.ros_node import NodeSetup, RosNode, received_text, ros_context
+
+__all__ = [
+    "Cell",
+    "ControlOptions",
+    "Frames",
+    "LiveController",
+    "McapLog",
+    "NodeSetup",
+    "PeopleSource",
+    "RosNode",
+    "in_metres",
+    "messages",
+    "read_joint_log",
+    "read_log",
+    "read_people",
+    "received_text",
+    "ros_context",
+]
+
+__getattr__, __dir__ = lazily(__name__, __file__)

@@ -1,0 +1,386 @@
+"""A robot that is driven to goals beside people, as a node of ROS drives it, without ROS: arrays in, commands out.
+
+What is commanded is proven as `Replanner` says: every command ends in a stop. To stop, nothing more is commanded. The
+controller stops so
+
+* if joint states are missing, or the robot is not where it was told to be;
+* if people are seen whom nobody tracks, or the cloud has points where it had none when the path was proven;
+* if the clock jumps.
+
+It plans anew from where the robot stands, as soon as nothing of this holds any more. People and objects that are not
+seen, or move farther than promised, the replanner stops for by itself.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_ompl.apps.exchange.sightings import CloudView, Sightings, by_name
+from safe_ompl.common import FloatArray, InputError, SafeOmplError, UnknownNameError, number
+from safe_ompl.geometry import Obstacle, Pose
+from safe_ompl.people import KEYPOINTS, Tracker
+from safe_ompl.people.replanning import Command, Doing, Replanner, ReplanningOptions
+from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
+from safe_ompl.robot import Robot
+
+_HISTORY = 100  # commands that are kept, to compare measured joints with
+_RESTING = 0.01  # [rad/s] joints that are slower stand still
+_ARRIVED = "at the goal"
+_SAME = 1e-6  # [rad or m] a goal that is nearer is reached
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A robot and what is around it."""
+
+    robot: Robot
+    trackers: Mapping[str, Tracker]  # People
+    objects: Mapping[str, float]  # Obstacles that move, and bounds of their speeds [m/s]
+    # Of start and goal (n,), and the cloud: a replanner that has started; a SafeOmplError says why there is no way
+    plan: Callable[[FloatArray, FloatArray, Obstacle | None], Replanner]
+
+
+@dataclass(frozen=True)
+class ControlOptions:
+    """When a robot is told what, and when it is stopped; raises InputError if a value is out of its range."""
+
+    replanning: ReplanningOptions = field(default_factory=ReplanningOptions)
+    latency: float = 0.02  # From a tick until its command holds, at most a tick [s]
+    clock_error: float = 0.01  # By which clocks of sensors may differ from the robot's [s]
+    joints_late: float = 0.3  # Without joint states for so long, the robot is stopped [s]
+    tolerance: float = 0.05  # How far a joint may be from where it should be [rad or m]
+    cloud_radius: float = 0.02  # Of the ball about each point of a cloud [m]
+
+    def __post_init__(self) -> None:
+        number("latency", self.latency, at_least=0.0, at_most=self.replanning.tick)
+        number("clock_error", self.clock_error, at_least=0.0)
+        for key in ("joints_late", "tolerance", "cloud_radius"):
+            number(key, getattr(self, key), above=0.0)
+
+
+class Joints(NamedTuple):
+    """Measured joints."""
+
+    time: float  # [s]
+    q: FloatArray
+    qd: FloatArray
+
+
+class LiveController:
+    """Drives a robot to goals.
+
+    Call what was measured as it comes, and `tick` at the rate of the options. Methods that take measurements raise
+    InputError for what cannot be used; nothing changes then.
+
+    Parameters
+    ----------
+    cell : Cell
+        Robot and surroundings.
+    clock : callable
+        Returns the time now [s], of the clock of all stamps.
+    options : ControlOptions, optional
+        Rates and tolerances.
+    executor : Executor, optional
+        Where plans are made; default: a thread.
+
+    Attributes
+    ----------
+    command : Command or None
+        What the robot was told last.
+    blocked : str
+        Why the robot must not move, as the caller knows; empty: it may.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        clock: Callable[[], float],
+        options: ControlOptions | None = None,
+        executor: Executor | None = None,
+    ) -> None:
+        self.cell, self.options = cell, ControlOptions() if options is None else options
+        self._clock = clock
+        self._executor = ThreadPoolExecutor(1) if executor is None else executor
+        self._monitor = ContactMonitor(cell.robot)
+        self._now = -np.inf
+        self._planning: Future[Replanner] | None = None
+        self._goal: FloatArray | None = None
+        self._why, self.blocked = "no goal yet", ""
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget all that was measured and commanded."""
+        lost_after, error = self.options.replanning.lost_after, self.options.clock_error
+        self._sightings = Sightings((*self.cell.trackers, *self.cell.objects), lost_after, error)
+        self._joints: Joints | None = None
+        self._cloud: CloudView | None = None
+        self._proven_cloud: CloudView | None = None
+        self._strangers: tuple[float, str] = (-np.inf, "")
+        self._replanner: Replanner | None = None
+        self._driving = False
+        self.command: Command | None = None
+        self._commands: deque[Command] = deque(maxlen=_HISTORY)
+
+    # --------------------------------------------------------------------------------------------- what was measured
+
+    def see_joints(
+        self, time: float, names: Sequence[str], position: Sequence[float], velocity: Sequence[float] = ()
+    ) -> None:
+        """Take joint values and velocities; without velocities they follow from the values before."""
+        if time > self._clock() + self.options.clock_error:
+            raise InputError(f"is {time - self._clock():.3f} s in the future: the clocks differ", "stamp")
+        if self._joints is not None and time <= self._joints.time:
+            return  # out of order
+        q = by_name(names, position, self.cell.robot.joint_names)
+        if len(velocity):
+            qd = by_name(names, velocity, self.cell.robot.joint_names)
+        elif self._joints is None:
+            qd = np.full(len(q), np.inf)  # not known yet
+        else:
+            qd = self.cell.robot.difference(self._joints.q, q) / (time - self._joints.time)
+        self._joints = Joints(time, q, qd)
+
+    def see_people(self, time: float, people: Mapping[str, FloatArray]) -> None:
+        """Take key points (J, 3) of people in the world, in the order of their skeletons; NaN: not seen."""
+        for name, points in people.items():
+            if name in self.cell.trackers:
+                self.cell.trackers[name].skeleton.keypoints(points)
+        for name, points in people.items():
+            if name in self.cell.trackers:
+                self._sightings.add(name, time, self._clock(), points)
+        strangers = [name for name in people if name not in self.cell.trackers]
+        if strangers:
+            self._strangers = max(self._strangers, (time, strangers[0]))
+            raise UnknownNameError("person", strangers[0], self.cell.trackers)
+
+    def see_object(self, time: float, name: str, place: Pose) -> None:
+        """Take the pose of an obstacle that moves, in the world."""
+        if name not in self.cell.objects:
+            raise UnknownNameError("object", name, self.cell.objects)
+        self._sightings.add(name, time, self._clock(), place)
+
+    def see_cloud(self, time: float, points: FloatArray) -> None:
+        """Take points (M, 3) in the world [m]; those of the robot and of tracked people are left out."""
+        if self._joints is None or abs(time - self._joints.time) > self.options.joints_late:
+            raise InputError("comes without joint states of its time: the robot's own points are not known")
+        around = None if self._replanner is None else self._replanner.surroundings
+        self._cloud = CloudView.seen(
+            points, self.options.cloud_radius, self.cell.robot, self._joints.q, around
+        )
+
+    def go_to(self, names: Sequence[str], position: Sequence[float]) -> None:
+        """Take a goal: the robot stops if it moves, and goes there. Without joints it stops, and stays."""
+        goal = by_name(names, position, self.cell.robot.joint_names) if len(names) else None
+        if goal is not None:
+            outside = (goal < self.cell.robot.lower) | (goal > self.cell.robot.upper)
+            if outside.any():
+                name = self.cell.robot.joint_names[int(np.argmax(outside))]
+                raise InputError(f"is out of the limits of {name!r}: {goal[outside][0]:g}", "position")
+        self._goal = goal
+        self._planning = None
+        self._halt("a new goal" if goal is not None else "no goal")
+
+    # ------------------------------------------------------------------------------------------------------- ticks
+
+    def tick(self) -> dict[str, Any]:
+        """Go on to now, and return what holds then as a tick (`safe_ompl.io.ticks`).
+
+        `command` is what the robot should do from then on; it is to be sent if `driving`.
+        """
+        before, self._now = self._now, self._clock()
+        if self._now < before:
+            self._forget()
+            self._planning = None
+            self._why = f"the clock went back by {before - self._now:.3f} s"
+            return self._record()
+        self._take_plan()
+        if self._driving:
+            why = self._fault()
+            if why is not None:
+                self._halt(why)
+            else:
+                self._drive()
+        elif self._goal is not None and self._planning is None:
+            self._start_planning()
+        return self._record()
+
+    def think(self, units: int = 60) -> None:
+        """Search a detour in the time that is left until the next tick; see `Replanner.think`."""
+        if self._driving and self._replanner is not None:
+            self._replanner.think(units)
+
+    @property
+    def driving(self) -> bool:
+        """Whether `command` holds; if not, the robot follows the last one to its stop."""
+        return self._driving
+
+    def _halt(self, why: str) -> None:
+        """Send no more commands: the robot follows the last one to its stop."""
+        self._driving, self._why = False, why
+
+    def _fault(self) -> str | None:
+        """Return why the robot must be stopped, if it must."""
+        if self.blocked:
+            return self.blocked
+        late = np.inf if self._joints is None else self._now - self._joints.time
+        if self._joints is None or late > self.options.joints_late:
+            return "no joint states yet" if np.isinf(late) else f"no joint states for {late:.2f} s"
+        if self._now - self._strangers[0] < self.options.replanning.lost_after:
+            return f"{self._strangers[1]!r} is seen, but not tracked"
+        if not self._driving:
+            return None
+        if self._cloud is not None and (new := self._cloud.news(self._proven_cloud)):
+            return f"{new} points of the cloud are new"
+        told = [command for command in self._commands if command.time <= self._joints.time]
+        if told:
+            away = np.abs(self.cell.robot.difference(told[-1].at(self._joints.time).q, self._joints.q))
+            if away.max() > self.options.tolerance:
+                name = self.cell.robot.joint_names[int(away.argmax())]
+                return f"{name!r} is {away.max():.3f} from where it should be"
+        return None
+
+    def _drive(self) -> None:
+        """Tell the replanner what was seen, and ask for the next command."""
+        assert self._replanner is not None
+        self._inform(self._replanner)
+        command = self._replanner.command(self._now + self.options.latency)
+        if command is not self.command:
+            self._commands.append(command)
+        self.command, self._why = command, command.reason
+        if command.doing is Doing.DONE:
+            self._goal, self._driving, self._why = None, False, _ARRIVED
+
+    def _inform(self, replanner: Replanner) -> None:
+        due = self._sightings.due(self._now)
+        if due is None:
+            return
+        time, seen = due
+        people = {name: points for name, points in seen.items() if name in self.cell.trackers}
+        replanner.update(people, {name: seen[name] for name in seen if name not in people}, time)
+
+    # ---------------------------------------------------------------------------------------------------- planning
+
+    def _start_planning(self) -> None:
+        """Plan from where the robot stands, once it does and nothing is wrong."""
+        why = self._fault()
+        if why is not None:
+            self._why = why
+            return
+        assert self._joints is not None
+        assert self._goal is not None
+        stood = self.command is None or self._joints.time > self.command.standstill
+        if not stood or np.abs(self._joints.qd).max() > _RESTING:
+            return
+        start = self._joints.q
+        if self.command is not None:  # what it was told is without the errors of its control
+            rest = self.command.at(np.inf).q
+            away = np.abs(self.cell.robot.difference(rest, start)).max()
+            start = rest if away <= self.options.tolerance else start
+        if np.abs(self.cell.robot.difference(start, self._goal)).max() < _SAME:
+            self._goal, self._why = None, _ARRIVED
+            return
+        self._proven_cloud = self._cloud
+        cloud = None if self._cloud is None else self._cloud.obstacle()
+        self._planning = self._executor.submit(self.cell.plan, start, self._goal, cloud)
+        self._why = "plans"
+
+    def _take_plan(self) -> None:
+        """Begin to drive if a plan is there."""
+        if self._planning is None or not self._planning.done():
+            return
+        planning, self._planning = self._planning, None
+        try:
+            self._replanner = planning.result()
+        except SafeOmplError as error:
+            self._goal, self._why = None, f"no way to the goal: {error}"
+            return
+        self._sightings.restart()
+        self._driving, self.command = True, None
+        self._commands.clear()
+
+    # ------------------------------------------------------------------------------------------------------ record
+
+    @property
+    def state(self) -> str:
+        """What the robot does, in one word: as `Doing` says; planning, or standing, and done without a goal."""
+        if self._driving and self.command is not None:
+            return self.command.doing.value
+        if self.command is not None and self._now < self.command.standstill:
+            return Doing.BRAKING.value
+        if self._planning is not None:
+            return "planning"
+        return Doing.DONE.value if self._why == _ARRIVED else Doing.STANDING.value
+
+    def header(self) -> dict[str, Any]:
+        """Return who and what moves, as the header of ticks has it."""
+        bodies = {name: tracker.body for name, tracker in self.cell.trackers.items()}
+        return {
+            "people": {
+                name: {"height": body.height, "limbs": list(body.limbs)} for name, body in bodies.items()
+            },
+            "objects": dict(self.cell.objects),
+        }
+
+    def stop(self) -> tuple[FloatArray, Sequence[Any]]:
+        """Return times [s] and states of the rest of the command until the robot stands; none before the first one."""
+        if self.command is None:
+            return np.zeros(0), ()
+        begin = max(self._now + self.options.latency, self.command.time)
+        return self.command.until_rest(begin, self.options.replanning.tick / 5)
+
+    def _record(self) -> dict[str, Any]:
+        times, states = self.stop()
+        still = np.full(self.cell.robot.n, np.nan) if self._joints is None else self._joints.q
+        people, objects, solids = self._seen()
+        nearest = self._monitor.nearest(still, solids) if self._joints is not None and solids else None
+        command = self.command
+        return {
+            "time": self._now,
+            "q": still.tolist(),
+            "qd": (np.full(len(still), np.nan) if self._joints is None else self._joints.qd).tolist(),
+            "stop": {
+                "times": times.tolist(),
+                "q": [state.q.tolist() for state in states],
+                "qd": [state.qd.tolist() for state in states],
+            },
+            "people": people,
+            "objects": objects,
+            "state": self.state,
+            "margin": None if command is None else command.left.margin,
+            "distance": None if nearest is None else nearest.distance,
+            "link": None if nearest is None else nearest.link,
+            "who": None if nearest is None else nearest.who,
+            "limb": None if nearest is None else nearest.limb,
+            "reason": self._why,
+            "measured": None if command is None else command.measured,
+        }
+
+    def _seen(self) -> tuple[dict[str, Any], dict[str, Any], list[Solid]]:
+        """Return key points of people and poses of objects where they were seen last, and their bodies."""
+        people: dict[str, Any] = {}
+        objects: dict[str, Any] = {}
+        solids: list[Solid] = []
+        if self._replanner is None:
+            return people, objects, solids
+        around = self._replanner.surroundings
+        for name, person in around.people.items():
+            if person.keypoints is not None:
+                people[name] = dict(zip(KEYPOINTS, person.keypoints.tolist(), strict=True))
+                body, ends = person.tracker.body, person.tracker.body.ends(person.keypoints)
+                solids += limb_solids(name, body.limbs, ends, body.radii(ends))
+        for name, thing in around.objects.items():
+            pose = Pose.of(thing.pose)
+            objects[name] = {"position": list(pose.position), "quaternion_xyzw": list(pose.quaternion_xyzw)}
+            for part in around.shapes[name].parts():
+                solids.append(Solid(name, "", part.geometry, thing.pose * part.placement))
+        return people, objects, solids
+
+    def close(self) -> None:
+        """End the thread in which plans are made, once the one that is being made is ready."""
+        self._executor.shutdown(wait=True, cancel_futures=True)

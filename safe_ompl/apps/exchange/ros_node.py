@@ -1,0 +1,256 @@
+"""A thin node of ROS 2 around `LiveController`: it decodes messages, and publishes commands, diagnostics and markers.
+
+ROS (rclpy, and the packages of the messages) is imported when a node is started. Messages pass as bytes, which
+`messages` makes and reads, so that a message that cannot be read is an error of that message only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from importlib import import_module
+from time import monotonic, perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from safe_ompl.apps.exchange import messages, scene_updates
+from safe_ompl.apps.exchange.controller import LiveController
+from safe_ompl.apps.exchange.received import (
+    Frames,
+    cloud_of,
+    people_of_markers,
+    person_of_poses,
+    pose_of,
+    stamp_of,
+)
+from safe_ompl.common import InputError
+from safe_ompl.io import TickLog
+from safe_ompl.scene import Scene
+
+NODE = "safe_ompl"
+CLOUD, POSE, TEXT = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseStamped", "std_msgs/msg/String"
+_AGAIN = 5.0  # [s] after which the same complaint is made again
+_CHECK = 1.0  # [s] between two looks for other nodes that command the same robot
+_SCENE = "scene"  # latched: it is published once
+_UNITS, _SHARE = (
+    60,
+    0.3,
+)  # of work to search detours, at most; and of the time between ticks that this may take
+
+
+class NodeSetup(NamedTuple):
+    """What a node needs besides its controller."""
+
+    frames: Frames  # Where sensors are
+    scene: Scene  # What is drawn around the robot
+    log: TickLog | None = None  # What takes the ticks
+
+
+@contextmanager
+def ros_context(arguments: Sequence[str]) -> Iterator[Any]:
+    """Start ROS with the arguments after ``--ros-args``, yield a node, and end it; raises InputError without ROS."""
+    try:
+        rclpy = import_module("rclpy")
+        signals = import_module("rclpy.signals")
+    except ImportError as error:
+        raise InputError(f"needs ROS 2 ({error}): source yours, or pip install 'safe-ompl[ros]'") from None
+    try:
+        rclpy.init(args=["--ros-args", *arguments], signal_handler_options=signals.SignalHandlerOptions.NO)
+    except Exception as error:  # of rclpy's own kinds
+        raise InputError(" ".join(str(error).split()), "--ros-args") from None
+    try:
+        yield rclpy.create_node(NODE)
+    finally:
+        rclpy.try_shutdown()
+
+
+def message_class(kind: str) -> Any:
+    """Return the class of rclpy for a type, such as `messages.JOINT_STATE`; raise InputError if it is not there."""
+    package, _, name = kind.split("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise InputError(f"{kind} is missing: install ros-{package.replace('_', '-')}") from None
+
+
+def received_text(node: Any, topic: str, seconds: float) -> str:
+    """Return the first `std_msgs/String` of a latched topic, such as a robot's description.
+
+    Raises InputError if there is none within some seconds.
+    """
+    rclpy = import_module("rclpy")
+    found: list[bytes] = []
+    subscription = node.create_subscription(
+        message_class(TEXT), topic, found.append, _quality(latched=True), raw=True
+    )
+    end = monotonic() + seconds
+    while not found and monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    node.destroy_subscription(subscription)
+    if not found:
+        raise InputError(f"no message within {seconds:g} s", topic)
+    return str(messages.decoded(TEXT, found[0]).data)
+
+
+def _quality(*, reliable: bool = True, latched: bool = False, depth: int = 1) -> Any:
+    """Return a QoS profile: keep the last messages; latched: late subscribers get them, too."""
+    qos = import_module("rclpy.qos")
+    return qos.QoSProfile(
+        depth=depth,
+        reliability=qos.ReliabilityPolicy.RELIABLE if reliable else qos.ReliabilityPolicy.BEST_EFFORT,
+        durability=qos.DurabilityPolicy.TRANSIENT_LOCAL if latched else qos.DurabilityPolicy.VOLATILE,
+    )
+
+
+class RosNode:
+    """Connects a controller with the topics of a node; `run` drives it until it is interrupted.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node.
+    controller : LiveController
+        Its clock is the node's.
+    setup : NodeSetup
+        Frames, scene and log.
+    """
+
+    def __init__(self, node: Any, controller: LiveController, setup: NodeSetup) -> None:
+        self._node, self._controller, self._setup = node, controller, setup
+        self._cell, self._robot = controller.cell, controller.cell.robot
+        self._bodies = controller.header()
+        self._said: dict[str, float] = {}
+        self._units = 10.0
+        self._commands = self._publisher(messages.JOINT_TRAJECTORY, "command")
+        self._diagnostics = self._publisher(messages.DIAGNOSTICS, "/diagnostics")
+        self._limbs = self._publisher(messages.MARKERS, "limbs")
+        self._still = self._publisher(messages.MARKERS, _SCENE, latched=True)
+        self._subscribe(messages.JOINT_STATE, "joint_states", self._joints)
+        self._subscribe(messages.JOINT_STATE, "goal", self._goal, reliable=True)
+        self._subscribe(messages.MARKERS, "people", self._people)
+        for name in self._cell.trackers:
+            self._subscribe(messages.POSES, f"people/{name}", partial(self._person, name))
+        for name in self._cell.objects:
+            self._subscribe(POSE, f"obstacles/{name}", partial(self._object, name))
+        self._subscribe(CLOUD, "cloud", self._cloud)
+        clock = import_module("rclpy.clock")
+        steady = clock.Clock(
+            clock_type=clock.ClockType.STEADY_TIME
+        )  # ticks go on if the time of ROS stands still
+        node.create_timer(controller.options.replanning.tick, self._tick, clock=steady)
+        node.create_timer(_CHECK, self._look_for_others, clock=steady)
+        self._publish_scene()
+
+    def run(self) -> None:
+        """Drive the robot until Ctrl-C."""
+        try:
+            import_module("rclpy").spin(self._node)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self._controller.close()
+
+    # -------------------------------------------------------------------------------------------------- messages
+
+    def _publisher(
+        self, kind: str, topic: str, *, latched: bool = False
+    ) -> Callable[[Mapping[str, Any]], None]:
+        """Return what publishes plain data as messages of a type."""
+        publisher = self._node.create_publisher(message_class(kind), topic, _quality(latched=latched))
+        return lambda content: publisher.publish(messages.encoded(kind, content))
+
+    def _subscribe(
+        self, kind: str, topic: str, take: Callable[[Any], None], *, reliable: bool = False
+    ) -> None:
+        """Give the messages of a topic to `take`; a bad one is reported, and the node goes on."""
+
+        def received(data: bytes) -> None:
+            try:
+                take(messages.decoded(kind, data))
+            except Exception as error:  # whatever it is: a node never dies of a message
+                self._complain(f"{topic}: {' '.join(str(error).split()) or type(error).__name__}")
+
+        quality = _quality(reliable=reliable)  # of sensors the newest message alone counts
+        self._node.create_subscription(message_class(kind), topic, received, quality, raw=True)
+
+    def _complain(self, what: str) -> None:
+        """Log a line, at most once in some seconds."""
+        now = self._node.get_clock().now().nanoseconds / messages.SECOND
+        if abs(now - self._said.get(what, -np.inf)) > _AGAIN:
+            self._said = {
+                what: now,
+                **{said: time for said, time in self._said.items() if abs(now - time) <= _AGAIN},
+            }
+            self._node.get_logger().warning(what)
+
+    def _joints(self, message: Any) -> None:
+        self._controller.see_joints(
+            stamp_of(message.header), message.name, message.position, message.velocity
+        )
+
+    def _goal(self, message: Any) -> None:
+        self._controller.go_to(message.name, message.position)
+
+    def _people(self, message: Any) -> None:
+        skeleton = next(iter(self._cell.trackers.values())).skeleton if self._cell.trackers else None
+        if skeleton is None:
+            raise InputError("nobody is tracked: give --people", "people")
+        self._controller.see_people(*people_of_markers(message, skeleton, self._setup.frames))
+
+    def _person(self, name: str, message: Any) -> None:
+        skeleton = self._cell.trackers[name].skeleton
+        time, points = person_of_poses(message, skeleton, self._setup.frames)
+        self._controller.see_people(time, {name: points})
+
+    def _object(self, name: str, message: Any) -> None:
+        time, pose = pose_of(message, self._setup.frames)
+        self._controller.see_object(time, name, pose)
+
+    def _cloud(self, message: Any) -> None:
+        self._controller.see_cloud(
+            *cloud_of(message, self._controller.options.cloud_radius, self._setup.frames)
+        )
+
+    # ----------------------------------------------------------------------------------------------------- ticks
+
+    def _tick(self) -> None:
+        tick = self._controller.tick()
+        time = messages.nanoseconds(tick["time"])
+        if self._controller.driving:
+            self._command()
+        self._diagnostics(messages.diagnostics(time, self._robot.name, tick))
+        if tick["people"]:
+            update = scene_updates.limbs_update(time, tick["people"], self._bodies["people"])
+            self._limbs(scene_updates.markers(time, update))
+        if self._setup.log is not None and np.isfinite(tick["q"]).all():
+            self._setup.log.write(tick)
+
+        begin = perf_counter()
+        self._controller.think(int(self._units))
+        allowed = _SHARE * self._controller.options.replanning.tick
+        faster = min(2.0, allowed / max(perf_counter() - begin, 1e-4))
+        self._units = float(np.clip(self._units * faster, 1.0, _UNITS))
+
+    def _command(self) -> None:
+        """Publish the rest of the command until the robot stands."""
+        times, states = self._controller.stop()
+        rows = {
+            "positions": [state.q for state in states],
+            "velocities": [state.qd for state in states],
+            "accelerations": [state.qdd for state in states],
+        }
+        begin = messages.nanoseconds(times[0])
+        after = (times - times[0]).tolist()
+        self._commands(messages.joint_trajectory(begin, self._robot.joint_names, after, **rows))
+
+    def _look_for_others(self) -> None:
+        """Keep the robot still while another node commands it, too."""
+        topic = self._node.resolve_topic_name("command")
+        count = self._node.count_publishers(topic)
+        self._controller.blocked = f"{count} nodes publish {topic}" if count > 1 else ""
+
+    def _publish_scene(self) -> None:
+        update = scene_updates.obstacles_update(0, self._setup.scene, ())
+        self._still(scene_updates.markers(0, update))

@@ -1,0 +1,342 @@
+"""A robot driven to goals beside people, with messages lost, late, out of order and broken; without ROS."""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import Executor, Future
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from safe_ompl.apps.cli.ros import cell_of, trackers_of
+from safe_ompl.apps.exchange import ControlOptions, LiveController
+from safe_ompl.collision import CollisionChecker
+from safe_ompl.common import InputError
+from safe_ompl.geometry import STANDING, Person, Pose, Sphere
+from safe_ompl.people.replanning import ReplanningOptions
+from safe_ompl.people.simulation import ContactMonitor, Solid, limb_solids
+from safe_ompl.scene import Scenario, find_scenario
+
+GOAL = [-1.25, 0.4, 0.0, -2.1, 0.0, 2.5, 0.785]
+START = [1.45, 0.1, 0.0, -1.7, 0.0, 3.37, 0.785]
+AWAY = np.array([3.0, 0.0, -0.75])  # where a person stands who bars nothing
+BODY = 1.75 * np.array(list(STANDING.values()))
+
+
+class AtOnce(Executor):
+    """Does what it is given at once."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        done = Future()
+        try:
+            done.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            done.set_exception(error)
+        return done
+
+
+@pytest.fixture(scope="module")
+def cell():
+    """Return the Panda between shelf and table, and an operator who is tracked."""
+    scenario = Scenario.load(find_scenario("panda_shelf"))
+    options = argparse.Namespace(people=None, skeleton=None, noise=0.0, time=None, seed=0, simplify=False)
+    control = ControlOptions(ReplanningOptions())
+    return cell_of(scenario, scenario.build_robot(), trackers_of(scenario, options), {}, options, control)
+
+
+class Drive:
+    """A controller, a robot that does what it is told, and a person, in simulated time."""
+
+    def __init__(self, cell, **options):
+        self.time = 10.0
+        self.controller = LiveController(cell, lambda: self.time, ControlOptions(**options), AtOnce())
+        self.robot, self.q, self.qd = cell.robot, np.array(START), np.zeros(7)
+        self.person, self.told, self.ticks = AWAY.copy(), None, []
+        self.joints = self.people = self.deaf = False
+
+    def see(self):
+        """Measure the robot and the person."""
+        if not self.joints:
+            self.controller.see_joints(self.time, self.robot.joint_names, self.q, self.qd)
+        if not self.people:
+            self.controller.see_people(self.time, {"operator": BODY + self.person})
+
+    def run(self, seconds):
+        """Go on, and return the ticks."""
+        first = len(self.ticks)
+        for _ in range(round(seconds / 0.05)):
+            self.see()
+            self.ticks.append(self.controller.tick())
+            if self.controller.driving and not self.deaf:
+                times, states = self.controller.stop()
+                self.told = (times, states, self.told)
+            self.controller.think()
+            self.time += 0.05
+            self.move()
+        return self.ticks[first:]
+
+    def move(self):
+        """Be where the commands in force have the robot by now."""
+        told = self.told
+        while told is not None and told[0][0] > self.time:
+            told = told[2]
+        if told is None:
+            return
+        times, states, _ = told
+        k = int(np.searchsorted(times, self.time, side="right")) - 1
+        if k >= len(times) - 1:
+            self.q, self.qd = states[-1].q, np.zeros(7)
+        else:
+            share = (self.time - times[k]) / (times[k + 1] - times[k])
+            self.q = (1 - share) * states[k].q + share * states[k + 1].q
+            self.qd = (1 - share) * states[k].qd + share * states[k + 1].qd
+
+    def go(self, goal=GOAL):
+        self.controller.go_to(self.robot.joint_names, goal)
+
+    @property
+    def last(self):
+        return self.ticks[-1]["state"], self.ticks[-1]["reason"]
+
+
+@pytest.fixture
+def drive(cell):
+    return Drive(cell)
+
+
+def test_it_drives_to_a_goal_and_back(drive):
+    assert drive.run(0.2)[-1]["reason"] == "no goal yet"
+    for goal in (GOAL, START, START):
+        drive.go(goal)
+        ticks = drive.run(6.0)
+        assert drive.last == ("done", "at the goal")
+        np.testing.assert_allclose(drive.q, goal, atol=1e-9)
+    assert {tick["state"] for tick in ticks} == {"done"}  # it is there already
+    states = {tick["state"] for tick in drive.ticks}
+    assert {"standing", "moving", "done"} <= states
+
+
+def test_every_command_ends_in_a_stop_and_follows_the_one_before(drive):
+    drive.go()
+    drive.run(3.0)
+    told, seen = drive.told, 0
+    while told is not None and told[2] is not None:
+        times, states, before = told
+        assert np.abs(states[-1].qd).max() < 1e-9
+        assert (np.diff(times) > 0).all()
+        known = np.array([state.q for state in before[1]])
+        expected = [np.interp(times[0], before[0], known[:, k]) for k in range(7)]
+        np.testing.assert_allclose(states[0].q, expected, atol=2e-4)  # samples of 10 ms, between them lines
+        told, seen = before, seen + 1
+    assert seen > 10
+
+
+def test_a_person_who_comes_is_never_touched_by_a_robot_that_moves(drive):
+    monitor = ContactMonitor(drive.robot)
+    drive.go()
+    near = []
+    for k in range(120):
+        drive.person = np.array([0.75 + 1.5 * np.cos(0.4 * k * 0.05 * 2) ** 2, 0.0, -0.75])
+        drive.run(0.05)
+        if np.abs(drive.qd).max() > 1e-9:
+            body = Person(1.75, dict(zip(STANDING, BODY + drive.person, strict=True)))
+            starts = np.array([[limb.start, limb.end] for limb in body.limbs()])
+            radii = np.array([limb.radius for limb in body.limbs()])
+            solids = limb_solids("operator", tuple(limb.name for limb in body.limbs()), starts, radii)
+            near.append(monitor.nearest(drive.q, solids).distance)
+    assert min(near) > 0
+    states = {tick["state"] for tick in drive.ticks}
+    assert "moving" in states
+    assert states & {"standing", "slowed", "braking"}
+
+
+# ------------------------------------------------------------------------------------- lost, late, out of order, broken
+
+
+def stopped(drive, seconds=1.0):
+    """Assert that the robot stands after some time, and return the reason."""
+    drive.run(seconds)
+    np.testing.assert_array_equal(drive.qd, 0.0)
+    assert drive.last[0] in ("standing", "braking")
+    return drive.last[1]
+
+
+def moving(cell, **options):
+    """Return a drive that is under way."""
+    drive = Drive(cell, **options)
+    drive.go()
+    drive.run(0.5)
+    assert np.abs(drive.qd).max() > 0.05
+    return drive
+
+
+def goes_on(drive):
+    """Assert that the robot gets to its goal after all."""
+    drive.run(8.0)
+    assert drive.last == ("done", "at the goal")
+
+
+def test_a_person_who_is_lost(cell):
+    drive = moving(cell)
+    drive.people = True
+    assert "'operator' was not seen for" in stopped(drive, 1.5)
+    drive.people = False
+    goes_on(drive)
+
+
+def test_joint_states_that_are_lost(cell):
+    drive = moving(cell)
+    drive.joints = True
+    assert "no joint states for" in stopped(drive)
+    drive.joints = False
+    goes_on(drive)
+
+
+def test_a_robot_that_does_not_listen(cell):
+    drive = moving(cell)
+    drive.deaf = True
+    assert "from where it should be" in stopped(drive)
+    drive.deaf = False
+    goes_on(drive)
+
+
+def test_a_clock_that_goes_back(cell):
+    drive = moving(cell)
+    drive.time, drive.told = 2.0, None
+    drive.qd = np.zeros(7)
+    drive.run(0.05)
+    assert drive.ticks[-1]["reason"] == "the clock went back by 8.450 s"
+    assert not drive.controller.driving
+    goes_on(drive)
+
+
+def test_a_clock_that_jumps_ahead(cell):
+    drive = moving(cell)
+    drive.time += 3600.0
+    (tick,) = [drive.controller.tick()]
+    assert tick["reason"].startswith("no joint states for 3600")
+    drive.move()
+    goes_on(drive)
+
+
+def test_measurements_that_are_late_or_out_of_order_change_nothing(cell):
+    drive = moving(cell)
+    late = BODY + np.array([0.8, 0.0, -0.75])  # beside the robot, but long ago
+    drive.controller.see_people(drive.time - 5.0, {"operator": late})
+    drive.controller.see_joints(drive.time - 1.0, drive.robot.joint_names, START, np.zeros(7))
+    tick = drive.run(0.05)[0]
+    np.testing.assert_allclose(tick["people"]["operator"]["head"], (BODY + AWAY)[0], atol=1e-9)
+    goes_on(drive)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda c, t: c.see_joints(t, c.cell.robot.joint_names, [np.nan] * 7), "position: must be finite"),
+        (lambda c, t: c.see_joints(t, c.cell.robot.joint_names[:6], [0.0] * 6), "name: panda_joint7 missing"),
+        (
+            lambda c, t: c.see_joints(t, c.cell.robot.joint_names, [0.0] * 3),
+            "position: must be as many as the 7",
+        ),
+        (
+            lambda c, t: c.see_joints(t + 1, c.cell.robot.joint_names, [0.0] * 7),
+            "stamp: is 1.000 s in the future",
+        ),
+        (
+            lambda c, t: c.see_people(t + 1, {"operator": BODY}),
+            "stamp: 'operator' was measured 1.000 s in the future",
+        ),
+        (lambda c, t: c.see_people(t, {"operator": BODY[:5]}), r"must have shape \(17, 3\)"),
+        (lambda c, t: c.see_people(t, {"operator": BODY * [1, np.nan, 1]}), "must be finite, or NaN where"),
+        (lambda c, t: c.see_object(t, "cart", Pose()), "unknown object 'cart'"),
+        (
+            lambda c, t: c.go_to(c.cell.robot.joint_names, [9.0] * 7),
+            "position: is out of the limits of 'panda_joint1'",
+        ),
+        (lambda c, t: c.go_to(["a"], [9.0]), "missing, but needed"),
+        (lambda c, t: c.see_cloud(t - 9, np.zeros((4, 3))), "comes without joint states of its time"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_and_changes_nothing(cell, call, message):
+    drive = moving(cell)
+    with pytest.raises(InputError, match=message):
+        call(drive.controller, drive.time)
+    goes_on(drive)
+
+
+def test_somebody_whom_nobody_tracks_stops_the_robot(cell):
+    drive = moving(cell)
+    with pytest.raises(InputError, match=r"unknown person 'stranger'"):
+        drive.controller.see_people(drive.time, {"operator": BODY + AWAY, "stranger": BODY})
+    assert stopped(drive, 0.45) == "'stranger' is seen, but not tracked"
+    goes_on(drive)
+
+
+def test_another_node_stops_the_robot(cell):
+    drive = moving(cell)
+    drive.controller.blocked = "2 nodes publish /command"
+    assert stopped(drive) == "2 nodes publish /command"
+    drive.controller.blocked = ""
+    goes_on(drive)
+
+
+def test_a_new_goal_on_the_way(cell):
+    drive = moving(cell)
+    drive.go(START)
+    assert not drive.controller.driving
+    drive.run(6.0)
+    assert drive.last == ("done", "at the goal")
+    np.testing.assert_allclose(drive.q, START, atol=1e-9)
+    drive.go()
+    drive.run(0.5)
+    drive.controller.go_to([], [])
+    assert stopped(drive, 2.0) == "no goal"
+
+
+def test_a_goal_that_cannot_be_reached(drive):
+    checker = CollisionChecker(
+        drive.robot, Scenario.load(find_scenario("panda_shelf")).scene.without("operator")
+    )
+    rng = np.random.default_rng(0)
+    drawn = (rng.uniform(drive.robot.lower, drive.robot.upper) for _ in range(100))
+    drive.go(next(q for q in drawn if checker.in_collision(q)).tolist())
+    drive.run(0.2)
+    assert drive.last[0] == "standing"
+    assert drive.last[1].startswith("no way to the goal: ")
+    drive.go()
+    goes_on(drive)
+
+
+# ------------------------------------------------------------------------------------------------------- clouds
+
+
+def ball(centre):
+    """Points on a ball of 8 cm."""
+    directions = np.random.default_rng(0).normal(size=(300, 3))
+    return centre + 0.08 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def test_points_of_robot_and_person_are_left_out_and_new_ones_stop_the_robot(cell):
+    drive = Drive(cell)
+    drive.run(0.1)
+    drive.go()
+    own = drive.robot.keypoints(drive.q)[-1] + np.zeros((200, 3))
+    person = np.concatenate([ball(point + drive.person)[:30] * [1, 1, 1] for point in BODY[:3]])
+    wall = ball([-0.6, -0.6, 0.3])
+    drive.controller.see_cloud(drive.time, np.concatenate([own, wall]))
+    drive.run(0.5)
+    assert np.abs(drive.qd).max() > 0.05
+    drive.controller.see_cloud(drive.time, np.concatenate([person, wall]))
+    drive.run(0.05)
+    assert np.abs(drive.qd).max() > 0.05
+    assert drive.controller.driving
+    thing = ball([0.45, 0.25, 0.6])
+    drive.controller.see_cloud(drive.time, np.concatenate([wall, thing]))
+    drive.run(0.05)
+    assert drive.ticks[-1]["reason"] == "300 points of the cloud are new"
+    drive.run(8.0)
+    assert drive.last == ("done", "at the goal")  # round the thing
+    solid = Solid("", "", Sphere(0.08).parts()[0].geometry, pin.SE3(np.eye(3), np.array([0.45, 0.25, 0.6])))
+    way = [tick["q"] for tick in drive.ticks[-150:]]
+    assert min(ContactMonitor(drive.robot).nearest(np.array(q), [solid]).distance for q in way) > 0

@@ -1,0 +1,268 @@
+"""Logs for Foxglove: read back with mcap's own reader and compared with the ticks that were written beside them."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+mcap_reader = pytest.importorskip("mcap.reader")
+pytest.importorskip("rosbags")
+from mcap.records import Channel, Schema  # noqa: E402
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
+
+from safe_ompl.apps import main  # noqa: E402
+from safe_ompl.apps.exchange import McapLog, read_log  # noqa: E402
+from safe_ompl.common import InputError  # noqa: E402
+from safe_ompl.io import built_robot, built_scene, read_ticks  # noqa: E402
+from safe_ompl.view import RobotBody, read_recording  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """Folder with the ticks and the log of a drive beside two people and a ball."""
+    folder = tmp_path_factory.mktemp("drive")
+    words = ["live", "panda_shelf", "--people", "random:2", "--movers", "1", "--seconds", "1"]
+    assert main([*words, "--out", str(folder), "--mcap", str(folder / "drive.mcap")]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def log(drive):
+    """By topic: type, encoding, schema, times [ns], messages (plain data or rosbags' objects)."""
+    found = defaultdict(list)
+    types = get_typestore(Stores.EMPTY)
+    with (drive / "drive.mcap").open("rb") as stream:
+        reader = mcap_reader.make_reader(stream, validate_crcs=True)
+        schema: Schema
+        channel: Channel
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.message_encoding == "json":
+                content = json.loads(message.data)
+            else:
+                types.register(get_types_from_msg(schema.data.decode(), schema.name))
+                content = types.deserialize_cdr(message.data, schema.name)
+            found[channel.topic].append((schema, channel, message.log_time, content))
+    return found
+
+
+@pytest.fixture(scope="module")
+def recorded(drive):
+    """Header and ticks."""
+    return read_ticks(drive / "ticks.jsonl")
+
+
+def contents(log, topic):
+    return [content for _, _, _, content in log[topic]]
+
+
+def test_topics_and_their_types(log, recorded):
+    found = {
+        topic: (rows[0][0].name, rows[0][0].encoding, rows[0][1].message_encoding)
+        for topic, rows in log.items()
+    }
+    assert found == {
+        "/tick": ("safe_ompl.Tick", "jsonschema", "json"),
+        "/joint_states": ("sensor_msgs/msg/JointState", "ros2msg", "cdr"),
+        "/command": ("trajectory_msgs/msg/JointTrajectory", "ros2msg", "cdr"),
+        "/people": ("visualization_msgs/msg/MarkerArray", "ros2msg", "cdr"),
+        "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", "ros2msg", "cdr"),
+        "/transforms": ("foxglove.FrameTransforms", "jsonschema", "json"),
+        "/scene/robot": ("foxglove.SceneUpdate", "jsonschema", "json"),
+        "/scene/obstacles": ("foxglove.SceneUpdate", "jsonschema", "json"),
+        "/scene/limbs": ("foxglove.SceneUpdate", "jsonschema", "json"),
+    }
+    ticks = recorded[1]
+    once = ("/scene/robot", "/scene/obstacles")
+    assert {topic: len(rows) for topic, rows in log.items()} == {
+        topic: 1 if topic in once else len(ticks) for topic in log
+    }
+
+
+def test_times_are_those_of_the_ticks(log, recorded):
+    wanted = [round(1e9 * tick["time"]) for tick in recorded[1]]
+    for topic, rows in log.items():
+        times = [time for _, _, time, _ in rows]
+        assert times == (wanted if len(times) > 1 else wanted[:1]), topic
+        stamped = [stamp(content) for content in contents(log, topic) if topic != "/tick"]
+        assert stamped == times or topic == "/tick"
+
+
+def stamp(content):
+    """Time that a message says [ns]."""
+    if isinstance(content, dict):
+        entity = (content.get("transforms") or content["entities"])[0]
+        return entity["timestamp"]["sec"] * 10**9 + entity["timestamp"]["nsec"]
+    inner = content.markers[0] if hasattr(content, "markers") else content
+    return inner.header.stamp.sec * 10**9 + inner.header.stamp.nanosec
+
+
+def test_joints_commands_and_diagnostics_are_those_of_the_ticks(log, recorded):
+    header, ticks = recorded
+    assert contents(log, "/tick") == ticks
+    rows = zip(
+        ticks,
+        contents(log, "/joint_states"),
+        contents(log, "/command"),
+        contents(log, "/diagnostics"),
+        strict=True,
+    )
+    for tick, joints, command, diagnostics in rows:
+        assert joints.name == command.joint_names == header["joint_names"]
+        assert joints.position.tolist() == tick["q"]
+        assert joints.velocity.tolist() == tick["qd"]
+        assert [point.positions.tolist() for point in command.points] == tick["stop"]["q"]
+        assert command.points[0].positions.tolist() == tick["q"]
+        assert np.abs(command.points[-1].velocities).max() == 0.0  # it ends in a stop
+        (status,) = diagnostics.status
+        values = {item.key: item.value for item in status.values}
+        assert values["state"] == tick["state"]
+        assert float(values["distance"]) == pytest.approx(tick["distance"], rel=1e-5)
+        assert status.message.startswith(tick["state"])
+        assert (status.level == 0) == (tick["state"] in ("moving", "slowed", "done"))
+    assert len({tick["state"] for tick in ticks}) > 1 or ticks[0]["state"] == "moving"
+
+
+def test_the_stop_ends_where_the_next_tick_begins_at_the_soonest(recorded):
+    _, ticks = recorded
+    for tick, after in pairwise(ticks):
+        times = tick["stop"]["times"]
+        assert times[0] == tick["time"] or tick is ticks[0]  # the first command holds a latency later
+        assert (np.diff(times) > 0).all()
+        if tick["state"] == after["state"] == "moving":
+            assert len(times) > 1
+            assert times[-1] > after["time"]
+
+
+def test_people_are_markers_with_names(log, recorded):
+    for tick, message in zip(recorded[1], contents(log, "/people"), strict=True):
+        first, *markers = message.markers
+        assert first.action == 3  # deletes those of the tick before
+        found = defaultdict(dict)
+        for marker in markers:
+            place = marker.pose.position
+            assert marker.header.frame_id == "world"
+            found[marker.ns][marker.text] = [place.x, place.y, place.z]
+        assert found == {  # the pelvis is not seen
+            who: {name: place for name, place in points.items() if None not in place}
+            for who, points in tick["people"].items()
+        }
+        assert len(found["operator"]) == 17
+
+
+def test_the_scene_is_where_the_robot_and_its_surroundings_are(log, recorded):
+    header, ticks = recorded
+    robot, scene = built_robot(header["robot"]), built_scene(header["scene"])
+    (bodies,), (obstacles,) = contents(log, "/scene/robot"), contents(log, "/scene/obstacles")
+    assert {entity["id"] for entity in obstacles["entities"]} == set(scene.names)
+    frames = {entity["id"]: entity["frame_id"] for entity in obstacles["entities"]}
+    assert frames["thing"] == "obstacle/thing"
+    assert {frame for name, frame in frames.items() if name != "thing"} == {"world"}
+    body = RobotBody(robot, coarse=True)
+    for tick, message in zip(ticks, contents(log, "/transforms"), strict=True):
+        places = {item["child_frame_id"]: item for item in message["transforms"]}
+        assert places["obstacle/thing"]["translation"] == dict(
+            zip("xyz", tick["objects"]["thing"]["position"], strict=True)
+        )
+        for entity, place in zip(bodies["entities"], body.placements(np.array(tick["q"])), strict=True):
+            found = places[entity["frame_id"]]["translation"]
+            np.testing.assert_allclose([found[axis] for axis in "xyz"], place.translation, atol=1e-12)
+    mesh = bodies["entities"][0]["triangles"][0]
+    assert max(mesh["indices"]) < len(mesh["points"])
+    for tick, message in zip(ticks, contents(log, "/scene/limbs"), strict=True):
+        assert message["deletions"] == [
+            {"timestamp": message["entities"][0]["timestamp"], "type": 1, "id": ""}
+        ]
+        heads = {
+            entity["id"]: [ball["pose"]["position"] for ball in entity["spheres"]]
+            for entity in message["entities"]
+        }
+        for who, points in tick["people"].items():
+            centres = np.array([[ball[axis] for axis in "xyz"] for ball in heads[who]])
+            assert np.linalg.norm(centres - points["left_wrist"], axis=1).min() < 1e-9
+
+
+def test_messages_are_as_their_schemas_say(log):
+    jsonschema = pytest.importorskip("jsonschema")
+    for rows in log.values():
+        schema, channel, _, content = rows[0]
+        if channel.message_encoding == "json":
+            jsonschema.validate(content, json.loads(schema.data))
+
+
+def test_it_is_read_back_and_seen(drive, recorded, capsys):
+    assert read_log(drive / "drive.mcap") == recorded
+    content = read_recording(drive / "drive.mcap", read=read_log)
+    np.testing.assert_array_equal(content.motions["live"].configurations[0], recorded[1][0]["q"])
+    pytest.importorskip("viser")
+    assert main(["view", str(drive / "drive.mcap"), "--html", str(drive / "drive.html")]) == 0
+    assert (drive / "drive.html").stat().st_size > 100_000
+
+
+def test_a_log_that_was_broken_off_is_whole_once_it_is_closed(drive, recorded, tmp_path):
+    header, ticks = recorded
+    log = McapLog(tmp_path / "a.mcap", header, built_robot(header["robot"]), built_scene(header["scene"]))
+    for tick in ticks[:3]:
+        log.write(tick)
+    log.close()
+    assert read_log(tmp_path / "a.mcap")[1] == ticks[:3]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data[: len(data) // 2], "is broken, cut off, or no recording"),
+        (lambda data: data[:-1], "is broken, cut off, or no recording"),
+        (lambda data: b"", "is broken, cut off, or no recording"),
+        (lambda data: b"{}\n", "is broken, cut off, or no recording"),
+        (lambda data: data[:9000] + bytes(200) + data[9200:], "is broken, cut off, or no recording"),
+        (None, "cannot be read (No such file or directory)"),
+    ],
+)
+def test_broken_files_are_refused_in_one_line(drive, tmp_path, capsys, change, message):
+    file = tmp_path / "bad.mcap"
+    if change is not None:
+        file.write_bytes(change((drive / "drive.mcap").read_bytes()))
+    for words in (["view", str(file), "--html", str(tmp_path / "a.html")], ["tube", str(file)]):
+        capsys.readouterr()
+        assert main(words) == 2
+        error = capsys.readouterr().err.strip()
+        assert f"{file}: {message}" in error
+        assert len(error.splitlines()) == 1
+
+
+def test_other_logs_hold_no_ticks(tmp_path):
+    from mcap.writer import Writer
+
+    with (tmp_path / "other.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.finish()
+    with pytest.raises(InputError, match=r"other.mcap: holds no ticks of safe-ompl"):
+        read_log(tmp_path / "other.mcap")
+
+
+def test_the_option_is_checked_first(tmp_path, capsys, monkeypatch):
+    words = [
+        "live",
+        "panda_shelf",
+        "--people",
+        "random",
+        "--seconds",
+        "0.1",
+        "--out",
+        str(tmp_path),
+        "--mcap",
+    ]
+    assert main([*words, "log.txt"]) == 2
+    assert "--mcap: 'log.txt' must end in .mcap" in capsys.readouterr().err
+    assert main([*words, str(tmp_path / "no" / "log.mcap")]) == 2
+    assert "--mcap: cannot write" in capsys.readouterr().err
+    monkeypatch.setitem(
+        __import__("safe_ompl.apps.cli.output", fromlist=["EXTRAS"]).EXTRAS, "mcap", ("no_such", "logs")
+    )
+    assert main([*words, "log.mcap"]) == 2
+    assert "pip install 'safe-ompl[mcap]'" in capsys.readouterr().err
