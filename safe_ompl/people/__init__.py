@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
+    from safe_ompl.people.calibration import Calibration, calibrate
     from safe_ompl.people.reach import (
         AccelerationReach,
+        CalibratedReach,
         IntersectedReach,
         LimbLengthReach,
         ReachModel,
@@ -25,12 +27,14 @@ if TYPE_CHECKING:
         find_skeleton,
         list_clips,
     )
-    from safe_ompl.people.tracking import Surroundings, Tracker, Violation
+    from safe_ompl.people.tracking import Surroundings, Tracker, Violation, without_glitches
 
 __all__ = [
     "KEYPOINTS",
     "PELVIS",
     "AccelerationReach",
+    "CalibratedReach",
+    "Calibration",
     "IntersectedReach",
     "LimbLengthReach",
     "ReachModel",
@@ -42,9 +46,11 @@ __all__ = [
     "TrackedBody",
     "Tracker",
     "Violation",
+    "calibrate",
     "facing",
     "find_skeleton",
     "list_clips",
+    "without_glitches",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)
