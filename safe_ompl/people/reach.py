@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, fraction, number, whole_number
+from safe_ompl.common import FloatArray, InputError, IntArray, number, whole_number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import LIMBS, STANDING
 from safe_ompl.geometry.kernels import Sets
@@ -312,8 +312,8 @@ class CalibratedReach:
         if not 0 < document.number("level", self.level) < 1:
             raise InputError(f"must be between 0 and 1, got {self.level!r}", "level")
         document.number("gate", self.gate, above=0.0)
-        whole_number("units", self.units, at_least=1)
-        fraction("refused", self.refused)
+        whole_number("units:", self.units, at_least=1)
+        document.number("refused", self.refused, at_least=0.0, at_most=1.0)
         if self.block is not None:
             document.number("block", self.block, above=0.0)
         horizons = _ascending(
