@@ -363,10 +363,14 @@ class CalibratedReach:
         """Return how far a limb goes at most in a time [s], from where it was seen [m]."""
         return float((self.lines[limb] @ [1.0, time]).min())
 
-    def sets(self, person: Measured, people: People) -> ReachSets:
-        found = [self.lines.get(limb, np.array([[0.0, people.speed_of(limb)]])) for limb in person.limbs]
+    def lines_of(self, limbs: Sequence[str], people: People) -> FloatArray:
+        """Return the lines (M, L, 2) of several limbs, those of limbs without lengths from the speeds of people."""
+        found = [self.lines.get(limb, np.array([[0.0, people.speed_of(limb)]])) for limb in limbs]
         most = max(map(len, found))
-        lines = np.stack([np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in found])
+        return np.stack([np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in found])
+
+    def sets(self, person: Measured, people: People) -> ReachSets:
+        lines = self.lines_of(person.limbs, people)
         known = person.noise + lines[..., 0] + lines[..., 1] * person.ages[:, None]
         growth = np.stack([known, lines[..., 1], np.zeros_like(known)], axis=-1)
         return ReachSets.of(person.names, person.ends, person.radii, growth)
