@@ -17,6 +17,7 @@ import gc
 import logging
 import resource
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ import numpy as np
 
 from bench._live_rivals import Careless, HalfSpeed, QuarterSpeed, StopAndGo
 from safe_ompl import People, Pose, RateLimits, Scenario, time_path
+from safe_ompl.people import CalibratedReach
 from safe_ompl.people.replanning.replanner import Replanner, ReplanningOptions
 from safe_ompl.people.simulation.movers import Playback
 from safe_ompl.people.simulation.simulation import Simulation
@@ -60,21 +62,30 @@ def places(recording: Recording, count: int, seed: int) -> list[Pose]:
 
 
 def simulation(
-    file: Path, clip: str, place: int, policy: str, *, monitored: bool = True, count: int = 20
+    file: Path,
+    clip: str,
+    place: int,
+    policy: str,
+    *,
+    monitored: bool = True,
+    count: int = 20,
+    reach: CalibratedReach | None = None,
 ) -> Simulation:
-    """Return the simulation of one clip at one place."""
+    """Return the simulation of one clip at one place; with a reach of the limbs that were calibrated."""
     scenario = Scenario.load(find_scenario("panda_shelf"))
     robot = scenario.build_robot()
     recording = Recording.load(file, clip)
     pose = places(recording, count, seed=sum(map(ord, file.stem + clip)))[place]
     tracker = Tracker(recording.skeleton, TrackedBody(), pose)
+    if reach is not None:
+        tracker = replace(tracker, body=TrackedBody(only=reach.limbs), gate=reach.gate)
     people = People(speed=1.6, speeds=HANDS)
     replanner = POLICIES[policy](
         robot,
         scenario.scene,
         {"operator": tracker},
         people=people,
-        options=ReplanningOptions(detours=policy == "ours"),
+        options=ReplanningOptions(reach, detours=policy == "ours"),
     )
     limits = RateLimits.of(robot, acceleration=PANDA_ACCELERATIONS)
     start, goal = scenario.start_configuration(robot), scenario.goal_configurations(robot)[0]
@@ -83,11 +94,11 @@ def simulation(
     return Simulation(replanner, ways, {"operator": Playback(recording, tracker)}, monitored=monitored)
 
 
-def run(job: tuple[Path, str, int, str, float, int]) -> dict[str, Any]:
+def run(job: tuple[Path, str, int, str, float, int, CalibratedReach | None]) -> dict[str, Any]:
     """Run one simulation, and return its summary."""
-    file, clip, place, policy, seconds, count = job
+    file, clip, place, policy, seconds, count, reach = job
     logging.disable(logging.WARNING)
-    one = simulation(file, clip, place, policy, count=count)
+    one = simulation(file, clip, place, policy, count=count, reach=reach)
     duration = max(seconds or one.world.people["operator"].recording.duration, one.replanner.tick)  # type: ignore[attr-defined]
     summary = one.run(duration)
     return {"policy": policy, "file": file.stem, "clip": clip, "place": place, **summary.as_dict()}
@@ -103,7 +114,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
     }
     print(
         f"{'':13} {'tasks/h':>8} {'stops':>6} {'contacts moving':>16} {'after violation':>16} {'at rest':>8} "
-        f"{'obeyed':>7} {'moving':>7} {'reaction 50/99 %':>18}"
+        f"{'obeyed':>8} {'raw':>8} {'refused':>8} {'moving':>8} {'reaction 50/99 %':>18}"
     )
     for policy in per_hour:
         mine = [r for r in rows if r["policy"] == policy]
@@ -113,7 +124,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
         }
         shares = [
             np.average([r[key] for r in mine], weights=[r["seconds"] for r in mine])
-            for key in ("model_obeyed", "moving")
+            for key in ("model_obeyed", "model_obeyed_raw", "refused", "moving")
         ]
         reaction = [
             np.median([r["reaction"]["median"] for r in mine]),
@@ -121,8 +132,9 @@ def print_table(rows: list[dict[str, Any]]) -> None:
         ]
         print(
             f"{policy:13} {per_hour[policy]:8.0f} {total['stops']:6} {total['contacts_while_moving']:16} "
-            f"{total['contacts_after_violations']:16} {total['contacts_at_rest']:8} {100 * shares[0]:6.1f}% "
-            f"{100 * shares[1]:6.1f}% {1e3 * reaction[0]:8.1f} / {1e3 * reaction[1]:4.1f} ms"
+            f"{total['contacts_after_violations']:16} {total['contacts_at_rest']:8} "
+            + "".join(f"{100 * share:7.2f}% " for share in shares)
+            + f"{1e3 * reaction[0]:8.1f} / {1e3 * reaction[1]:4.1f} ms"
         )
     best = max((per_hour[policy] for policy in list(POLICIES)[1:4] if policy in per_hour), default=0.0)
     if "ours" in per_hour and best:
@@ -169,6 +181,7 @@ def main() -> None:
         metavar="N",
         help="only so many of all clips and places, drawn evenly",
     )
+    parser.add_argument("--reach", metavar="FILE", help="calibrated reach, with its gate; default: speeds")
     parser.add_argument("--policies", default=",".join(POLICIES))
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     parser.add_argument("--memory", type=float, default=0.0, metavar="MINUTES", help="measure memory instead")
@@ -177,6 +190,7 @@ def main() -> None:
     if not files:
         parser.error(f"no .npz files in {options.folder}")
     logging.disable(logging.WARNING)
+    reach = None if options.reach is None else CalibratedReach.load(options.reach)
     if options.memory:
         memory(files[0], "clip_0", options.memory)
         return
@@ -190,7 +204,7 @@ def main() -> None:
         chosen = np.random.default_rng(0).choice(len(situations), options.sample, replace=False)
         situations = [situations[k] for k in sorted(chosen.tolist())]
     jobs = [
-        (*situation, policy, options.seconds, options.places)
+        (*situation, policy, options.seconds, options.places, reach)
         for situation in situations
         for policy in options.policies.split(",")
     ]

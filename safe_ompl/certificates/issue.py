@@ -330,6 +330,10 @@ def trajectory_claim(trajectory: Trajectory, robot: Robot, scene: Scene) -> dict
 
 def _people(people: People, robot: Robot, scene: Scene) -> dict[str, Any]:
     """Return what stops beside people are about; of the speeds of limbs those of limbs that are there."""
+    if people.reach is not None:
+        raise InputError(
+            "a certificate states speeds of people, no calibrated reach: leave it out", "people.reach"
+        )
     parts = {
         part: part[len(name) + 1 :] for name in people.names(scene) for part, _, _ in scene[name].geometries()
     }

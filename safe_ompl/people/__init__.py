@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 from safe_ompl.doors import lazily
 
 if TYPE_CHECKING:
+    from safe_ompl.people.calibration import Calibration, calibrate
     from safe_ompl.people.reach import (
         AccelerationReach,
+        CalibratedReach,
         IntersectedReach,
         LimbLengthReach,
         ReachModel,
@@ -26,12 +28,14 @@ if TYPE_CHECKING:
         list_clips,
         skeleton_of,
     )
-    from safe_ompl.people.tracking import Surroundings, Tracker, Violation
+    from safe_ompl.people.tracking import Surroundings, Tracker, Violation, without_glitches
 
 __all__ = [
     "KEYPOINTS",
     "PELVIS",
     "AccelerationReach",
+    "CalibratedReach",
+    "Calibration",
     "IntersectedReach",
     "LimbLengthReach",
     "ReachModel",
@@ -43,10 +47,12 @@ __all__ = [
     "TrackedBody",
     "Tracker",
     "Violation",
+    "calibrate",
     "facing",
     "find_skeleton",
     "list_clips",
     "skeleton_of",
+    "without_glitches",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

@@ -2,26 +2,31 @@
 
 A proof sees whatever moves as a `ReachSets`: hulls of points that drift and grow,
 
-    {points + τ·velocities}, grown by radius + g₀ + g₁τ + ½g₂τ²,
+    {points + τ·velocities}, grown by radius + g(τ),  g(τ) = the least of some g₀ + g₁τ + ½g₂τ²,
 
-with the time τ since the measurement. A body is in *every* one of its sets, so models are intersected by listing the
-sets of all of them.
+with the time τ since the measurement and g₁, g₂ ≥ 0. A body is in *every* one of its sets, so models are intersected by
+listing the sets of all of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from itertools import pairwise
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
-from safe_ompl.common import FloatArray, InputError, IntArray, number
-from safe_ompl.geometry import STANDING
+from safe_ompl.common import FloatArray, InputError, IntArray, number, whole_number
+from safe_ompl.common import documents as document
+from safe_ompl.geometry import LIMBS, STANDING
 from safe_ompl.geometry.kernels import Sets
+from safe_ompl.people.skeletons import find_skeleton
 from safe_ompl.scene import People
 
+_ROUNDING = 1e-12  # [m]
 _LONGER = 1.15  # arms of a person are at most this much longer than those of a mean person of that height
 
 
@@ -37,7 +42,9 @@ class ReachSets:
     first: IntArray  # (S + 1,), where the points of each set begin
     # (S,), radius of the body about the points [m]; where a set has one point for a body of several, of all of it
     radii: FloatArray
-    growth: FloatArray  # (S, 3), g₀ [m], g₁ [m/s], g₂ [m/s²]
+    growth: (
+        FloatArray  # (S, L, 3), g₀ [m], g₁ [m/s], g₂ [m/s²] of the L polynomials of which the least counts
+    )
 
     def __len__(self) -> int:
         return len(self.owners)
@@ -52,7 +59,7 @@ class ReachSets:
         """Return no sets, of no bodies."""
         empty, still = np.zeros((0, 3)), np.zeros(0)
         no: IntArray = np.zeros(0, dtype=np.intp)
-        return cls((), no, empty, empty, np.zeros(1, dtype=np.intp), still, empty)
+        return cls((), no, empty, empty, np.zeros(1, dtype=np.intp), still, np.zeros((0, 1, 3)))
 
     @classmethod
     def of(
@@ -63,11 +70,12 @@ class ReachSets:
         growth: FloatArray,
         velocities: FloatArray | None = None,
     ) -> ReachSets:
-        """Return one set for each of M bodies: hulls of as many `points: (M, K, 3)`, growth (M, 3)."""
+        """Return one set for each of M bodies: hulls of as many `points: (M, K, 3)`, growth (M, 3) or (M, L, 3)."""
         M, K = points.shape[:2]
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         drift = np.zeros_like(flat) if velocities is None else velocities.reshape(-1, 3)
         first: IntArray = K * np.arange(M + 1)
+        growth = np.ascontiguousarray(growth.reshape(M, -1, 3))
         return cls(names, np.arange(M), flat, np.ascontiguousarray(drift), first, radii, growth)
 
     def and_also(self, other: ReachSets) -> ReachSets:
@@ -84,9 +92,14 @@ class ReachSets:
         self, other: ReachSets, names: tuple[tuple[str, str], ...], owners: IntArray, order: IntArray
     ) -> ReachSets:
         both = (self, other)
-        points, velocities, radii, growth = (
+        points, velocities, radii = (
             np.concatenate([getattr(side, name) for side in both])
-            for name in ("points", "velocities", "radii", "growth")
+            for name in ("points", "velocities", "radii")
+        )
+        most = max(side.growth.shape[1] for side in both)
+        padded = (((0, 0), (0, most - side.growth.shape[1]), (0, 0)) for side in both)
+        growth = np.concatenate(
+            [np.pad(side.growth, pad, "edge") for side, pad in zip(both, padded, strict=True)]
         )
         starts = np.concatenate([self.first[:-1], len(self.points) + other.first[:-1]])[order]
         sizes = np.concatenate([np.diff(side.first) for side in both])[order]
@@ -95,18 +108,21 @@ class ReachSets:
         owners = np.concatenate([self.owners, owners])[order]
         return ReachSets(names, owners, points[place], velocities[place], first, radii[order], growth[order])
 
+    def grown(self, time: float) -> FloatArray:
+        """Return the growth (S,) of the sets after a time [s], without the radii [m]."""
+        g0, g1, g2 = np.moveaxis(self.growth, -1, 0)
+        return np.asarray((g0 + time * (g1 + 0.5 * time * g2)).min(axis=1))
+
     def excess(self, ends: Sequence[FloatArray] | FloatArray, time: float) -> FloatArray:
         """Return for each body how far (M,) its points are beyond its sets after a time, at most; ≤ 0: it obeyed.
 
         Its points, (K, 3) for each of the M bodies, are `ends` then [m]; the time [s] is since the sets were measured.
         """
-        found = np.full(len(self.names), -np.inf)
+        found, allowed = np.full(len(self.names), -np.inf), self.grown(time).tolist()
         for s, owner in enumerate(self.owners.tolist()):
             rows = slice(self.first[s], self.first[s + 1])
             away = np.linalg.norm(ends[owner] - self.points[rows] - time * self.velocities[rows], axis=1)
-            g0, g1, g2 = self.growth[s]
-            allowed = g0 + time * (g1 + 0.5 * time * g2)
-            found[owner] = max(found[owner], float(away.max()) - allowed)
+            found[owner] = max(found[owner], float(away.max()) - allowed[s])
         return found
 
 
@@ -241,6 +257,145 @@ class IntersectedReach:
         for other in others:
             first = first.and_also(other)
         return first
+
+
+@dataclass(frozen=True)
+class CalibratedReach:
+    """How far limbs went in recordings, as `calibrate` found it: balls about where they were seen last.
+
+    The growth of a limb is the least concave function that is at least its lengths at the horizons and 0 at 0, and
+    whose slope is at least the mean one up to the last horizon: that is the speed beyond, where nothing was measured.
+    No key point that passes the gate is faster than it, so that growth is never larger than gate · time. A limb
+    without lengths keeps to `People.speed_of` it, as in `SpeedReach`.
+
+    Parameters
+    ----------
+    skeleton : str
+        Name of the skeleton of the recordings; a tracker must have the same one.
+    gate : float
+        The gate that was used; a tracker must have the same one [m/s].
+    level : float
+        Probability that all of a unit that is exchangeable with the calibrated ones keeps to it; see `calibrate`.
+    units : int
+        Number of units of the calibration.
+    horizons : sequence of float
+        Times since the limb was seen, ascending [s].
+    growth : mapping of str to sequence of float
+        By limb how far its ends are from there at the most at each of the horizons, never falling [m].
+    shaped_with, calibrated_with : sequence of str
+        Recordings that the shapes come from, and those that the factor comes from.
+    block : float, optional
+        Length of a unit [s]; default: a unit is a recording.
+    refused : float
+        Share of the key points that the gate refused.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used; the message starts with its key.
+    """
+
+    skeleton: str
+    gate: float
+    level: float
+    units: int
+    horizons: tuple[float, ...]
+    growth: Mapping[str, tuple[float, ...]] = field(hash=False)
+    shaped_with: tuple[str, ...]
+    calibrated_with: tuple[str, ...]
+    block: float | None = None
+    refused: float = 0.0
+
+    def __post_init__(self) -> None:
+        with document.within("skeleton", ": "):
+            find_skeleton(self.skeleton)
+        if not 0 < document.number("level", self.level) < 1:
+            raise InputError(f"must be between 0 and 1, got {self.level!r}", "level")
+        document.number("gate", self.gate, above=0.0)
+        whole_number("units:", self.units, at_least=1)
+        document.number("refused", self.refused, at_least=0.0, at_most=1.0)
+        if self.block is not None:
+            document.number("block", self.block, above=0.0)
+        horizons = _ascending(
+            "horizons", document.numbers("horizons", self.horizons, above=0.0), strictly=True
+        )
+        given, growth = document.mapping("growth", self.growth, LIMBS), {}
+        for limb, lengths in given.items():
+            key = f"growth.{limb}"
+            growth[limb] = _ascending(key, document.numbers(key, lengths, len(horizons), above=0.0))
+        if not growth:
+            raise InputError("must have one limb at least", "growth")
+        values: dict[str, Any] = {"horizons": horizons, "growth": growth}
+        for key in ("shaped_with", "calibrated_with"):
+            values[key] = tuple(
+                document.text(key, name) for name in document.sequence(key, getattr(self, key))
+            )
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    def __str__(self) -> str:
+        unit = "recordings" if self.block is None else f"blocks of {self.block:g} s"
+        return f"limbs go no farther than in {100 * self.level:g} % of the {unit} ({self.units} calibrated)"
+
+    @classmethod
+    def load(cls, file: str | Path) -> CalibratedReach:
+        """Read a reach file (YAML); an InputError names file, line, key and value of what it cannot use."""
+        with document.reading(Path(file)) as data:
+            document.check_fields(cls, data)
+            return cls(**data)
+
+    def save(self, file: str | Path) -> None:
+        """Write the file that `load` reads."""
+        Path(file).write_text(document.dump_document(asdict(self)), encoding="utf-8")
+
+    @property
+    def limbs(self) -> tuple[str, ...]:
+        """The limbs that were calibrated."""
+        return tuple(self.growth)
+
+    @cached_property
+    def lines(self) -> dict[str, FloatArray]:
+        """For each limb the lines (L, 2), value at 0 [m] and slope [m/s], of which the least is its growth."""
+        gate = [[0.0, self.gate]]
+        return {limb: np.vstack([concave_lines(self.horizons, g), gate]) for limb, g in self.growth.items()}
+
+    def grown(self, limb: str, time: float) -> float:
+        """Return how far a limb goes at most in a time [s], from where it was seen [m]."""
+        return float((self.lines[limb] @ [1.0, time]).min())
+
+    def lines_of(self, limbs: Sequence[str], people: People) -> FloatArray:
+        """Return the lines (M, L, 2) of several limbs, those of limbs without lengths from the speeds of people."""
+        found = [self.lines.get(limb, np.array([[0.0, people.speed_of(limb)]])) for limb in limbs]
+        most = max(map(len, found))
+        return np.stack([np.pad(of, ((0, most - len(of)), (0, 0)), "edge") for of in found])
+
+    def sets(self, person: Measured, people: People) -> ReachSets:
+        lines = self.lines_of(person.limbs, people)
+        known = person.noise + lines[..., 0] + lines[..., 1] * person.ages[:, None]
+        growth = np.stack([known, lines[..., 1], np.zeros_like(known)], axis=-1)
+        return ReachSets.of(person.names, person.ends, person.radii, growth)
+
+
+def concave_lines(horizons: Sequence[float], lengths: Sequence[float]) -> FloatArray:
+    """Return lines (L, 2), values at 0 [m] and slopes [m/s], whose minimum is the growth of `CalibratedReach`."""
+    t, g = np.append(0.0, horizons), np.append(0.0, lengths)
+    i, j = np.triu_indices(len(t), 1)
+    slopes = (g[j] - g[i]) / (t[j] - t[i])
+    starts = g[i] - slopes * t[i]
+    last = g[-1] / t[-1]
+    kept = (starts[:, None] + slopes[:, None] * t >= g - _ROUNDING).all(axis=1) & (slopes > last)
+    return np.vstack([np.column_stack([starts, slopes])[kept], [(g - last * t).max(), last]])
+
+
+def _ascending(key: str, values: tuple[float, ...], strictly: bool = False) -> tuple[float, ...]:
+    if not values:
+        raise InputError("must have one number at least", key)
+    for before, after in pairwise(values):
+        if after < before or (strictly and after == before):
+            raise InputError(
+                f"must not fall{' or stay' if strictly else ''}, got {after:g} after {before:g}", key
+            )
+    return values
 
 
 _ARM = ("upper_arm", "forearm", "hand")

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, number
+from safe_ompl.common import FloatArray, InputError, IntArray, UnknownNameError, float_array, number
 from safe_ompl.common import documents as document
 from safe_ompl.geometry import STANDING, Obstacle, Pose, placed
-from safe_ompl.people.reach import Measured, ReachModel, ReachSets, SpeedReach
-from safe_ompl.people.skeletons import KEYPOINTS, Skeleton, TrackedBody
+from safe_ompl.people.reach import (
+    CalibratedReach,
+    IntersectedReach,
+    Measured,
+    ReachModel,
+    ReachSets,
+    SpeedReach,
+)
+from safe_ompl.people.skeletons import KEYPOINTS, Recording, Skeleton, TrackedBody
 from safe_ompl.robot import bounding_hull
 from safe_ompl.scene import People, Scene
 
@@ -47,15 +54,67 @@ class Tracker:
         Where the sensor's frame, turned to x forward, y left and z up, is in the world.
     noise : float
         Bound of the errors of these places [m].
+    gate : float, optional
+        A key point that would have moved faster since it was last seen is not seen [m/s]; see `Gate`. Default: all are.
     """
 
     skeleton: Skeleton
     body: TrackedBody = field(default_factory=TrackedBody)
     place: Pose = field(default_factory=Pose)
     noise: float = 0.0
+    gate: float | None = None
 
     def __post_init__(self) -> None:
         number("noise", self.noise, at_least=0.0)
+        if self.gate is not None:
+            number("gate", self.gate, above=0.0)
+
+
+class Gate:
+    """Takes glitches for what they are: a key point that is too fast counts as not seen.
+
+    What it says of a frame depends on that frame and those before it only. A key point that is not seen may be farther
+    away the longer that lasts, so that each one comes back.
+
+    Attributes
+    ----------
+    seen, refused : int
+        How many key points it was shown so far, and how many of them were too fast.
+    """
+
+    def __init__(self, tracker: Tracker) -> None:
+        count = len(tracker.skeleton.points)
+        self._speed = None if tracker.gate is None else tracker.gate / tracker.skeleton.scale
+        self._places: FloatArray = np.full((count, 3), np.nan)
+        self._times: FloatArray = np.full(count, -np.inf)
+        self.seen = self.refused = 0
+
+    def passed(self, points: FloatArray, time: float) -> FloatArray:
+        """Return the key points (J, 3) of a frame at a time [s], NaN where they are not seen or too fast."""
+        if self._speed is None:
+            return points
+        away = np.linalg.norm(points - self._places, axis=1)
+        fast = np.isfinite(away) & (away > self._speed * (time - self._times))
+        found = np.where(fast[:, None], np.nan, points)
+        new = np.isfinite(found).all(axis=1)
+        self._places[new], self._times[new] = found[new], time
+        self.seen += int(new.sum() + fast.sum())
+        self.refused += int(fast.sum())
+        return found
+
+
+def without_glitches(recording: Recording, tracker: Tracker) -> tuple[Recording, Gate]:
+    """Return a recording as the gate of a tracker leaves it, and the gate, which counted what it refused.
+
+    Each key point moves straight between the frames in which it passes.
+    """
+    gate, times = Gate(tracker), np.arange(len(recording.frames)) / recording.rate
+    frames = np.stack([gate.passed(points, t) for points, t in zip(recording.frames, times, strict=True)])
+    for track in np.swapaxes(frames, 0, 1):
+        seen = np.isfinite(track).all(axis=1)
+        if seen.any():
+            track[:] = np.stack([np.interp(times, times[seen], along[seen]) for along in track.T], axis=1)
+    return replace(recording, frames=frames), gate
 
 
 class PersonTrack:
@@ -68,7 +127,10 @@ class PersonTrack:
     def __init__(self, name: str, tracker: Tracker, people: People, reach: ReachModel | None = None) -> None:
         self.name, self.tracker, self.people = name, tracker, people
         self.reach: ReachModel = SpeedReach() if reach is None else reach
+        with document.within(name, ": "):
+            _check_calibration(self.reach, tracker)
         self.time = -np.inf
+        self.gate = Gate(tracker)
         self._places: FloatArray = np.full((len(KEYPOINTS), 3), np.nan)
         self._times: FloatArray = np.full(len(KEYPOINTS), -np.inf)
         self._before: FloatArray = self._places.copy()
@@ -109,7 +171,9 @@ class PersonTrack:
             raise InputError(f"time must not go backwards: {time:g} s after {self.time:g} s", self.name)
         seen = np.full((len(KEYPOINTS), 3), np.nan)
         if points is not None:
-            seen = placed(self.tracker.place.se3, self.tracker.skeleton.keypoints(points))
+            skeleton = self.tracker.skeleton
+            given = float_array(points, (len(skeleton.points), 3), f"key points of {skeleton.name}")
+            seen = placed(self.tracker.place.se3, skeleton.keypoints(self.gate.passed(given, time)))
         new = np.isfinite(seen).all(axis=1)
         promised = self.sets() if new.any() and self._completed is not None else None
         since = time - self.time
@@ -280,6 +344,18 @@ class Surroundings:
             if age > lost_after:
                 return f"{name!r} was not seen " + ("yet" if np.isinf(age) else f"for {age:.2f} s")
         return str(self._violations[0]) if self._violations else None
+
+
+def _check_calibration(reach: ReachModel, tracker: Tracker) -> None:
+    """Raise InputError if a reach model was calibrated with another skeleton or gate than a tracker has."""
+    for model in reach.models if isinstance(reach, IntersectedReach) else ():
+        _check_calibration(model, tracker)
+    own = tracker.skeleton.name, tracker.gate
+    if isinstance(reach, CalibratedReach) and own != (reach.skeleton, reach.gate):
+        raise InputError(
+            f"the reach was calibrated with the skeleton {reach.skeleton!r} and a gate of {reach.gate:g} m/s, the "
+            f"tracker has {own[0]!r} and {'no gate' if own[1] is None else f'one of {own[1]:g} m/s'}"
+        )
 
 
 def _track(obstacle: Obstacle, speed: float) -> ObjectTrack:

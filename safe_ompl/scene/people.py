@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from safe_ompl.common import InputError
@@ -75,6 +76,8 @@ class People(Section):
         Regions whose force [N], mass [kg] and stiffness [N/mm] replace those of `CONTACT_TABLE`.
     robot_mass : float, optional
         Effective mass of the robot in a contact [kg]; default: half of its moving links' mass.
+    reach : path, optional
+        Reach file (YAML) of `safe-ompl people calibrate`, which says beside people who move how far limbs go.
 
     Raises
     ------
@@ -90,6 +93,7 @@ class People(Section):
     contact: bool = False
     regions: Mapping[str, BodyRegion] = field(default_factory=dict)
     robot_mass: float | None = None
+    reach: Path | None = None
 
     def __post_init__(self) -> None:
         lengths = ("speed", "reaction_time", "clearance")
@@ -103,12 +107,26 @@ class People(Section):
                 raise InputError("name one obstacle at least, or leave it out", "who")
         if self.robot_mass is not None:
             values["robot_mass"] = document.number("robot_mass", self.robot_mass, above=0.0)
+        if self.reach is not None:
+            values["reach"] = document.file("reach", self.reach, (".yaml", ".yml"))
         values["speeds"] = document.numbers_by_name("speeds", self.speeds, LIMBS, at_least=0.0)
         regions = document.mapping("regions", self.regions, CONTACT_TABLE)
         with document.within("regions"):
             values["regions"] = {name: _region(name, given) for name, given in regions.items()}
         for key, value in values.items():
             object.__setattr__(self, key, value)
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], folder: Path = Path()) -> People:
+        """Read the section from a document in a folder."""
+        if data.get("reach") is not None:
+            data = {**data, "reach": folder / document.text("reach", data["reach"])}
+        return super().from_mapping(data)
+
+    def to_mapping(self, folder: Path | None = None) -> dict[str, Any]:
+        """Return what `from_mapping` reads from a document in a folder: what is not the default."""
+        data = super().to_mapping()
+        return data if self.reach is None else {**data, "reach": document.file_name(self.reach, folder)}
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """Return the names of the obstacles that are treated as people.

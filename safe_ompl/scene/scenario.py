@@ -276,7 +276,7 @@ class Scenario:
         scene = document.section("scene", data.get("scene"), lambda d: Scene.from_mapping(d, file.parent))
         people = None
         if "people" in data:
-            people = document.section("people", data["people"], People.from_mapping)
+            people = document.section("people", data["people"], lambda d: People.from_mapping(d, file.parent))
             with document.within("people"):
                 people.names(scene)
         return cls(
@@ -310,7 +310,7 @@ class Scenario:
             "planners": self.planners,
             **({"limits": self.limits.to_mapping()} if self.limits != PathLimits() else {}),
             **({"motion": self.motion.to_mapping()} if self.motion != MotionLimits() else {}),
-            **({"people": self.people.to_mapping()} if self.people is not None else {}),
+            **({"people": self.people.to_mapping(folder)} if self.people is not None else {}),
             "time": self.time,
             **(
                 {"frames": {name: pose.to_mapping() for name, pose in self.frames.items()}}

@@ -204,7 +204,7 @@ def _parts(
     """Return into how many parts (N,) to divide cells, so that motion within them costs little of the time left."""
     parts: IntArray = np.ones(len(cells), dtype=np.intp)
     for k, m in {(int(where[j]), int(limb[j])) for j in np.flatnonzero(limb >= 0)}:
-        speed = distances.speeds[m]
+        speed = distances.speed(m, left.times[k, m] + distances.people.reaction_time)
         lost = speeds[k, left.nearest[k, m]] * cells.sizes[k] / 2 / speed if speed else 0.0
         wanted = lost / (loss * max(left.times[k, m] + lost, _INSTANT))
         parts[k] = max(parts[k], min(np.ceil(wanted), np.ceil(cells.sizes[k] / _FINEST)))
@@ -252,7 +252,7 @@ def _standstill(
 ) -> Standstill:
     people, (person, limb) = distances.people, distances.limbs[m]
     link = distances.links[int(left.nearest[k, m])]
-    nearer = 1e3 * people.speed_of(limb) * (people.reaction_time + window)
+    nearer = 1e3 * distances.grown(m, people.reaction_time + window)
     s = float(cells.centres[k])
     way_out = f"let the {limb or 'body'} bear a contact" if people.contact else "allow contact"
     reason = (

@@ -1,4 +1,9 @@
-"""Lower bounds of the time that people need to reach the robot along a curve, proven for every cell."""
+"""Lower bounds of the time that people need to reach the robot along a curve, proven for every cell.
+
+A limb may be at a distance d [m] after the time τ with g(τ) = d, where g is its growth: speed · τ, or that of a
+calibrated reach. Where g is the least of some lines a + bτ, it is below d until *all* lines reach d at the latest: τ is
+the largest of all (d − a)/b.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +15,13 @@ import pinocchio as pin
 
 from safe_ompl.collision import DISTANCE_ERROR, fresh_data
 from safe_ompl.common import FloatArray, InputError, IntArray, PerThread
+from safe_ompl.people import CalibratedReach
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
 from safe_ompl.trajectories.curve import BlendedCurve, Cells
 
 _SHORT = 0.05  # [s] Limbs that may come so soon are looked at one by one where contact is allowed
-_UNKNOWN = 1e6  # [m]
+_UNKNOWN, _NEVER = 1e6, 1e6  # [m], [s]
 
 
 class SeparationBounds(NamedTuple):
@@ -26,7 +32,8 @@ class SeparationBounds(NamedTuple):
     distances : ndarray, shape (N, M)
         No body of the robot is nearer to limb m in a cell [m]; exact to what it moves in the cell where that matters.
     times : ndarray, shape (N, M)
-        After that time from when braking begins a limb may be there [s]: (distance − clearance)/speed − reaction time.
+        After that time from when braking begins a limb may be there [s]: when its growth is distance − clearance, less
+        the reaction time.
     nearest : ndarray of int, shape (N, M)
         The body of the robot that it comes to first.
     """
@@ -57,7 +64,7 @@ class PeopleDistances:
     links : tuple of str
         The link of each body.
     speeds : ndarray, shape (M,)
-        How fast the limbs may move [m/s].
+        How fast the limbs may move, at most [m/s].
     """
 
     def __init__(self, robot: Robot, scene: Scene, people: People) -> None:
@@ -84,7 +91,23 @@ class PeopleDistances:
         self._body: IntArray = np.array([body for body, _, _ in pairs], dtype=np.intp)
         self._limb: IntArray = np.array([limb for _, _, limb in pairs], dtype=np.intp)
         self._memory = PerThread(partial(_memory, robot.shared.model, self._geometry))
-        self.speeds: FloatArray = np.array([people.speed_of(limb) for _, limb in limbs])
+        speeds = np.array([people.speed_of(limb) for _, limb in limbs])
+        self._lines: FloatArray = np.stack([0 * speeds, speeds], axis=1)[:, None]
+        if people.reach is not None:
+            reach = CalibratedReach.load(people.reach)
+            self._lines = reach.lines_of([limb for _, limb in limbs], people)
+        self.speeds: FloatArray = self._lines[..., 1].max(axis=1)
+        self._starts, slopes = np.moveaxis(self._lines[self._limb], -1, 0)
+        self._slowness = np.where(slopes > 0, 1 / np.where(slopes > 0, slopes, 1.0), 0.0)
+
+    def grown(self, limb: int, time: float) -> float:
+        """Return how far one of the limbs goes in a time [s], at most [m]."""
+        return float((self._lines[limb] @ [1.0, time]).min())
+
+    def speed(self, limb: int, time: float) -> float:
+        """Return how fast the growth of one of the limbs is after a time [s], in [m/s]."""
+        lines = self._lines[limb]
+        return float(lines[(lines @ [1.0, np.clip(time, 0.0, _NEVER)]).argmin(), 1])
 
     def move(self, scene: Scene) -> None:
         """Put the people where another scene has them.
@@ -110,8 +133,6 @@ class PeopleDistances:
 
     def times_at(self, Q: FloatArray) -> FloatArray:
         """Return when the first limb may be at the robot (B,) [s] that stays at `Q: (B, n)`; see `SeparationBounds`."""
-        speed = self.speeds[self._limb]
-        slowness = np.where(speed > 0, 1 / np.where(speed > 0, speed, 1.0), 0.0)
         times, bounds, still = (
             np.empty(len(Q)),
             np.full(len(self._body), -_UNKNOWN),
@@ -121,8 +142,8 @@ class PeopleDistances:
             if j:
                 steps = self.robot.coupling.reach(np.abs(q - Q[j - 1])[None])[0]
                 bounds -= (self.robot.bounds.joint_radii @ steps)[self._body]
-            self._refresh(q, bounds, slowness, still, np.inf, by_limb=False)
-            times[j] = self._time(bounds, slowness).min()
+            self._refresh(q, bounds, still, np.inf, by_limb=False)
+            times[j] = self._time(bounds).min()
         return times
 
     def along(self, curve: BlendedCurve, cells: Cells, speeds: FloatArray, soon: float) -> SeparationBounds:
@@ -144,10 +165,7 @@ class PeopleDistances:
         half = (
             cells.sizes[:, None] / 2 * speeds[:, self._body]
         )  # (N, P) [m] from a centre to an end of its cell
-        speed = self.speeds[self._limb]
-        people = self.people
-        slowness = np.where(speed > 0, 1 / np.where(speed > 0, speed, 1.0), 0.0)
-        by_limb = bool(people.contact)
+        by_limb = bool(self.people.contact)
         # Body by body and limb by limb: pairs are in the order of limbs, and of bodies within each.
         shape = (len(self.limbs), len(self._body) // len(self.limbs))
         distances = np.empty((len(Q), shape[0]))
@@ -156,9 +174,9 @@ class PeopleDistances:
         for j, q in enumerate(Q):
             if j:
                 bounds -= half[j - 1] + half[j]
-            self._refresh(q, bounds, slowness, half[j], soon, by_limb)
+            self._refresh(q, bounds, half[j], soon, by_limb)
             left = bounds - half[j]
-            time = self._time(left, slowness).reshape(shape)
+            time = self._time(left).reshape(shape)
             first = time.argmin(axis=1)
             rows = np.arange(shape[0])
             times[j] = time[rows, first]
@@ -166,24 +184,25 @@ class PeopleDistances:
             nearest[j] = self._body.reshape(shape)[rows, first]
         return SeparationBounds(distances, times, nearest)
 
-    def _time(self, distances: FloatArray, slowness: FloatArray) -> FloatArray:
+    def _time(self, distances: FloatArray, pairs: slice = slice(None)) -> FloatArray:
         """Return when limbs at these distances may reach the robot; infinite for limbs at rest, unless too near."""
-        left = distances - self.people.clearance
-        time = left * slowness - self.people.reaction_time
-        still = slowness == 0
-        return np.where(still, np.where(left > 0, np.inf, -np.inf), time) if still.any() else time
+        slowness = self._slowness[pairs]
+        left = (distances - self.people.clearance)[:, None] - self._starts[pairs]
+        time, still = left * slowness, slowness == 0
+        if still.any():
+            time = np.where(still, np.where(left > 0, np.inf, -np.inf), time)
+        return np.asarray(time.max(axis=1) - self.people.reaction_time)
 
     def _refresh(
         self,
         q: FloatArray,
         bounds: FloatArray,
-        slowness: FloatArray,
         half: FloatArray,
         soon: float,
         by_limb: bool,
     ) -> None:
         """Replace bounds by distances at `q: (n,)` until those that are left cannot be the first to be reached."""
-        time = self._time(bounds - half, slowness)
+        time = self._time(bounds - half)
         near = np.flatnonzero(time <= soon)
         first = np.inf
         placed = False
@@ -202,8 +221,9 @@ class PeopleDistances:
                 placed = True
             distance = pin.computeDistance(self._geometry, data, p).min_distance - DISTANCE_ERROR
             bounds[p] = distance
-            left = distance - half[p] - self.people.clearance
-            first = min(first, left * slowness[p] - self.people.reaction_time if slowness[p] else first)
+            if self.speeds[self._limb[p]] > 0:
+                left = np.array([distance - half[p]])
+                first = min(first, float(self._time(left, slice(p, p + 1))[0]))
 
 
 def _memory(model: pin.Model, geometry: pin.GeometryModel) -> tuple[pin.Data, pin.GeometryData]:

@@ -82,6 +82,18 @@ def test_margins_fall_with_time_growth_and_clearance(path):
     assert margin(path, 40, 0.2, 0.2, coming) == pytest.approx(margin(path, 40, 0.0, 0.0, still), abs=2e-4)
 
 
+def test_of_several_polynomials_of_growth_the_least_counts(path):
+    alone = margin(path, 40, 0.0, 0.0, sets((0.9, 0, 0.4), growth=(0.0, 0.0, 0.0)))
+    lines = [(0.0, 4.0, 0.0), (0.1, 2.0, 0.0), (0.3, 0.5, 0.0)]
+    for end in (0.02, 0.1, 0.2):
+        grown = min(start + slope * end for start, slope, _ in lines)
+        found = margin(path, 40, 0.01, end, sets((0.9, 0, 0.4), growth=lines))
+        assert found == pytest.approx(alone - grown, abs=2e-4)
+    one = sets((0.9, 0, 0.4), growth=lines).and_also(sets((0.9, 0, 0.4), growth=(0.0, 1.0, 0.0)))
+    assert one.growth.shape == (2, 3, 3)
+    np.testing.assert_allclose(one.grown(0.2), [0.4, 0.2])
+
+
 def test_whoever_is_in_several_sets_is_in_all_of_them(path):
     near, far = sets((0.7, 0, 0.4)), sets((1.2, 0, 0.4))
     both = near.and_also(far)

@@ -210,7 +210,7 @@ def test_limbs_that_keep_to_their_acceleration_stay_in_their_sets(seed):
         since += step
         excess = sets.excess(body.ends(body.completed(OURS.keypoints(points))[0]), since)
         assert excess.max() <= 1e-9
-    assert sets.growth[0, 0] == 0
+    assert sets.grown(0.0)[0] == 0
 
 
 def test_arms_stay_within_their_length_of_the_shoulder():
@@ -280,12 +280,12 @@ def test_what_is_not_seen_keeps_its_place_and_grows():
     anna.observe(hidden, 0.3)
     body, sets = TrackedBody(), anna.sets()
     shank = sets.names.index(("anna", "left_shank"))
-    assert sets.growth[shank, 0] == pytest.approx(0.3)
+    assert sets.grown(0.0)[shank] == pytest.approx(0.3)
     np.testing.assert_allclose(sets.points[2 * shank], standing()[13])
-    assert sets.growth[sets.names.index(("anna", "left_upper_arm")), 0] == 0
+    assert sets.grown(0.0)[sets.names.index(("anna", "left_upper_arm"))] == 0
     assert anna.age == pytest.approx(0.3)
     anna.observe(None, 0.5)
-    assert anna.sets().growth[shank, 0] == pytest.approx(0.5)
+    assert anna.sets().grown(0.0)[shank] == pytest.approx(0.5)
     assert anna.assumed == track_assumed(anna)
     assert len(body.limbs) == len(sets.names)
 

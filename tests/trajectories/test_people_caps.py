@@ -1,6 +1,7 @@
 """Trajectories beside people: they stop in time, whatever happens, and say where they cannot."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +20,10 @@ from safe_ompl import (
     UnknownNameError,
     time_path,
 )
+from safe_ompl.certificates.issue import trajectory_claim
 from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, fresh_data
+from safe_ompl.geometry import LIMBS
+from safe_ompl.people import CalibratedReach
 from safe_ompl.scene import BodyRegion, find_scenario
 from safe_ompl.scene.people import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, contact_speed, robot_mass
@@ -50,7 +54,12 @@ class Limbs:
 
 def adversary(trajectory, limbs, people, number):
     """Return the least that is left when people run at the robot while it stops, over stops from many instants [m]."""
-    speeds = np.array([people.speed_of(name) for name in limbs.names])
+    reach = None if people.reach is None else CalibratedReach.load(people.reach)
+
+    def grown(name, time):
+        calibrated = reach is not None and name in reach.limbs
+        return reach.grown(name, time) if calibrated else people.speed_of(name) * time
+
     least = np.inf
     for begin in np.random.default_rng(0).uniform(0, trajectory.duration, number):
         stop = trajectory.stop_from(begin)
@@ -58,9 +67,8 @@ def adversary(trajectory, limbs, people, number):
         for t in [*moving, stop.duration * (1 - 1e-6)]:
             q, qd, _ = stop.at(t)
             if np.abs(qd).max(initial=0) > 1e-9:
-                least = min(
-                    least, (limbs.at(q) - speeds * (people.reaction_time + t)).min() - people.clearance
-                )
+                gone = [grown(name, people.reaction_time + t) for name in limbs.names]
+                least = min(least, (limbs.at(q) - gone).min() - people.clearance)
     return least
 
 
@@ -82,6 +90,50 @@ def test_nobody_is_reached_whenever_she_begins_to_run(
     reckless = People(speed=0.8 * people.speed, speeds=people.speeds, reaction_time=0.0)
     faster = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=reckless)
     assert adversary(faster, limbs, people, 150) < 0  # the adversary can win
+
+
+def reach_file(folder, growth, gate=4.0):
+    """Return a reach file of the limbs of a person, with horizons of 0.05, 0.1 and 0.4 s."""
+    reach = CalibratedReach("recording12", gate, 0.9, 20, (0.05, 0.1, 0.4), growth, ("a",), ("b",))
+    reach.save(folder / "reach.yaml")
+    return folder / "reach.yaml"
+
+
+def test_nobody_who_keeps_to_a_calibrated_reach_is_reached(
+    panda, shelf, shelf_path, shelf_motion, panda_limits, tmp_path
+):
+    growth = dict.fromkeys(LIMBS, (0.06, 0.1, 0.28)) | {
+        "right_hand": (0.15, 0.25, 0.5),
+        "head": (0.01, 0.02, 0.1),
+    }
+    del growth["left_foot"]
+    people = People(speed=0.5, reaction_time=0.05, clearance=0.02, reach=reach_file(tmp_path, growth))
+    trajectory = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=people)
+    limbs = Limbs(panda, shelf.scene["operator"])
+    assert 0 < adversary(trajectory, limbs, people, 150) < 0.1
+    # A bound of the speed that is never less costs more time, one that is too low does not stop in time.
+    slow, fast = (replace(people, reach=None, speed=speed) for speed in (0.5, 3.0))
+    with pytest.raises(StandstillError):
+        time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=replace(fast, speed=8.0))
+    rash = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=slow)
+    assert adversary(rash, limbs, people, 150) < 0
+    assert (
+        time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=fast).duration
+        > trajectory.duration
+    )
+
+
+def test_a_reach_that_is_a_speed_gives_the_trajectory_of_that_speed(
+    panda, shelf_path, shelf_motion, panda_limits, tmp_path
+):
+    file = reach_file(tmp_path, dict.fromkeys(LIMBS, (0.05, 0.1, 0.4)))
+    reached, fast = (
+        time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=people)
+        for people in (People(reach=file), People(speed=1.0))
+    )
+    assert reached.duration == pytest.approx(fast.duration, rel=1e-9)
+    with pytest.raises(InputError, match=r"people\.reach: a certificate states speeds of people"):
+        trajectory_claim(reached, panda, shelf_motion.checker.scene)
 
 
 def test_nobody_is_reached_beside_another_robot(ur5):

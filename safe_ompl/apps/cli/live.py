@@ -43,7 +43,7 @@ from safe_ompl.collision import CertifiedMotion
 from safe_ompl.common import FloatArray, InputError, UnknownNameError
 from safe_ompl.geometry import Obstacle, Person, Pose, Sphere
 from safe_ompl.io import TickLog, TicksFile, ticks_header
-from safe_ompl.people import PELVIS, Recording, TrackedBody, Tracker, facing
+from safe_ompl.people import PELVIS, CalibratedReach, Recording, TrackedBody, Tracker, facing
 from safe_ompl.people.replanning import Replanner, ReplanningOptions
 from safe_ompl.people.simulation import (
     ALL_KEYPOINTS,
@@ -103,6 +103,12 @@ def add_commands(commands: Any) -> None:
         metavar="X,Y,Z,YAW",
         help="where the origin of the recording, or the first person who walks, is in the world [m, rad]; default: "
         "where the first person of the scenario stands",
+    )
+    parser.add_argument(
+        "--reach",
+        metavar="FILE",
+        help="how far people go, see `safe-ompl people calibrate` (YAML); default: the reach of the scenario's people, "
+        "or their speeds",
     )
     parser.add_argument(
         "--movers",
@@ -178,7 +184,11 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     faults = Faults(options.noise, options.drops, options.late, options.seed, latency)
     robot = scenario.build_robot()
     people = replace(scenario.people or People(), who=None, clearance=clearance_of_movers(scenario))
-    found = choose_actors(scenario, robot, people, options)
+    file, found = options.reach or people.reach, choose_actors(scenario, robot, people, options)
+    reach = None if file is None else CalibratedReach.load(file)
+    if reach is not None:
+        for mover in found.people.values():
+            mover.tracker = replace(mover.tracker, gate=reach.gate)
     setup = setup_scenario(limits_of_still(scenario, found.still, beside_people=bool(found.people)), robot)
     make_folder(Path(options.out), "--out")
     check_page(options.html)
@@ -189,7 +199,7 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
         found.trackers,
         found.speeds,
         people=people,
-        options=ReplanningOptions(tick=options.tick),
+        options=ReplanningOptions(reach, tick=options.tick),
         motion=setup.certified_motion,
     )
     return partial(_drive, scenario, setup, replanner=replanner, actors=found, faults=faults, options=options)
@@ -257,10 +267,14 @@ def timed_way(way: FloatArray, robot: Robot, motion: CertifiedMotion, scenario: 
 def describe(summary: Summary) -> str:
     """Return the summary of a simulation in one line."""
     median, late = (1e3 * t for t in summary.reaction)
+    gated = ""
+    if summary.refused:
+        raw, refused = 100 * summary.model_obeyed_raw, 100 * summary.refused
+        gated = f" ({raw:.1f} % with the {refused:.2g} % of the key points that the gate refused)"
     return (
         f"{summary.seconds:g} s: {summary.tasks} tasks, {summary.stops} stops; contacts while moving "
         f"{summary.contacts_while_moving}, after violations {summary.contacts_after_violations}, at rest "
-        f"{summary.contacts_at_rest}; model obeyed {100 * summary.model_obeyed:.1f} % of the time; reaction "
+        f"{summary.contacts_at_rest}; model obeyed {100 * summary.model_obeyed:.1f} % of the time{gated}; reaction "
         f"{median:.1f} ms (99 %: {late:.1f}); deadlines missed {summary.deadlines_missed}"
     )
 

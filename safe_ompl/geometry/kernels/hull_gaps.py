@@ -102,8 +102,8 @@ class Hulls(NamedTuple):
 class Sets(NamedTuple):
     """S sets in which what moves may be: owners (S,), points and velocities (P, 3), first ones (S + 1,), radii (S,).
 
-    Also growth (S, 3); see `people.reach.ReachSets`. Sets of the same owner come one after the other: the owner is in
-    all of them.
+    Also growth (S, L, 3), of which the least counts; see `people.reach.ReachSets`. Sets of the same owner come one
+    after the other: the owner is in all of them.
     """
 
     owners: IntArray
@@ -160,9 +160,10 @@ def gaps(
             b0, b1, b2, r = _ball(now[first_point[s] : first_point[s + 1]])
             balls[s, 0], balls[s, 1], balls[s, 2], balls[s, 3] = b0, b1, b2, r
             t = end[w]
-            grown[s] = (
-                radii[s] + growth[s, 0] + t * (growth[s, 1] + 0.5 * t * growth[s, 2]) + half * sqrt(fastest)
-            )
+            least = inf
+            for i in range(growth.shape[1]):
+                least = min(least, growth[s, i, 0] + t * (growth[s, i, 1] + 0.5 * t * growth[s, i, 2]))
+            grown[s] = radii[s] + least + half * sqrt(fastest)
         for g in range(G):
             R, o = rotations[k, carriers[g]], origins[k, carriers[g]]
             c0 = o[0] + R[0, 0] * middles[g, 0] + R[0, 1] * middles[g, 1] + R[0, 2] * middles[g, 2]

@@ -341,9 +341,11 @@ class GuardedPath:
         full = np.sqrt(self.squares)
         speeds, left = full, _AHEAD
         if len(sets):
-            fastest = max(float(sets.growth[:, 1].max()), _SLOWEST)
             needed = reaction + full / self.brakes
-            far = fastest * (float(needed.max()) + _AHEAD)
+            longest = float(needed.max())
+            grown = sets.grown(longest) - sets.grown(0.0)
+            fastest = max(float(grown.max()) / longest, _SLOWEST)
+            far = fastest * (longest + _AHEAD)
             margins = cell_gaps(np.arange(len(self.brakes)), *self._arrays(sets, clearance, far, _ROUGH))
             left = max(0.0, float((margins / fastest - needed).min()))
             speeds = np.minimum(full, self.brakes * (margins / fastest - reaction))

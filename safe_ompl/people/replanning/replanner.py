@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from safe_ompl.collision import CertifiedMotion, CollisionChecker
 from safe_ompl.common import InputError, number, positive, whole_number
-from safe_ompl.people import ReachModel, Surroundings, Tracker, Violation
+from safe_ompl.people import CalibratedReach, ReachModel, Surroundings, Tracker, Violation
 from safe_ompl.people.replanning.detours import Detours, PeopleNow
 from safe_ompl.people.replanning.guarded_path import (
     Command,
@@ -43,7 +43,7 @@ class ReplanningOptions:
     Parameters
     ----------
     reach : ReachModel, optional
-        The assumption about how people move; default: limbs keep to the speeds of `People`.
+        The assumption about how people move; default: the reach file of `People`, or else its speeds.
     tick : float
         Time between two commands [s].
     lost_after : float
@@ -128,7 +128,10 @@ class Replanner:
         self.robot, self.options = robot, options
         self.people = People() if people is None else people
         self.tick, self.lost_after = float(options.tick), float(options.lost_after)
-        self.surroundings = Surroundings(scene, trackers, objects or {}, self.people, options.reach)
+        reach = options.reach
+        if reach is None and self.people.reach is not None:
+            reach = CalibratedReach.load(self.people.reach)
+        self.surroundings = Surroundings(scene, trackers, objects or {}, self.people, reach)
         self.still = self.surroundings.still
         self.motion = CertifiedMotion(CollisionChecker(robot, self.still)) if motion is None else motion
         _check_motion(self.motion, robot, self.still)

@@ -12,7 +12,15 @@ import pinocchio as pin
 
 from safe_ompl.common import FloatArray, InputError, whole_number
 from safe_ompl.geometry import STANDING, Limb, Pose, placed
-from safe_ompl.people import KEYPOINTS, Recording, Skeleton, Surroundings, TrackedBody, Tracker
+from safe_ompl.people import (
+    KEYPOINTS,
+    Recording,
+    Skeleton,
+    Surroundings,
+    TrackedBody,
+    Tracker,
+    without_glitches,
+)
 from safe_ompl.scene import People
 
 _FORGOTTEN = 1000  # steps after which those of more than a second ago are forgotten
@@ -56,6 +64,11 @@ class Playback:
     def at(self, time: float) -> FloatArray:
         """Return the key points (J, 3) at a time [s]."""
         return self.recording.at(self.speed * time)
+
+    def without_glitches(self) -> Playback:
+        """Return the same person as the gate of the tracker leaves them."""
+        played = replace(self.recording, rate=self.speed * self.recording.rate)
+        return Playback(without_glitches(played, self.tracker)[0], self.tracker)
 
 
 class Drifting:
@@ -147,7 +160,8 @@ def limb_solids(who: str, limbs: tuple[str, ...], ends: FloatArray, radii: Float
 class World:
     """The people and objects of a simulation, and where they truly are at any time.
 
-    Shapes, points and speeds of the objects are those of the replanner's surroundings.
+    Shapes, points and speeds of the objects are those of the replanner's surroundings. Recorded people are where the
+    gates of their trackers leave them; their sensors see what was recorded, with all glitches.
     """
 
     def __init__(
@@ -158,11 +172,20 @@ class World:
     ) -> None:
         self.people, self.objects = dict(people), dict(objects)
         self._surroundings = surroundings
+        gated = {name: mover for name, mover in people.items() if mover.tracker.gate is not None}
+        self.gated = bool(gated)
+        self._true = {
+            name: mover.without_glitches() if name in gated and isinstance(mover, Playback) else mover
+            for name, mover in people.items()
+        }
 
-    def keypoints(self, time: float) -> dict[str, FloatArray]:
-        """Return the key points (18, 3) of all people at a time [s], completed as their bodies have it."""
+    def keypoints(self, time: float, *, glitches: bool = False) -> dict[str, FloatArray]:
+        """Return the key points (18, 3) of all people at a time [s], completed as their bodies have it.
+
+        With glitches they are those that sensors see.
+        """
         found = {}
-        for name, mover in self.people.items():
+        for name, mover in (self.people if glitches else self._true).items():
             tracker = mover.tracker
             seen = placed(tracker.place.se3, tracker.skeleton.keypoints(mover.at(time)))
             found[name] = tracker.body.completed(seen)[0]

@@ -132,8 +132,10 @@ class Summary:
     contacts_after_violations: int = 0
     contacts_at_rest: int = 0
     # Share of the time in which everybody had kept to the model since the measurement that the motion was
-    # proven against
+    # proven against; and the same if glitches that gates refuse were true
     model_obeyed: float = 1.0
+    model_obeyed_raw: float = 1.0
+    refused: float = 0.0  # Share of the key points that the gates refused
     tasks: int = 0  # How often the goal was reached, the robot stopped on its way, and a detour was taken
     stops: int = 0
     detours: int = 0
@@ -208,7 +210,7 @@ class Simulation:
         self.replanner.start(self.trajectories[0])
         command: Command | None = None
         logged: Command | None = None
-        obeyed_time = moving_time = 0.0
+        shares: FloatArray = np.zeros(3)
         path = 0
         for k in range(round(number("seconds", seconds, above=0.0) / tick)):
             now = k * tick
@@ -217,22 +219,21 @@ class Simulation:
                 continue
             old, command = command, new
             self._count(old, command)
-            obeyed, moving, nearest = self._observe(now, old, command)
-            obeyed_time += obeyed * tick
-            moving_time += moving * tick
+            share, nearest = self._observe(now, old, command)
+            shares += share * tick
             current = self._in_force(now, now, old, command)
             new_path = logged is None or current.path is not logged.path
             path, logged = path + new_path, current
             line = {
                 **self._line(now, current, nearest),
-                "obeyed": obeyed == 1.0,
+                "obeyed": bool(share[0] == 1.0),
                 "path": path,
                 "task": self.summary.tasks,
                 "reaction": reaction,
                 "measured": current.measured,
             }
             yield {**line, "ahead": _way_points(current)} if new_path else line
-        self._conclude(seconds, obeyed_time, moving_time)
+        self._conclude(seconds, shares)
 
     def _answer(self, now: float, command: Command | None) -> tuple[Command | None, float | None]:
         """Return the command that answers a measurement, and how long that took [s]; if late, the last command."""
@@ -290,11 +291,14 @@ class Simulation:
         radii = self.faults.noise * self._rng.random((*shape[:-1], 1)) ** (1 / 3)
         return np.asarray(directions * radii)
 
-    def _observe(self, now: float, old: Command | None, new: Command) -> tuple[float, float, Nearest]:
-        """Return the shares of a tick in which all obeyed and the robot moved, and what was nearest as it began."""
+    def _observe(self, now: float, old: Command | None, new: Command) -> tuple[FloatArray, Nearest]:
+        """Return what was nearest as a tick began, and shares (3,) of the tick.
+
+        In these all obeyed, all would have obeyed with their glitches, and the robot moved.
+        """
         robot = self.replanner.robot
         times = now + np.arange(0.0, self.replanner.tick - 1e-9, _FINE)
-        obeyed = moves = 0
+        shares: FloatArray = np.zeros(3)
         here, first_q, first = Nearest(np.inf), np.zeros(0), [np.zeros((0, 3))]
         for i, time in enumerate(times.tolist()):
             command = self._in_force(time, now, old, new)
@@ -304,8 +308,12 @@ class Simulation:
             ends = self.world.ends(keypoints, time)
             sets = self._promised.get(command.measured)
             # Whether everybody is where the reach model has them after the measurement.
-            good = sets is None or bool((sets.excess(ends, time - command.measured) <= _ROUNDING).all())
-            obeyed, moves = obeyed + good, moves + moving
+            since = time - command.measured
+            good = raw = sets is None or bool((sets.excess(ends, since) <= _ROUNDING).all())
+            if sets is not None and self.world.gated:
+                seen = self.world.ends(self.world.keypoints(time, glitches=True), time)
+                raw = bool((sets.excess(seen, since) <= _ROUNDING).all())
+            shares += (good, raw, moving)
             if self.monitor is None:
                 continue
             if i:
@@ -321,13 +329,15 @@ class Simulation:
                 here, first_q, first = nearest, state.q, ends
             if moving and good:
                 self.summary.least_distance = min(self.summary.least_distance, nearest.distance)
-        return obeyed / len(times), moves / len(times), here
+        return shares / len(times), here
 
-    def _conclude(self, seconds: float, obeyed: float, moving: float) -> None:
+    def _conclude(self, seconds: float, shares: FloatArray) -> None:
         summary = self.summary
         summary.seconds = float(seconds)
-        summary.model_obeyed = min(1.0, obeyed / seconds)
-        summary.moving = min(1.0, moving / seconds)
+        kept = np.minimum(shares / seconds, 1.0).tolist()
+        summary.model_obeyed, summary.model_obeyed_raw, summary.moving = kept
+        gates = [person.gate for person in self.replanner.surroundings.people.values()]
+        summary.refused = sum(gate.refused for gate in gates) / max(1, sum(gate.seen for gate in gates))
         if self.reactions:
             median, late = np.percentile(self.reactions, (50, 99)).tolist()
             summary.reaction = median, late

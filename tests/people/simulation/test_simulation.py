@@ -1,6 +1,7 @@
 """The simulation: its files, its contact monitor, and faults that are answered by a stop."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from safe_ompl.apps import main
 from safe_ompl.apps.cli.program import command_line
 from safe_ompl.geometry import STANDING
 from safe_ompl.io import built_robot, built_scene, read_ticks
-from safe_ompl.people import KEYPOINTS, Recording, find_skeleton
+from safe_ompl.people import KEYPOINTS, CalibratedReach, Recording, TrackedBody, find_skeleton
+from safe_ompl.people.calibration import measured_limbs
 from safe_ompl.people.simulation import ContactMonitor, Drifting, Faults, Playback, Simulation, limb_solids
 from safe_ompl.scene import find_scenario
 
@@ -106,6 +108,44 @@ def test_noise_drops_and_late_answers_touch_nobody(replanner_for, to_and_fro, cl
     assert summary.deadlines_missed > 5
     assert summary.model_obeyed == pytest.approx(1.0)
     assert summary.violations == 0
+
+
+def reach_with_a_gate(speed=2.0):
+    """Return a reach that says no more than its gate does, of the limbs of the recordings."""
+    growth = dict.fromkeys(measured_limbs(RECORDING), (0.5 * speed,))
+    return CalibratedReach("recording12", speed, 0.9, 20, (0.5,), growth, ("a",), ("b",))
+
+
+def test_glitches_that_the_gate_refuses_are_not_where_people_are(replanner_for, to_and_fro, clips):
+    recording, reach = Recording.load(clips, "clip_0"), reach_with_a_gate()
+    frames = recording.frames.copy()
+    frames[20:100:7, 9:] += [-0.9, 0.0, 0.3]  # the right arm is in the robot, each time for a frame
+    recording = replace(recording, frames=frames)
+    tracker = Tracker(RECORDING, TrackedBody(only=reach.limbs), gate=reach.gate)
+    replanner = replanner_for("anna", trackers={"anna": tracker}, reach=reach)
+    one = Simulation(replanner, to_and_fro(replanner), {"anna": Playback(recording, tracker)})
+    summary = one.run(4.0)
+    assert summary.model_obeyed == pytest.approx(1.0)
+    assert summary.model_obeyed_raw < 0.9
+    assert 0 < summary.refused < 0.1
+    assert summary.contacts_while_moving == summary.contacts_after_violations == summary.violations == 0
+    time = 27 / 20
+    shown, true = (one.world.keypoints(time, glitches=glitches)["anna"] for glitches in (True, False))
+    wrist = KEYPOINTS.index("right_wrist")
+    assert np.linalg.norm(shown[wrist] - true[wrist]) == pytest.approx(0.95, abs=0.02)
+    with pytest.raises(InputError, match="anna: the reach was calibrated with"):
+        replanner_for("anna", reach=reach)
+
+
+def test_the_command_takes_a_reach_with_its_gate(clips, tmp_path, capsys):
+    reach_with_a_gate().save(tmp_path / "reach.yaml")
+    words = ["live", "panda_shelf", "--people", str(clips), "--place", "0.2,0.6,0,0.3", "--seconds", "1"]
+    words += ["--out", str(tmp_path / "out"), "--reach"]
+    assert main([*words, str(tmp_path / "reach.yaml"), "--clip", "clip_1", "--faster", "2"]) == 0
+    assert "% of the key points that the gate refused)" in " ".join(capsys.readouterr().out.split())
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["refused"] > 0
+    assert main([*words, str(tmp_path / "none.yaml")]) == 2
+    assert "none.yaml: cannot be read" in " ".join(capsys.readouterr().err.split())
 
 
 def test_faults_are_shares_and_lengths():
