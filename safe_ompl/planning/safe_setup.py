@@ -41,6 +41,7 @@ from safe_ompl.planning.planners import (
 )
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
+from safe_ompl.scene import People
 from safe_ompl.trajectories import RateLimits
 
 _log = logging.getLogger(__name__)
