@@ -6,6 +6,10 @@ stops      From random instants of trajectories beside a person the robot brakes
            there has reached the robot only if some point of it is then faster than the limb bears; `fastest` is the
            largest speed in a contact, as a share of that. Each motion is driven without a limit of the jerk and with
            one of 500 times the acceleration; `jerk` is the largest in a stop, by differences, as a share of it.
+motions    The same of motions that others made: random splines, as fast as is proven (`check(..., people=)`), to 1 %.
+           `reached` must be 0. Of the same splines, faster by some percent and not proven, the share that is reached.
+           And the trajectories of `stops` without a limit of the jerk, as polynomials: whether they are proven as they
+           are, or 1 % slower.
 time       CPU time of caps and law for panda_shelf, of all of `time_path`, and of the coarse form for who replans.
 """
 
@@ -13,26 +17,31 @@ from __future__ import annotations
 
 import argparse
 import logging
+from dataclasses import replace
 from itertools import product
 from time import process_time
 
 import numpy as np
 import pinocchio as pin
 from _timing import print_table
+from scipy.interpolate import CubicSpline
 
 from safe_ompl.certificates.verifier.bodies import corners
 from safe_ompl.collision.broad_phase import fresh_data
 from safe_ompl.collision.checker import CollisionChecker
 from safe_ompl.collision.motion import CertifiedMotion
 from safe_ompl.common import FloatArray
+from safe_ompl.motions import Motion, rate_violations
+from safe_ompl.motions.stops import stops_of
 from safe_ompl.robot.robot import Robot
 from safe_ompl.scene.people import People
 from safe_ompl.scene.scenario import Scenario, find_scenario
 from safe_ompl.scene.scene import Scene
 from safe_ompl.trajectories.caps import contact_speed, robot_mass
 from safe_ompl.trajectories.limits import RateLimits
+from safe_ompl.trajectories.stops import Stops
 from safe_ompl.trajectories.timing import PathTimer
-from safe_ompl.trajectories.trajectory import Trajectory
+from safe_ompl.trajectories.trajectory import State, Trajectory
 
 BETWEEN = {
     "panda_shelf": [[0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785]],
@@ -54,8 +63,19 @@ class Problem:
         motion = CertifiedMotion(CollisionChecker(robot, scenario.scene))
         pushes = np.array(ACCELERATIONS[name])
         limits = RateLimits.of(robot, acceleration=pushes, jerk=500 * pushes if jerk else None)
+        self.proof, self.limits = motion, limits
         self.timer = PathTimer(robot, limits, motion=motion, people=people)
         self.trajectory = self.timer.time(self.path)
+
+    def adversary(self) -> Adversary:
+        """Return the limbs that run at the robot."""
+        people, limbs = self.people, Limbs(self.robot, self.scene, self.people.names(self.scene))
+        speeds = np.array([people.speed_of(limb) for limb in limbs.limbs])
+        bears = None
+        if people.contact:
+            mass = robot_mass(self.robot, people)
+            bears = np.array([contact_speed(people.region_of(limb), mass) for limb in limbs.limbs])
+        return Adversary(limbs, speeds, people.reaction_time, people.clearance, bears)
 
 
 class Limbs:
@@ -129,12 +149,12 @@ class Adversary:
         self._reaction, self._clearance = reaction, clearance
         self._bears = np.zeros(len(speeds)) if bears is None else bears
 
-    def stopped(self, trajectory: Trajectory, begin: float) -> tuple[float, float]:
+    def stopped(self, stop: Trajectory | MotionStop) -> tuple[float, float]:
         """Return what is least left in a stop [m], of limbs that are harmed, and the largest speed over what one bears.
 
         Limbs that bear the speed of a contact need nothing left; a limb that bears none need not be met at all.
         """
-        stop, least, share = trajectory.stop_from(begin), np.inf, 0.0
+        least, share = np.inf, 0.0
         for t in np.linspace(0, stop.duration * (1 - 1e-6), INSTANTS):
             q, qd, _ = stop.at(float(t))
             if np.abs(qd).max() <= 1e-9:
@@ -156,30 +176,25 @@ def largest_jerk(trajectory: Trajectory, begin: float) -> float:
     return float(np.abs(jerks / stop.limits.jerk).max())
 
 
+CASES = (
+    ("panda_shelf", People()),
+    ("panda_shelf", People(speed=1.2, reaction_time=0.05, clearance=0.05)),
+    ("panda_shelf", People(speed=1.0, speeds={"right_hand": 2.0, "head": 0.3})),
+    ("ur5_handover", People(speed=0.8, reaction_time=0.05)),
+    ("panda_shelf", People(contact=True)),
+    ("panda_shelf", People(reaction_time=0.12, contact=True, robot_mass=30.0)),
+    ("ur5_handover", People(contact=True)),
+)
+
+
 def stops(number: int, rng: np.random.Generator) -> None:
     """Run the adversary."""
-    cases = [
-        ("panda_shelf", People()),
-        ("panda_shelf", People(speed=1.2, reaction_time=0.05, clearance=0.05)),
-        ("panda_shelf", People(speed=1.0, speeds={"right_hand": 2.0, "head": 0.3})),
-        ("ur5_handover", People(speed=0.8, reaction_time=0.05)),
-        ("panda_shelf", People(contact=True)),
-        ("panda_shelf", People(reaction_time=0.12, contact=True, robot_mass=30.0)),
-        ("ur5_handover", People(contact=True)),
-    ]
     rows: list[tuple[object, ...]] = []
-    for case, jerk in product(cases, (False, True)):
+    for case, jerk in product(CASES, (False, True)):
         problem = Problem(*case, jerk=jerk)
-        people, trajectory = problem.people, problem.trajectory
-        limbs = Limbs(problem.robot, problem.scene, people.names(problem.scene))
-        speeds = np.array([people.speed_of(limb) for limb in limbs.limbs])
-        bears = None
-        if people.contact:
-            mass = robot_mass(problem.robot, people)
-            bears = np.array([contact_speed(people.region_of(limb), mass) for limb in limbs.limbs])
-        adversary = Adversary(limbs, speeds, people.reaction_time, people.clearance, bears)
-        begins = rng.uniform(0, trajectory.duration, number // (2 * len(cases)))
-        left, fast = np.array([adversary.stopped(trajectory, float(begin)) for begin in begins]).T
+        people, trajectory, adversary = problem.people, problem.trajectory, problem.adversary()
+        begins = rng.uniform(0, trajectory.duration, number // (2 * len(CASES)))
+        left, fast = np.array([adversary.stopped(trajectory.stop_from(begin)) for begin in begins.tolist()]).T
         kind = "contact" if people.contact else "none"
         row = (problem.name, f"{people.speed:g}", kind, f"{trajectory.duration:.2f}", len(left))
         met = f"{int((fast > 0).sum())}" if people.contact else "-"
@@ -201,6 +216,143 @@ def stops(number: int, rng: np.random.Generator) -> None:
         ),
         rows,
     )
+
+
+class MotionStop:
+    """A stop of a motion that something else made, that begins at a time."""
+
+    def __init__(self, motion: Motion, found: Stops, begin: float) -> None:
+        self._motion, self._law = motion, found.stop_from(begin)
+        self.duration = self._law.duration
+
+    def at(self, t: float) -> State:
+        """Return the state after a time [s]."""
+        _, at, rate, push = (float(x[0]) for x in self._law.at(np.array([t])))
+        slope, bend = (self._motion.derivative(at, order) for order in (1, 2))
+        return State(self._motion.at(at), slope * rate, bend * rate**2 + slope * push)
+
+
+def as_motion(trajectory: Trajectory) -> Motion:
+    """Return a trajectory without a limit of the jerk as polynomials of time, exact but for rounding."""
+    law, curve, coefficients = trajectory.law, trajectory.curve, []
+    of = curve.piece_at((law.edges[1:] + law.edges[:-1]) / 2)
+    for k, h in enumerate(np.diff(law.times)):
+        piece, begin = curve.pieces[of[k]], law.edges[k] - curve.starts[of[k]]
+        s = np.polynomial.Polynomial([begin, np.sqrt(law.squares[k]) * h, law.pushes[k] * h * h / 2])
+        held = np.zeros((7, len(piece.start)))
+        for i, c in enumerate((piece.start, piece.slope, piece.bend / 2, piece.swing / 6)):
+            held[: len((s**i).coef)] += np.outer((s**i).coef, c)
+        coefficients.append(held)
+    rounding = 1e-14 * np.abs(coefficients).sum(axis=1)
+    return Motion(law.times, np.array(coefficients), trajectory.joint_names, rounding=rounding)
+
+
+FASTER = 1.01, 1.03, 1.1  # than what is proven
+
+
+def motions(number: int, rng: np.random.Generator) -> None:
+    """Run the adversary against splines, as fast as is proven and faster, and check our own trajectories."""
+    rows: list[tuple[object, ...]] = []
+    for case in CASES:
+        problem = Problem(*case)
+        adversary, wanted, least, late = problem.adversary(), number // len(CASES), [], []
+        own = [proven(problem, slowed(as_motion(problem.trajectory), share)) for share in (1.0, 1.01)]
+        durations = []
+        while len(least) < wanted:
+            spline = random_spline(problem, rng)
+            found = fastest_proven(problem, spline)
+            if found is None:
+                continue
+            duration, stops_ = found
+            durations.append(duration)
+            begins = rng.uniform(0, duration, min(STOPS_OF_EACH, wanted - len(least))).tolist()
+            motion = paced(problem, spline, duration)
+            least += [adversary.stopped(MotionStop(motion, stops_, begin))[0] for begin in begins]
+            late.append([is_reached(problem, spline, duration / share, adversary) for share in FASTER])
+        people = problem.people
+        shares = [
+            f"{np.mean([x for x in column if x is not None]):.0%}" for column in zip(*late, strict=True)
+        ]
+        row = (problem.name, f"{people.speed:g}", "contact" if people.contact else "none", len(late))
+        row = (
+            *row,
+            f"{np.median(durations):.2f}",
+            len(least),
+            int((np.array(least) <= 0).sum()),
+            f"{1e3 * min(least):.2f}",
+        )
+        rows.append((*row, *shares, *("no" if found is None else "yes" for found in own)))
+        print(rows[-1], flush=True)
+    header = ("scenario", "m/s", "allowed", "splines", "duration [s]", "stops", "reached", "least left [mm]")
+    print_table(
+        (
+            *header,
+            *(f"reached, {share:g} x as fast" for share in FASTER),
+            "own trajectory proven",
+            "1 % slower",
+        ),
+        rows,
+    )
+
+
+STOPS_OF_EACH, _LONGEST, _CLOSE = 25, 40.0, 1.01
+
+
+def random_spline(problem: Problem, rng: np.random.Generator) -> FloatArray:
+    """Return control points of a clamped spline near the problem's path: way points (N, n) for evenly spaced knots."""
+    path = problem.path
+    steps = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    at = np.sort(rng.uniform(0, steps[-1], int(rng.integers(3, 8))))
+    points = np.stack([np.interp(at, steps, joint) for joint in path.T], axis=1)
+    found = points + rng.normal(scale=0.15, size=points.shape)
+    return np.clip(found, problem.robot.lower + 0.05, problem.robot.upper - 0.05)
+
+
+def paced(problem: Problem, points: FloatArray, duration: float) -> Motion:
+    """Return the spline through way points that takes so long [s]."""
+    times = np.linspace(0.0, duration, len(points))
+    return Motion.of(CubicSpline(times, points, bc_type="clamped"), names=problem.robot.joint_names)
+
+
+def slowed(motion: Motion, factor: float) -> Motion:
+    """Return a motion that takes so many times as long."""
+    return replace(motion, times=factor * motion.times)
+
+
+def proven(problem: Problem, motion: Motion) -> Stops | None:
+    """Return the stops of a motion that are proven; none if they or its rates are not."""
+    if any(v.kind != "position" for v in rate_violations(motion, problem.robot, problem.limits)):
+        return None
+    found = stops_of(motion, problem.proof, problem.limits, problem.people)
+    return found if found.left.min() >= 0 else None
+
+
+def fastest_proven(problem: Problem, points: FloatArray) -> tuple[float, Stops] | None:
+    """Return the shortest duration that is proven, to 1 %, with its stops; none where rates limit it, or nothing is."""
+    low, high = 0.5, _LONGEST
+    best = proven(problem, paced(problem, points, high))
+    if best is None:
+        return None
+    while high > _CLOSE * low:
+        middle = float(np.sqrt(low * high))
+        found = proven(problem, paced(problem, points, middle))
+        low, high, best = (middle, high, best) if found is None else (low, middle, found)
+    motion = paced(problem, points, low)
+    return (
+        None
+        if any(v.kind != "position" for v in rate_violations(motion, problem.robot, problem.limits))
+        else (high, best)
+    )
+
+
+def is_reached(problem: Problem, points: FloatArray, duration: float, adversary: Adversary) -> bool | None:
+    """Return whether the adversary reaches a motion that is not proven, in stops that have least left; none: it is."""
+    motion = paced(problem, points, duration)
+    found = stops_of(motion, problem.proof, problem.limits, problem.people)
+    if found.left.min() >= 0:
+        return None
+    begins = found.cells.edges[:-1][np.argsort(found.left)[:20]] + 1e-9
+    return any(adversary.stopped(MotionStop(motion, found, begin))[0] <= 0 for begin in begins.tolist())
 
 
 def times(rounds: int = 20) -> None:
@@ -230,12 +382,16 @@ def main() -> None:
     )
     parser.add_argument("--stops", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="+", choices=("stops", "time"), default=["stops", "time"])
+    parser.add_argument("--motions", type=int, default=1400, help="stops of others' motions")
+    parts = ("stops", "motions", "time")
+    parser.add_argument("--only", nargs="+", choices=parts, default=list(parts))
     options = parser.parse_args()
     logging.disable(logging.WARNING)
     rng = np.random.default_rng(options.seed)
     if "stops" in options.only:
         stops(options.stops, rng)
+    if "motions" in options.only:
+        motions(options.motions, rng)
     if "time" in options.only:
         times()
 

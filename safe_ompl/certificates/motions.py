@@ -35,11 +35,13 @@ def motion_certificate(
     PlanningError
         If the motion is not proven, or too little is left for the verifier's plain means.
     InputError
-        If a limit of it has no claim, or its danger points are not the scene's.
+        If a limit of it has no claim, as stops beside people, or its danger points are not the scene's.
     """
     if not check:
         more = f", and {len(check.violations) - 1} more" * (len(check.violations) > 1)
         raise PlanningError(f"the motion is not proven, and has no certificate: {check.violations[0]}{more}")
+    if check.people is not None:
+        raise InputError("stops of such motions have no claim: check it without people", "people")
     proof, separation = check.proof, check.separation
     robot, scene = proof.checker.robot, proof.checker.scene
     clear, speeds = separation.min_clearance, dict(separation.speeds)

@@ -148,15 +148,23 @@ def integrated(state: FloatArray, spans: FloatArray, pushes: FloatArray) -> tupl
     return coefficients, rounding
 
 
-def restricted(coefficients: FloatArray, first: float, last: float) -> FloatArray:
-    """Return the coefficients (d + 1, n) on [first, last] ⊂ [0, 1]; their errors add up to 4 (d + 1) ε Σ_k |c_k|.
+def restricted(coefficients: FloatArray, first: float | FloatArray, last: float | FloatArray) -> FloatArray:
+    """Return the coefficients (…, d + 1, n) on [first, last] ⊂ [0, 1]; their errors add up to 4 (d + 1) ε Σ_k |c_k|.
 
-    c′_k = (last − first)^k Σ_{i ≥ k} C(i, k) first^(i−k) c_i
+    c′_k = (last − first)^k Σ_{i ≥ k} C(i, k) first^(i−k) c_i; `first` and `last` are numbers, or (…).
     """
-    sizes = range(len(coefficients))
-    width = last - first
-    shift = [[width**k * comb(i, k) * first ** (i - k) if i >= k else 0.0 for i in sizes] for k in sizes]
-    return np.array(shift) @ coefficients
+    begin, width = (np.asarray(x)[..., None, None] for x in (first, np.subtract(last, first)))
+    i = np.arange(coefficients.shape[-2])
+    k = i[:, None]
+    shift = width**k * _binomials(len(i)) * begin ** np.maximum(i - k, 0)
+    found: FloatArray = shift @ coefficients
+    return found
+
+
+@cache
+def _binomials(size: int) -> FloatArray:
+    """Return C(i, k), (size, size) by k and i."""
+    return np.array([[float(comb(i, k)) for i in range(size)] for k in range(size)])
 
 
 class Peaks(NamedTuple):

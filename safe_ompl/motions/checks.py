@@ -23,15 +23,16 @@ from safe_ompl.common import FloatArray, InputError, finite_array, polynomials
 from safe_ompl.danger import DangerLimit
 from safe_ompl.motions.motion import Motion
 from safe_ompl.motions.rates import RateViolation, rate_violations
+from safe_ompl.motions.stops import stops_of
 from safe_ompl.motions.tube import tube_of
 from safe_ompl.planning.ompl import Constraints, joint_space
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Scene
-from safe_ompl.trajectories import RateLimits
+from safe_ompl.scene import People, Scene
+from safe_ompl.trajectories import RateLimits, Stops
 
 _FINEST = 2.0**-7  # of a piece: the shortest stretch that is reported as not proven
 _TOUCHING = 1e-6  # [m] A smaller required distance allows for rounding, and is not called a clearance.
-_UNITS = {"collision": (1e3, "mm"), "clearance": (1e3, "mm")}
+_UNITS = {"collision": (1e3, "mm"), "clearance": (1e3, "mm"), "separation": (1e3, "mm")}
 
 
 @dataclass(frozen=True)
@@ -42,16 +43,17 @@ class Violation:
     ----------
     kind : str
         "collision", "clearance", "danger", "tool orientation", "tip position", the name of a check of the user's own,
-        "position", "velocity", "acceleration" or "jerk".
+        "position", "velocity", "acceleration" or "jerk"; "separation": a stop that begins there is too late.
     first, last : float
         [s] All of the stretch is between them.
     at : float
         [s] Where it is worst, of the places looked at.
     names : tuple of str
-        The pair that touches or is too near, or the joint.
+        The pair that touches or is too near, or the joint; the link and who comes to it.
     value, limit : float or None
         What is found there, and the bound that it exceeds or falls below: distance [m] and the distance required,
-        danger, or the rate of a joint.
+        danger, or the rate of a joint. Of stops the distance that is left to people, negative by how much farther they
+        may have come, and their clearance.
     decided : bool
         False: no violation is found, but no proof either.
     unit : str
@@ -103,6 +105,10 @@ class MotionCheck(NamedTuple):
         Of velocities, accelerations and jerks; None where these were not looked at.
     speeds : mapping of str to float
         Of obstacles that move from the start of the motion on [m/s].
+    people : People or None
+        Beside whom it was to be proven to stop.
+    stops : Stops or None
+        How it stops beside them: `stops.stop_from(time)`.
     """
 
     motion: Motion
@@ -111,6 +117,8 @@ class MotionCheck(NamedTuple):
     proof: CertifiedMotion
     limits: RateLimits | None = None
     speeds: Mapping[str, float] = MappingProxyType({})
+    people: People | None = None
+    stops: Stops | None = None
 
     @property
     def separation(self) -> Separation:
@@ -142,6 +150,7 @@ def check(
     tube: ArrayLike | Mapping[str, float] | None = None,
     limits: RateLimits | None = None,
     speeds: Mapping[str, float] | None = None,
+    people: People | None = None,
 ) -> MotionCheck:
     """Prove a motion that something else made, or find what stands in the way.
 
@@ -161,6 +170,10 @@ def check(
         Largest velocities, accelerations and jerks; for a motion in time. Default: these are not looked at.
     speeds : mapping of str to float, optional
         Bounds of the speed [m/s] of obstacles that move, from where the scene has them, from the start of the motion.
+    people : People, optional
+        Who may begin to move at any instant, from where the scene has them: a stop on the motion, from whatever instant
+        on, within the accelerations of `limits`, is over before they are nearer than their clearance; or, where contact
+        is allowed, the robot is slow enough. The motion must be in time, and end at rest.
 
     Returns
     -------
@@ -170,19 +183,21 @@ def check(
     Raises
     ------
     InputError
-        If it is no motion of this robot's joints, or the tube is not ≥ 0.
+        If it is no motion of this robot's joints, or the tube is not ≥ 0. Beside people, if the motion is no function
+        of time or does not end at rest; if limits are missing, or limit the jerk; or contact is allowed within a tube.
     UnknownNameError
         If the scene has no obstacle of a name.
 
     Notes
     -----
     Positions, velocities and accelerations are bounded as polynomials, not sampled. Collision is proven of the curve
-    itself (`docs/mathematics.md` §4). Of bare samples with a bound of the speed, it is proven of all motions between.
+    itself (`docs/mathematics.md` §4), and so are stops (§9). Of bare samples with a bound of the speed, it is proven of
+    all motions between.
     """
     wanted = Constraints() if constraints is None else constraints
     if tube is not None:
         wanted = wanted.with_tube(tube_of(tube, robot))
-    return checked(motion, _proof(robot, scene, wanted), limits, speeds)
+    return checked(motion, _proof(robot, scene, wanted), limits, speeds, people)
 
 
 def checked(
@@ -190,12 +205,14 @@ def checked(
     proof: CertifiedMotion,
     limits: RateLimits | None = None,
     speeds: Mapping[str, float] | None = None,
+    people: People | None = None,
 ) -> MotionCheck:
     """Return the same as `check` with a `CertifiedMotion` that is there already; arguments and errors as `check`."""
     robot = proof.checker.robot
     motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
     if speeds and not motion.timed:
         raise InputError("has no times, and obstacles that move need them", "motion")
+    stops = None if people is None else stops_of(motion, proof, limits, people)
     found = list(map(_rate, rate_violations(motion, robot, limits)))
     outside = {violation.names[0] for violation in found if violation.kind == "position"}
     stretches: list[Violation] = []
@@ -209,8 +226,11 @@ def checked(
     claims = ["joint limits", *(limits.kinds if limits is not None else ()), *_claims(proof)]
     claims += ["obstacles that move from its start on"] * bool(speeds)
     found += _joined(stretches)
+    if stops is not None and people is not None:
+        claims += [f"stops{' or slow contact' * people.contact} beside people"]
+        found += _joined(list(_late(stops, people)))
     found.sort(key=lambda violation: (violation.at, violation.kind))
-    return MotionCheck(motion, tuple(claims), tuple(found), proof, limits, dict(speeds or {}))
+    return MotionCheck(motion, tuple(claims), tuple(found), proof, limits, dict(speeds or {}), people, stops)
 
 
 def widest_tube(
@@ -437,6 +457,19 @@ def _values(
     distance, bound = float(distances[worst]), float(least[worst])
     kind = "clearance" if distance > 0.0 and bound > _TOUCHING else "collision"
     return kind, checker.pair_names[worst], distance, bound if kind == "clearance" else 0.0
+
+
+def _late(stops: Stops, people: People) -> Iterator[Violation]:
+    """Yield where stops that begin there may be too late, by time."""
+    edges = stops.cells.edges.tolist()
+    for j in np.flatnonzero(stops.left < 0).tolist():
+        link, (person, limb), room = stops.met(j)
+        names = link, f"{person} ({limb})" if limb else person
+        decided = bool(stops.left[j] + stops.loss[j] < 0)
+        value = people.clearance + room
+        yield Violation(
+            "separation", edges[j], edges[j + 1], edges[j], names, value, people.clearance, decided
+        )
 
 
 def _rate(found: RateViolation) -> Violation:

@@ -11,12 +11,11 @@ import numpy as np
 from safe_ompl.common import FloatArray, InputError, UnknownNameError, polynomials
 from safe_ompl.motions.motion import Motion
 from safe_ompl.robot import Robot
-from safe_ompl.trajectories import RateLimits
+from safe_ompl.trajectories import RATE_TOLERANCE, RateLimits
 
 _KINDS = ("position", "velocity", "acceleration", "jerk")
 _UNITS = ("", "/s", "/s²", "/s³")
 _WITHIN = 1e-9  # [rad or m] by which a position may be outside its limits, as for `Robot.within_limits`
-_ABOVE = 1e-6  # relative: what rates may be above limits, for files and solvers round
 
 
 class Extremes(NamedTuple):
@@ -157,11 +156,11 @@ def rate_violations(
             is_low = -bounds.low > bounds.high
             values = np.where(is_low, bounds.low, bounds.high)
             times = np.where(is_low, bounds.low_at, bounds.high_at)
-            excess = np.abs(values) - most * (1 + _ABOVE)
+            excess = np.abs(values) - most * (1 + RATE_TOLERANCE)
             found += _worst(robot, order, kind, times, values, excess, most)
             if order > 1:
                 below = getattr(limits, _KINDS[order - 1])
-                found += _jumps(motion, robot, order - 1, _ABOVE * below)
+                found += _jumps(motion, robot, order - 1, RATE_TOLERANCE * below)
     return sorted(found)
 
 

@@ -4,7 +4,8 @@ A motion is q(t) + Σ_j B_j(t) x_j, where q is the one given and the B_j are B-s
 knots as it is itself; those that move its ends are left out. Where a pair p is too near at t, its distance must grow by
 what is missing: ∇d_p · Σ_j B_j(t) x_j ≥ missing, to the first order. The least Σ_j |x_j|² that does so for all places
 found so far is a small quadratic programme; it is solved, the motion is proven anew, and new places are found, until
-nothing is left. Where that does not succeed, a planner finds a way round, and B-splines follow it.
+nothing is left. Where that does not succeed, a planner finds a way round, and B-splines follow it. Where only rates
+exceed their limits, or stops are too late for people, the motion keeps its way and takes longer.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from safe_ompl.motions.checks import MotionCheck, PieceProof, PieceProofs, check
 from safe_ompl.motions.motion import Motion
 from safe_ompl.paths import unrolled
 from safe_ompl.planning.ompl import joint_space
+from safe_ompl.scene import People
 from safe_ompl.trajectories import RateLimits
 
 # Of M distances and limits of joints: the row of the configuration at which each is looked at (M,), its gradient
@@ -51,6 +53,17 @@ _ENOUGH = 1e-5  # [m or rad] by which a constraint may be violated
 _SOFT = 1e-4  # relative: regularisation, for constraints that contradict each other
 _BAND = 0.01  # [m] Distances that exceed what they should be by less are constraints, too.
 _FARTHEST = 0.03  # [m] by which a distance is to grow in one attempt at most: gradients hold near by only
+_SLOWER = {
+    "velocity": 1,
+    "acceleration": 2,
+    "jerk": 3,
+    "separation": 0,
+}  # kinds that time lowers; rates by its power
+_SLOWEST, _SLOW_STEP, _SLOW_ENOUGH = (
+    20.0,
+    1.3,
+    1.02,
+)  # factors of time: the largest, that of a trial, and of a search
 _STEP = 0.3  # [rad or m] by which any B-spline moves a joint in one attempt at most
 
 
@@ -65,16 +78,18 @@ class Repair:
     check : MotionCheck
         What is proven of it.
     how : str
-        "unchanged"; "moved", by as little as possible; "planned": it follows a planner's way round somewhere; or why
-        nothing near could be proven.
+        "unchanged"; "moved", by as little as possible; "planned": it follows a planner's way round somewhere; "slowed",
+        or one of these before; or why nothing near could be proven.
     deviation : float
         How far [rad or m] any joint is from where it was, at most.
     tool_deviation : float
         How far [mm] the tip is from where it was, at most, at the places looked at.
     at : float
-        [s] Where the deviation is largest.
+        [s] Where the deviation is largest, before it is slowed.
     changed : tuple of (float, float)
         [s] The stretches that differ.
+    slower : float
+        How many times as long it takes; all else is what it would be at its own pace.
     """
 
     motion: Motion
@@ -84,6 +99,7 @@ class Repair:
     tool_deviation: float = 0.0
     at: float = 0.0
     changed: tuple[tuple[float, float], ...] = ()
+    slower: float = 1.0
 
     @property
     def path(self) -> FloatArray:
@@ -96,27 +112,33 @@ class Repair:
         return bool(self.check)
 
     def __str__(self) -> str:
-        if not self or self.how == "unchanged":
-            return f"{self.how}; {self.check}"
+        if not self or not self.changed:
+            return f"{self.how}{f' by {self.slower:.3g}' * (self.slower > 1)}; {self.check}"
         stretches = ", ".join(f"{first:.4g}–{last:.4g} s" for first, last in self.changed)
         return (
             f"repaired ({self.how}): {self.deviation:.3g} rad and {self.tool_deviation:.3g} mm at the tip from "
-            f"where it was, most at {self.at:.4g} s; changed {stretches}; {self.check}"
+            f"where it was, most at {self.at:.4g} s; changed {stretches}"
+            f"{f'; {self.slower:.3g} times as long' * (self.slower > 1)}; {self.check}"
         )
 
 
 def repaired(
-    motion: Motion, proof: CertifiedMotion, limits: RateLimits | None = None, connect: Connect | None = None
+    motion: Motion,
+    proof: CertifiedMotion,
+    limits: RateLimits | None = None,
+    connect: Connect | None = None,
+    people: People | None = None,
 ) -> Repair:
     """Return the motion with as little changed as a proof needs.
 
     Parameters
     ----------
     motion : Motion
-        The motion; its ends stay, and so do its times, its degree, and how smooth it is at its knots.
+        The motion; its ends stay, and so do its degree, how smooth it is at its knots, and its times, but for one
+        factor where rates exceed limits, or stops are too late.
     proof : CertifiedMotion
         What is to be proven.
-    limits : RateLimits, optional
+    limits, people
         As `check`.
     connect : callable, optional
         Finds proven paths between two configurations, where moving pieces aside does not succeed.
@@ -129,22 +151,57 @@ def repaired(
     robot = proof.checker.robot
     motion = Motion.of(motion, space=joint_space(robot)).for_robot(robot)
     displacement, how = Displacement(motion, proof), "moved"
+
+    def proven(candidate: Motion) -> MotionCheck:
+        return checked(candidate, proof, limits, people=people)
+
     if not displacement.bad:
-        found = checked(motion, proof, limits)
-        return Repair(
-            motion, found, "unchanged" if found else "only its rates exceed their limits: slow it down"
-        )
+        return _slowed(Repair(motion, proven(motion), "unchanged"), proven)
     for name, q in (("start", motion.knots[0]), ("end", motion.knots[-1])):
         if proof.check(q, q).verdict is not Verdict.FREE:
-            how = f"its {name} cannot be proven, and ends are kept"
-            return Repair(motion, checked(motion, proof, limits), how)
+            return Repair(motion, proven(motion), f"its {name} cannot be proven, and ends are kept")
     result = displacement.moved()
     if result is None and connect is not None:
         result, how = displacement.planned(connect), "planned"
     if result is None:
         how = "nothing near it could be proven" + ", and no way round was found" * (connect is not None)
-        return Repair(motion, checked(motion, proof, limits), how)
-    return _measured(motion, result, checked(result, proof, limits), how, proof)
+        return Repair(motion, proven(motion), how)
+    return _slowed(_measured(motion, result, proven(result), how, proof), proven)
+
+
+def _slowed(repair: Repair, proven: Callable[[Motion], MotionCheck]) -> Repair:
+    """Return the repair with a motion that takes longer, where that proves it."""
+    worst, motion = repair.check.violations, repair.motion
+    kinds = {violation.kind for violation in worst}
+    if not kinds or not kinds <= set(_SLOWER):
+        return repair if not kinds else replace(repair, how=f"{repair.how}, but not proven: {worst[0]}")
+
+    def slower(factor: float) -> tuple[Motion, MotionCheck]:
+        begin = motion.times[0]
+        found = replace(motion, times=begin + factor * (motion.times - begin))
+        return found, proven(found)
+
+    excess = [
+        abs(violation.value / violation.limit) ** (1 / _SLOWER[violation.kind])
+        for violation in worst
+        if _SLOWER[violation.kind] and violation.value is not None and violation.limit
+    ]
+    low, high = 1.0, max([*excess, 1.0]) if "separation" not in kinds else max([*excess, _SLOW_STEP])
+    found, check = slower(high)
+    while not check and high < _SLOWEST:
+        low, high = high, _SLOW_STEP * high
+        found, check = slower(high)
+    if not check:
+        return replace(repair, how=f"{repair.how}, but not proven at any pace: {worst[0]}")
+    while "separation" in kinds and high > _SLOW_ENOUGH * low:
+        middle = (low * high) ** 0.5
+        trial, verdict = slower(middle)
+        if verdict:
+            found, check, high = trial, verdict, middle
+        else:
+            low = middle
+    how = "slowed" if repair.how == "unchanged" else f"{repair.how} and slowed"
+    return replace(repair, motion=found, check=check, how=how, slower=high)
 
 
 class Displacement:

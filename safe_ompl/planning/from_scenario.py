@@ -18,7 +18,7 @@ from safe_ompl.planning.optimise import Cost
 from safe_ompl.planning.result import PlanResult
 from safe_ompl.planning.safe_setup import SafeSetup
 from safe_ompl.robot import Robot
-from safe_ompl.scene import MbmProblem, Scenario, Scene, find_scenario
+from safe_ompl.scene import MbmProblem, People, Scenario, Scene, find_scenario
 from safe_ompl.trajectories import RateLimits
 
 _log = logging.getLogger(__name__)
@@ -118,6 +118,7 @@ def repair(
     constraints: Constraints | None = None,
     tube: ArrayLike | Mapping[str, float] | None = None,
     limits: RateLimits | None = None,
+    people: People | None = None,
     time: float = 2.0,
 ) -> Repair:
     """Return a motion that something else made with as little changed as a proof needs.
@@ -126,7 +127,7 @@ def repair(
     ----------
     motion : Motion or what `Motion.of` takes
         Such as way points (N, n), a SciPy spline, or a plain `og.SimpleSetup` that has been solved.
-    robot, scene, constraints, tube, limits
+    robot, scene, constraints, tube, limits, people
         As `check`.
     time : float
         [s] for planning ways round, where moving pieces aside does not succeed.
@@ -135,7 +136,8 @@ def repair(
     -------
     Repair
         True if it is proven. `motion` has the ends, the degree, the times and the smoothness of the one given; `path`
-        the way points where it is straight between them; `how`, `deviation` and `changed` say what was done.
+        the way points where it is straight between them; `how`, `deviation` and `changed` say what was done. Where
+        rates exceed `limits`, or stops are too late for `people`, it takes `slower` times as long.
 
     Raises
     ------
@@ -147,4 +149,4 @@ def repair(
         setup.setConstraints(constraints)
     if tube is not None:
         setup.setTube(tube)
-    return setup.repair(motion, limits, time=time)
+    return setup.repair(motion, limits, people, time=time)

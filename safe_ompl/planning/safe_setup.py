@@ -41,6 +41,7 @@ from safe_ompl.planning.planners import (
 )
 from safe_ompl.planning.problem_setup import ProblemSetup
 from safe_ompl.planning.result import PlanResult
+from safe_ompl.scene import People
 from safe_ompl.trajectories import RateLimits
 
 _log = logging.getLogger(__name__)
@@ -225,16 +226,25 @@ class SafeSetup(ProblemSetup):
 
     # ----------------------------------------------------------------------------------- motions from outside
 
-    def check(self, motion: Any, limits: RateLimits | None = None) -> MotionCheck:
+    def check(
+        self, motion: Any, limits: RateLimits | None = None, people: People | None = None
+    ) -> MotionCheck:
         """Prove a motion that something else made under the constraints set now; see `safe_ompl.check`."""
         self.problem.adopt_plugins()
-        return checked(motion, self.certified_motion, limits)
+        return checked(motion, self.certified_motion, limits, people=people)
 
-    def repair(self, motion: Any, limits: RateLimits | None = None, *, time: float = 2.0) -> Repair:
+    def repair(
+        self,
+        motion: Any,
+        limits: RateLimits | None = None,
+        people: People | None = None,
+        *,
+        time: float = 2.0,
+    ) -> Repair:
         """Return a motion with as little changed as a proof needs; see `safe_ompl.repair`."""
         self.problem.adopt_plugins()
         limit = positive(time, "time limit", "number of seconds")
-        return repaired(motion, self.certified_motion, limits, connecting(self, limit))
+        return repaired(motion, self.certified_motion, limits, connecting(self, limit), people)
 
     # ----------------------------------------------------------------------------------------- simplification
 

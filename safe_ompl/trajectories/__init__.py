@@ -19,33 +19,40 @@ if TYPE_CHECKING:
         robot_mass,
         speed_caps,
     )
-    from safe_ompl.trajectories.curve import BlendedCurve, BlendProof, Cells, Piece, blended
+    from safe_ompl.trajectories.curve import BlendedCurve, BlendProof, Cells, CurvePoints, Piece, blended
     from safe_ompl.trajectories.danger import MotionDanger
     from safe_ompl.trajectories.kernels import ceilings, drive
-    from safe_ompl.trajectories.limits import RateLimits
+    from safe_ompl.trajectories.limits import RATE_TOLERANCE, RateLimits
     from safe_ompl.trajectories.local_changes import duration_of, faster
+    from safe_ompl.trajectories.separation import PeopleDistances
+    from safe_ompl.trajectories.stops import Stops, stops_beside
     from safe_ompl.trajectories.time_law import SmoothLaw, velocity_cap
-    from safe_ompl.trajectories.timing import CELLS, PathTimer, time_path
+    from safe_ompl.trajectories.timing import CELL_LENGTH, CELLS, PathTimer, time_path, within_tube
     from safe_ompl.trajectories.trajectory import RATE, SpeedCap, State, Trajectory
 
 __all__ = [
     "CELLS",
+    "CELL_LENGTH",
     "LINK_SPEED",
     "RATE",
+    "RATE_TOLERANCE",
     "TOOL_SPEED",
     "BlendProof",
     "BlendedCurve",
     "BodySpeeds",
     "Cells",
+    "CurvePoints",
     "MotionCaps",
     "MotionDanger",
     "PathTimer",
+    "PeopleDistances",
     "Piece",
     "RateLimits",
     "SmoothLaw",
     "SpeedCap",
     "StandstillError",
     "State",
+    "Stops",
     "Trajectory",
     "bending_cap",
     "blended",
@@ -57,8 +64,10 @@ __all__ = [
     "faster",
     "robot_mass",
     "speed_caps",
+    "stops_beside",
     "time_path",
     "velocity_cap",
+    "within_tube",
 ]
 
 __getattr__, __dir__ = lazily(__name__, __file__)

@@ -7,7 +7,7 @@ import numpy as np
 from safe_ompl.common import BoolArray, FloatArray, IntArray
 from safe_ompl.danger import JointMotions
 from safe_ompl.robot import Hull, Robot, bounding_hull
-from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.curve import Cells, Curve
 
 
 class BodySpeeds:
@@ -43,7 +43,7 @@ class BodySpeeds:
         for row, joint in enumerate(carriers):
             self._moved[row, chain.path_to_root(int(joint))] = 1.0
 
-    def bounds(self, curve: BlendedCurve, cells: Cells) -> FloatArray:
+    def bounds(self, curve: Curve, cells: Cells) -> FloatArray:
         """Return the bounds (N, G + 1) [m/rad]: of the G bodies of `collision_model`, and of the tip."""
         place = curve.at(cells.centres)
         half = cells.sizes[:, None] / 2

@@ -160,7 +160,7 @@ def people_caps(
         brakes = braking(cells, limits, caps)
         speeds = bodies.bounds(curve, cells)
         left = distances.along(curve, cells, speeds, _SOON * float(caps.max() / brakes.min()))
-        times, harmless = left.times, _harmless(left.distances, speeds, distances)
+        times, harmless = left.times, harmless_rates(left.distances, speeds, distances)
         if limits.jerk is not None:
             window = window or best_window(cells, limits, caps, times, harmless)
             smooth = SmoothLimits.of(cells, limits, caps, window, stops=True)
@@ -171,7 +171,7 @@ def people_caps(
                 times = spread(cells.edges, reach, cells.stops, times)
                 harmless = np.column_stack([smooth.cone(slow) for slow in harmless.T])
             times = times - window
-        ends = _next_stops(cells)
+        ends = next_stops(cells)
         allowed, limb, where = stopping_speeds(cells.sizes, brakes, times, harmless, most, ends)
         if not last:
             cells = curve.divided(cells, _parts(cells, speeds, left, limb, where, distances, loss))
@@ -185,7 +185,7 @@ def people_caps(
     )
 
 
-def _next_stops(cells: Cells) -> IntArray:
+def next_stops(cells: Cells) -> IntArray:
     """Return for each cell (N,) the last one before the robot stops in any case."""
     stops = np.append(cells.stops, len(cells))
     ends: IntArray = stops[np.searchsorted(stops, np.arange(len(cells)), side="right")] - 1
@@ -263,7 +263,7 @@ def _standstill(
     return Standstill(s, curve.at(np.array([s])).q[0], reason, person, limb or None, link)
 
 
-def _harmless(left: FloatArray, speeds: FloatArray, distances: PeopleDistances) -> FloatArray:
+def harmless_rates(left: FloatArray, speeds: FloatArray, distances: PeopleDistances) -> FloatArray:
     """Return the ṡ (N, M) with which a contact is harmless: contact speed over the speed of the fastest body."""
     people = distances.people
     if not people.contact:

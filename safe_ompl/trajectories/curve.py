@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -82,6 +82,16 @@ class Cells:
         """Bounds (N, n) of |q″|."""
         bends: FloatArray = np.maximum(np.abs(self.bend_low), np.abs(self.bend_high))
         return bends
+
+
+class Curve(Protocol):
+    """A curve that has cells; its parameter is an arc length, or a time."""
+
+    def at(self, s: FloatArray) -> CurvePoints:
+        """Return the places (S, n) at parameters `s: (S,)`."""
+
+    def divided(self, cells: Cells, parts: IntArray) -> Cells:
+        """Return the cells, each in as many equal parts as `parts: (N,)` says."""
 
 
 class Piece(NamedTuple):

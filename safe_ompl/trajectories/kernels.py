@@ -197,7 +197,7 @@ _TIGHTER = 1e-10  # relative: limits are kept with what rounding adds
 
 
 @part
-def _next_range(
+def next_range(
     x: float,
     h: float,
     slope_low: FloatArray,
@@ -206,9 +206,10 @@ def _next_range(
     bend_high: FloatArray,
     limits: FloatArray,
     most: float,
+    least: float,
 ) -> tuple[float, float]:
     """Return the interval of y = x_end that keeps |p (y−x)/2h + c {x, y}| ≤ limit; empty if low > high."""
-    low, high = 0.0, most
+    low, high = least, most
     half = 0.5 / h
     for i in range(len(limits)):
         limit = limits[i] * (1 - _TIGHTER)
@@ -260,13 +261,13 @@ def fastest(
     reach = most.copy()
     for j in range(N - 1, -1, -1):
         cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, reach[j + 1])
-        low, high = _next_range(most[j], sizes[j], *cell)
+        low, high = next_range(most[j], sizes[j], *cell, 0.0)
         if low <= high:
             continue
         good, bad = 0.0, most[j]
         for _ in range(_LAW_HALVINGS):
             middle = (good + bad) / 2
-            low, high = _next_range(middle, sizes[j], *cell)
+            low, high = next_range(middle, sizes[j], *cell, 0.0)
             if low <= high:
                 good = middle
             else:
@@ -276,7 +277,7 @@ def fastest(
     x[0] = reach[0]
     for j in range(N):
         cell = (slope_low[j], slope_high[j], bend_low[j], bend_high[j], limits, reach[j + 1])
-        low, high = _next_range(x[j], sizes[j], *cell)
+        low, high = next_range(x[j], sizes[j], *cell, 0.0)
         x[j + 1] = max(high, 0.0)
     return x
 

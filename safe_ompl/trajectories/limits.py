@@ -16,6 +16,8 @@ from safe_ompl.robot import Robot
 _log = logging.getLogger(__name__)
 
 LimitByJoint: TypeAlias = float | Mapping[str, float] | ArrayLike
+RATE_TOLERANCE = 1e-6
+"""Relative: what rates may be above limits, for files and solvers round; no faster than this is at rest."""
 _RISE = 0.25  # [s] in which a joint reaches its velocity, where no acceleration limit is known
 _UNLIMITED = 1e3  # [rad/s or m/s] from here on a URDF's velocity stands for none
 

@@ -18,9 +18,9 @@ from safe_ompl.common import FloatArray, InputError, IntArray, PerThread
 from safe_ompl.people import CalibratedReach
 from safe_ompl.robot import Robot
 from safe_ompl.scene import People, Scene
-from safe_ompl.trajectories.curve import BlendedCurve, Cells
+from safe_ompl.trajectories.curve import Cells, Curve
 
-_SHORT = 0.05  # [s] Limbs that may come so soon are looked at one by one where contact is allowed
+_SHORT = 0.05  # [s] See `PeopleDistances.along`
 _UNKNOWN, _NEVER = 1e6, 1e6  # [m], [s]
 
 
@@ -142,11 +142,13 @@ class PeopleDistances:
             if j:
                 steps = self.robot.coupling.reach(np.abs(q - Q[j - 1])[None])[0]
                 bounds -= (self.robot.bounds.joint_radii @ steps)[self._body]
-            self._refresh(q, bounds, still, np.inf, by_limb=False)
+            self._refresh(q, bounds, still, np.inf, by_limb=-np.inf)
             times[j] = self._time(bounds).min()
         return times
 
-    def along(self, curve: BlendedCurve, cells: Cells, speeds: FloatArray, soon: float) -> SeparationBounds:
+    def along(
+        self, curve: Curve, cells: Cells, speeds: FloatArray, soon: float, short: float = _SHORT
+    ) -> SeparationBounds:
         """Return what is left in the cells of a curve.
 
         Every distance is kept as a bound, that falls by what the body can move from one cell to the next. Only
@@ -160,12 +162,14 @@ class PeopleDistances:
             Bounds of the speed of each body in each cell, from `BodySpeeds` [m/rad].
         soon : float
             Limbs that need longer than this do not matter, and need not be looked at [s].
+        short : float
+            Limbs that may come so soon are looked at one by one where contact is allowed [s].
         """
         Q = curve.at(cells.centres).q
         half = (
             cells.sizes[:, None] / 2 * speeds[:, self._body]
         )  # (N, P) [m] from a centre to an end of its cell
-        by_limb = bool(self.people.contact)
+        by_limb = short if self.people.contact else -np.inf
         # Body by body and limb by limb: pairs are in the order of limbs, and of bodies within each.
         shape = (len(self.limbs), len(self._body) // len(self.limbs))
         distances = np.empty((len(Q), shape[0]))
@@ -199,16 +203,19 @@ class PeopleDistances:
         bounds: FloatArray,
         half: FloatArray,
         soon: float,
-        by_limb: bool,
+        by_limb: float,
     ) -> None:
-        """Replace bounds by distances at `q: (n,)` until those that are left cannot be the first to be reached."""
+        """Replace bounds by distances at `q: (n,)` until those that are left cannot be the first to be reached.
+
+        Limbs that may come sooner than `by_limb` [s] are looked at in any case.
+        """
         time = self._time(bounds - half)
         near = np.flatnonzero(time <= soon)
         first = np.inf
         placed = False
         kinematics, data = self._memory.own
         for p in near[time[near].argsort()].tolist():
-            if time[p] > first and not (by_limb and time[p] < _SHORT):
+            if time[p] > first and time[p] >= by_limb:
                 break
             if not placed:
                 pin.updateGeometryPlacements(

@@ -30,7 +30,7 @@ from safe_ompl.trajectories.time_law import SmoothLimits, TimeLaw, best_window, 
 from safe_ompl.trajectories.trajectory import SpeedCap, Trajectory
 
 BLEND_TOLERANCE = 0.05  # [rad] of blends
-_STEP = 0.02  # [rad] largest cell
+CELL_LENGTH = 0.02  # [rad] largest cell
 _FINE, _COARSE = 0.02, 0.15  # share of the time that is left which the length of a cell may cost
 CELLS = 400  # at least, on the whole path
 _SEARCHED, _TURN = 100, 0.3  # cells, about, of the search for a window, and what q′ may change in one
@@ -130,7 +130,7 @@ class PathTimer:
             raise InputError(
                 f"the limits are for the joints {self.limits.joint_names}, the robot's are {robot.joint_names}"
             )
-        self.caps = _within_tube(replace(caps or MotionCaps(), **named), motion)
+        self.caps = within_tube(replace(caps or MotionCaps(), **named), motion)
         self.motion, self.people = motion, self.caps.people
         if self.people is not None and motion is None:
             raise InputError("give a motion: its scene says where people are", "motion")
@@ -208,7 +208,7 @@ class PathTimer:
         speeds, max_danger = self.caps.speeds, self.caps.max_danger
         coarse = number_of_cells < CELLS
         step = curve.length / number_of_cells
-        cells = curve.cells(step if coarse else min(_STEP, step))
+        cells = curve.cells(step if coarse else min(CELL_LENGTH, step))
         if self._distances is not None:
             loss = _COARSE if coarse else _FINE
             cells, brakes, window, caps = people_caps(
@@ -265,7 +265,7 @@ def checked_path(path: ArrayLike, robot: Robot) -> FloatArray:
     return points
 
 
-def _within_tube(caps: MotionCaps, motion: CertifiedMotion | None) -> MotionCaps:
+def within_tube(caps: MotionCaps, motion: CertifiedMotion | None) -> MotionCaps:
     """Return what bounds the speed of a robot that may be anywhere in the tube of what is proven of its path."""
     if motion is None or not motion.separation.tube:
         return caps

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from limbs import Limbs
 
 from safe_ompl import (
     InputError,
@@ -21,35 +22,12 @@ from safe_ompl import (
     time_path,
 )
 from safe_ompl.certificates.issue import trajectory_claim
-from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation, fresh_data
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
 from safe_ompl.geometry import LIMBS
 from safe_ompl.people import CalibratedReach
 from safe_ompl.scene import BodyRegion, find_scenario
 from safe_ompl.scene.people import CONTACT_TABLE
 from safe_ompl.trajectories import BodySpeeds, contact_speed, robot_mass
-
-
-class Limbs:
-    """Distances of every limb from the robot, by all pairs, nothing left out."""
-
-    def __init__(self, robot, obstacle):
-        self.robot = robot
-        self.geometry = robot.collision_model.copy()
-        self.geometry.removeAllCollisionPairs()
-        moving = [k for k, body in enumerate(self.geometry.geometryObjects) if body.parentJoint]
-        self.names = []
-        for name, shape, placement in obstacle.geometries():
-            added = self.geometry.addGeometryObject(pin.GeometryObject(name, 0, placement, shape))
-            self.names.append(name.partition("/")[2])
-            for body in moving:
-                self.geometry.addCollisionPair(pin.CollisionPair(body, int(added)))
-        self.data, self.memory = fresh_data(self.geometry), robot.model.createData()
-
-    def at(self, q):
-        full = self.robot.pinocchio_configuration(q)
-        pin.computeDistances(self.robot.model, self.memory, self.geometry, self.data, full)
-        found = np.array([result.min_distance for result in self.data.distanceResults])
-        return found.reshape(len(self.names), -1).min(axis=1)
 
 
 def adversary(trajectory, limbs, people, number):
@@ -183,7 +161,7 @@ def test_slower_people_and_a_path_that_keeps_away_mean_faster_motions(
 
 def test_cells_are_fine_enough(panda, shelf_path, shelf_motion, panda_limits, monkeypatch):
     found = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=People()).duration
-    monkeypatch.setattr("safe_ompl.trajectories.timing._STEP", 0.001)
+    monkeypatch.setattr("safe_ompl.trajectories.timing.CELL_LENGTH", 0.001)
     fine = time_path(shelf_path, panda, panda_limits, motion=shelf_motion, people=People()).duration
     assert fine * (1 - 1e-6) <= found <= 1.05 * fine
 

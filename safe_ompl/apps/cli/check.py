@@ -54,7 +54,7 @@ from safe_ompl.motions import (
 )
 from safe_ompl.planning import SafeSetup, setup_scenario
 from safe_ompl.robot import Robot
-from safe_ompl.scene import Scenario
+from safe_ompl.scene import People, Scenario
 from safe_ompl.trajectories import RateLimits
 from safe_ompl.view import ViewerContent, plots
 
@@ -69,7 +69,8 @@ def add_commands(commands: Any) -> None:
         prepare,
         "prove a motion that something else made, or repair it",
         "Prove a motion that a controller, an optimiser or another planner made: that the robot touches nothing "
-        "anywhere on it, and keeps the scenario's limits; or say where it does not. Files: tables (.csv), arrays "
+        "anywhere on it, and keeps the scenario's limits, and beside the scenario's people stops in time; or say where "
+        "it does not. Files: tables (.csv), arrays "
         "(.npz), trajectory_msgs/JointTrajectory and moveit_msgs/RobotTrajectory (.json, .yaml), and files of ours. "
         "The exit status is 0 if it is proven, or with --repair if what is written is.",
     )
@@ -91,6 +92,12 @@ def add_commands(commands: Any) -> None:
         "--limits",
         action="store_true",
         help="check velocities and accelerations, and jerks if limited: the scenario's, or the URDF's",
+    )
+    parser.add_argument(
+        "--no-people",
+        action="store_true",
+        help="leave out the scenario's people: what is proven is said of still obstacles. With people, velocities and "
+        "accelerations are checked in any case: stops keep to them",
     )
     parser.add_argument(
         "--tube",
@@ -183,15 +190,40 @@ def prepare(options: argparse.Namespace) -> Callable[[], int]:
     tube = () if given is None else tube_of(given, robot, source)
     setup = _without_ends(replace(scenario, limits=replace(scenario.limits, tube=None)), robot, tube)
     motion = _sampled(read_motion(options.file, robot, degrees=options.degrees), options, robot)
+    people, _ = _people(options, scenario, motion)
     limits = None
-    if options.limits:
+    if options.limits or people is not None:
         if not motion.rated:
             why = "bare samples have no rates" if motion.timed else "has no times"
             raise InputError(f"{options.file}: {why}", "--limits")
         limits = RateLimits.of(
             robot, scenario.motion.velocity, scenario.motion.acceleration, scenario.motion.jerk
         )
+    if people is not None and limits is not None:
+        _check_people(options, scenario, limits)
     return partial(_check, options, scenario, setup, motion, limits, message)
+
+
+def _people(options: argparse.Namespace, scenario: Scenario, motion: Motion) -> tuple[People | None, str]:
+    """Return the people beside whom stops are proven; none, and why, where the scenario's are left out."""
+    if scenario.people is None or (motion.rated and not options.no_people):
+        return scenario.people, ""
+    why = "bare samples have no rates" if motion.timed else "the motion has no times"
+    return None, f"not looked at: {'--no-people' if options.no_people else why}"
+
+
+def _check_people(options: argparse.Namespace, scenario: Scenario, limits: RateLimits) -> None:
+    """Raise InputError where stops of the motion beside people cannot be proven, or not be claimed."""
+    if limits.jerk is not None:
+        raise InputError(
+            "stops that keep a limit of the jerk are proven of our own trajectories only; leave it out, or give "
+            "--no-people",
+            f"{scenario.file}: motion.jerk",
+        )
+    if options.certificate is not None:
+        raise InputError(
+            "certificates of motions have no claim of stops beside people; give --no-people", "--certificate"
+        )
 
 
 def _sampled(motion: Motion, options: argparse.Namespace, robot: Robot) -> Motion:
@@ -224,7 +256,9 @@ def _check(
     message: bool,
 ) -> int:
     """Check the motion, and show and write what was found as the options say."""
-    robot, found = setup.robot, setup.check(motion, limits)
+    robot, (people, without) = setup.robot, _people(options, scenario, motion)
+    with document.within(options.file, ": "):
+        found = setup.check(motion, limits, people)
     tube = found.separation.tube
     record: dict[str, Any] = {"file": options.file, "scenario": scenario.name, "robot": robot.name}
     record |= {"proven": bool(found), "claims": found.claims, "tube": tube or None}
@@ -240,12 +274,12 @@ def _check(
         )
         record["widest_tube"] = dict(zip(robot.joint_names, widest.tolist(), strict=True))
     if options.repair is not None:
-        repair = setup.repair(motion, limits, time=scenario.time)
+        repair = setup.repair(motion, limits, people, time=scenario.time)
         said = {key: value for key, value in vars(repair).items() if key not in ("motion", "check")}
         record["repair"] = {"proven": bool(repair), **said}
     if options.json != STANDARD_OUTPUT:
         title = f"{options.file} · {scenario.name} · {robot.name}"
-        output_console().print(check_table(title, found, widest, robot))
+        output_console().print(check_table(title, found, widest, without))
     written = found
     if repair is not None:
         written = repair.check
@@ -281,7 +315,7 @@ def _write(
     if read is not repair.motion:
         with document.within(options.repair, ": "):
             read = _sampled(read.for_robot(setup.robot), options, setup.robot)
-    found = repair.check if read is repair.motion else setup.check(read, limits)
+    found = repair.check if read is repair.motion else setup.check(read, limits, repair.check.people)
     if found:
         with opened(options.repair) as stream:
             stream.write(text)
@@ -296,19 +330,26 @@ def _described(repair: Repair, written: MotionCheck, file: str) -> str:
         return f"safe-ompl: nothing is written to {file}: {why}"
     if repair.how == "unchanged":
         return f"{file}: the motion as it was"
+    slower = f"{repair.slower:.3g} times as long as before" if repair.slower > 1 else ""
+    if not repair.changed:
+        return f"{file}: proven; the motion as it was, but {slower}"
     unit = "s" if repair.motion.timed else ""
     stretches = ", ".join(f"{first:.4g}–{last:.4g}" for first, last in repair.changed)
     return (
         f"{file}: proven; {repair.how}, by {repair.deviation:.3g} rad and {repair.tool_deviation:.3g} mm at the tip "
         f"at most, at {repair.at:.4g} {unit}; changed: {stretches} {unit}".replace("  ", " ").rstrip()
+        + f"; {slower}" * bool(slower)
     )
 
 
-def check_table(title: str, found: MotionCheck, widest: FloatArray | None, robot: Robot) -> Table:
-    """Return what is proven, or a row for each stretch that is not."""
+def check_table(title: str, found: MotionCheck, widest: FloatArray | None, without: str) -> Table:
+    """Return what is proven, or a row for each stretch that is not; `without` says why people are not looked at."""
+    robot = found.proof.checker.robot
     tube = np.array(found.separation.tube or np.zeros(robot.n))
     facts = [("motion", repr(found.motion)), ("tube", _widths(tube, robot))]
-    facts += [] if widest is None else [("widest tube", _widths(widest, robot))]
+    beside = " (people aside)" * (found.people is not None)
+    facts += [] if widest is None else [(f"widest tube{beside}", _widths(widest, robot))]
+    facts += [("people", without)] * bool(without)
     if found:
         facts.insert(0, ("proven", ", ".join(found.claims)))
         table = plain_table("", "", title=title)

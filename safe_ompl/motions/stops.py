@@ -1,0 +1,128 @@
+"""Motions as curves whose parameter is their time, with boxes of their rates: how they stop beside people."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import perm
+
+import numpy as np
+
+from safe_ompl.collision import CertifiedMotion
+from safe_ompl.common import FloatArray, InputError, IntArray, polynomials
+from safe_ompl.motions.motion import Motion
+from safe_ompl.scene import People
+from safe_ompl.trajectories import (
+    CELL_LENGTH,
+    CELLS,
+    RATE_TOLERANCE,
+    BodySpeeds,
+    Cells,
+    CurvePoints,
+    MotionCaps,
+    PeopleDistances,
+    RateLimits,
+    Stops,
+    stops_beside,
+    within_tube,
+)
+
+
+class MotionCurve:
+    """A motion as a curve whose parameter is its time [s].
+
+    Parameters
+    ----------
+    motion : Motion
+        In time, without slack.
+    limits : RateLimits
+        Of its joints.
+    """
+
+    def __init__(self, motion: Motion, limits: RateLimits) -> None:
+        self._motion = motion
+        self._rates = [motion.derivative_coefficients(order) for order in (1, 2, 3)]
+        rates, slowest = self._rates[0], RATE_TOLERANCE * limits.velocity
+        ends = np.concatenate([rates[:, 0], rates.sum(axis=1)]).reshape(2, motion.pieces, motion.n)
+        moves = (np.abs(ends) > slowest).any(axis=2)
+        if moves[1, -1]:
+            joint = int((np.abs(ends[1, -1]) / limits.velocity).argmax())
+            raise InputError(
+                f"must end at rest where it is to stop before people: {limits.joint_names[joint]!r} still has "
+                f"{ends[1, -1, joint]:.3g} /s",
+                "motion",
+            )
+        self._rests = np.flatnonzero(~(moves[0, 1:] | moves[1, :-1])) + 1  # knots at which it is at rest
+
+    def at(self, s: FloatArray) -> CurvePoints:
+        """Return the places (S, n) at times `s: (S,)`."""
+        return CurvePoints(*(self._motion.derivative(s, order) for order in range(4)))
+
+    def cells(self) -> Cells:
+        """Return cells in which the joints move little, in all no fewer than a trajectory has."""
+        motion = self._motion
+        fastest = np.linalg.norm(np.abs(polynomials.bernstein(self._rates[0])).max(axis=1), axis=1)
+        lengths = fastest * np.diff(motion.times)
+        step = min(CELL_LENGTH, float(lengths.sum()) / CELLS)
+        parts = np.ceil(lengths / step) if step > 0 else np.ones(motion.pieces)
+        return self._divided(motion.times, np.maximum(parts, 1).astype(np.intp))
+
+    def divided(self, cells: Cells, parts: IntArray) -> Cells:
+        """Return the cells, each in as many equal parts as `parts: (N,)` says."""
+        return self._divided(cells.edges, parts)
+
+    def _divided(self, edges: FloatArray, parts: IntArray) -> Cells:
+        first = np.repeat(np.cumsum(parts) - parts, parts)
+        share = (np.arange(int(parts.sum())) - first) / np.repeat(parts, parts)
+        starts = np.repeat(edges[:-1], parts) + share * np.repeat(np.diff(edges), parts)
+        return self._between(np.append(starts, edges[-1]))
+
+    def _between(self, edges: FloatArray) -> Cells:
+        """Return the cells between times, the knots among them."""
+        motion, times = self._motion, self._motion.times
+        piece = np.searchsorted(times, (edges[1:] + edges[:-1]) / 2, side="right") - 1
+        span = np.diff(times)[piece]
+        first, last = ((ends - times[piece]) / span for ends in (edges[:-1], edges[1:]))
+        boxes = []
+        for order, rates in enumerate(self._rates, start=1):
+            held = rates[piece]
+            points = polynomials.bernstein(polynomials.restricted(held, first, last))
+            error = 16 * (held.shape[1] + 2) * polynomials.EPS * np.abs(held).sum(axis=1)
+            if motion.rounding is not None:
+                error += perm(motion.degree, order) * motion.rounding[piece] / span[:, None] ** order
+            boxes.append((points.min(axis=1) - error, points.max(axis=1) + error))
+        swings = np.maximum(np.abs(boxes[2][0]), np.abs(boxes[2][1]))
+        rests = np.searchsorted(edges, times[self._rests])
+        return Cells(edges, *boxes[0], *boxes[1], swings, rests)
+
+
+def stops_of(motion: Motion, proof: CertifiedMotion, limits: RateLimits | None, people: People) -> Stops:
+    """Return how a motion, its joints in the order of the robot's, stops beside people within a proof's tube.
+
+    Raises
+    ------
+    InputError
+        If it has no times, or is of bare samples; if it does not end at rest; if there are no limits, or they limit
+        the jerk; if people are not in the scene, or may be touched within a tube.
+    """
+    if not motion.rated:
+        why = "bare samples have no rates" if motion.timed else "it has no times"
+        raise InputError(f"stops beside people cannot be proven: {why}", "motion")
+    if limits is None:
+        raise InputError(
+            "give limits: stops beside people need to know how hard the robot may brake", "limits"
+        )
+    if limits.jerk is not None:
+        raise InputError(
+            "stops that keep a limit of the jerk are proven of our own trajectories only; without it, stops that keep "
+            "velocities and accelerations are",
+            "limits",
+        )
+    checker = proof.checker
+    people = within_tube(MotionCaps(people), proof).people or people
+    off = motion.allowance.sum(axis=0)  # of jumps, too: distances are kept from one piece to the next
+    nearer = float((checker.robot.bounds.displacement_radii @ off).max(initial=0.0))
+    distances = PeopleDistances(
+        checker.robot, checker.scene, replace(people, clearance=people.clearance + nearer)
+    )
+    curve = MotionCurve(motion, limits)
+    return stops_beside(curve, curve.cells(), BodySpeeds(checker.robot), limits, distances)

@@ -1,0 +1,262 @@
+"""Stops beside people of a motion that is driven as it is, from any instant on.
+
+The parameter σ of such a curve is its time: it is driven at σ̇ = 1, and a stop lets σ̇ fall to 0. A stop goes on as the
+motion does to the end of the cell in which it begins. From there x = σ̇² is linear in each cell and falls as far as
+
+    |q̈| = |q″x + q′σ̈| ≤ limit
+
+allows for all q′ and q″ in the boxes of the cell, at both of its ends, and so in between. If x would be y < 0 at the
+end of a cell of size h, the stop ends within it, after 2h√x/(x − y). Where the motion itself accelerates more than the
+limit x stays as it is, and the stop accelerates no more than the motion. A stop also ends where the motion is at rest.
+So all stops that begin in cell j are the same behind it, and are in cell k until
+
+    T_jk = h_j + Σ 2h_i/(√x_i + √x_(i+1)),  i from j + 1 to k,
+
+at the latest, or until they end. They are over before limb m is there if T_jk ≤ τ_km in every cell k, with the bound of
+the time that it needs to any place of the cell. Where contact is allowed, a cell that is entered with √x ≤ u_km, which
+is harmless, counts as well. Nothing is asked where the robot is at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from safe_ompl.common import BoolArray, FloatArray, IntArray, compiled, part
+from safe_ompl.trajectories.body_speeds import BodySpeeds
+from safe_ompl.trajectories.caps import harmless_rates, next_stops
+from safe_ompl.trajectories.curve import Cells, Curve
+from safe_ompl.trajectories.kernels import next_range
+from safe_ompl.trajectories.limits import RATE_TOLERANCE, RateLimits
+from safe_ompl.trajectories.separation import PeopleDistances, SeparationBounds
+from safe_ompl.trajectories.time_law import TimeLaw
+
+_ROUNDS = 6  # of dividing cells
+_MOST = 8  # parts of a cell in one round
+_ROUGH = 0.01  # share of the time of a stop by which it might be shorter in finer cells
+_NEARLY = 0.9  # of the speed that is harmless
+_FINEST = 1e-4  # [s] No cell is divided into smaller ones.
+
+
+@part
+def _braked(
+    x: float,
+    k: int,
+    sizes: FloatArray,
+    slope_low: FloatArray,
+    slope_high: FloatArray,
+    bend_low: FloatArray,
+    bend_high: FloatArray,
+    limits: FloatArray,
+) -> float:
+    """Return x at the end of cell k of a stop that enters it with x; negative where it ends before."""
+    box = slope_low[k], slope_high[k], bend_low[k], bend_high[k]
+    low, high = next_range(x, sizes[k], *box, limits, x, -np.inf)
+    return float(low if low <= high else x)
+
+
+@compiled
+def braking_squares(
+    first: int,
+    last: int,
+    sizes: FloatArray,
+    slope_low: FloatArray,
+    slope_high: FloatArray,
+    bend_low: FloatArray,
+    bend_high: FloatArray,
+    limits: FloatArray,
+) -> FloatArray:
+    """Return x at the edges from the start of cell `first` on, 1 there, until it is not above 0 or behind `last`."""
+    found = np.empty(max(last - first, -1) + 2)
+    found[0], n = 1.0, 1
+    for k in range(first, last + 1):
+        found[n] = _braked(found[n - 1], k, sizes, slope_low, slope_high, bend_low, bend_high, limits)
+        n += 1
+        if found[n - 1] <= 0.0:
+            break
+    return found[:n].copy()
+
+
+@compiled
+def time_left(
+    sizes: FloatArray,
+    slope_low: FloatArray,
+    slope_high: FloatArray,
+    bend_low: FloatArray,
+    bend_high: FloatArray,
+    limits: FloatArray,
+    ends: IntArray,
+    times: FloatArray,
+    harmless: FloatArray,
+) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
+    """Return the least τ_km − T_jk (N,) of each cell j, which limb m in which cell k, √x there; and the T of stops.
+
+    Parameters
+    ----------
+    sizes : (N,)
+        h [s]
+    slope_low, slope_high, bend_low, bend_high : (N, n)
+        Boxes of q′ and q″.
+    limits : (n,)
+        Accelerations.
+    ends : (N,)
+        The cell behind which the motion is next at rest.
+    times, harmless : (N, M)
+        τ [s] and u of each limb.
+    """
+    N, M = times.shape
+    left, limb, where, spans = np.full(N, np.inf), np.full(N, -1), np.full(N, -1), np.empty(N)
+    rates = np.zeros(N)
+    for j in range(N):
+        x, y, span = 1.0, 1.0, sizes[j]
+        for k in range(j, ends[j] + 1):
+            if k > j:
+                y = _braked(x, k, sizes, slope_low, slope_high, bend_low, bend_high, limits)
+                if y > 0.0:
+                    span += 2 * sizes[k] / (np.sqrt(x) + np.sqrt(y))
+                else:
+                    span += 2 * sizes[k] * np.sqrt(x) / (x - y)
+            for m in range(M):
+                if times[k, m] - span < left[j] and x > harmless[k, m] ** 2:
+                    left[j], limb[j], where[j], rates[j] = times[k, m] - span, m, k, np.sqrt(x)
+            x = y
+            if x <= 0.0:
+                break
+        spans[j] = span
+    return left, limb, where, rates, spans
+
+
+@dataclass(frozen=True)
+class Stops:
+    """How a motion stops from any instant on, and what is left then before people are there; made by `stops_beside`.
+
+    Attributes
+    ----------
+    cells : Cells
+        The motion, as fine as it takes; edges in its own time.
+    accelerations : ndarray, shape (n,)
+        That stops keep to.
+    left : ndarray, shape (N,)
+        By how much sooner all stops that begin in a cell are over than somebody may be there [s]; negative: not proven.
+    limb, where : ndarray of int, shape (N,)
+        The limb that is there first, and the cell in which it would be met.
+    loss : ndarray, shape (N,)
+        How much more might be left, were the cells finer, about [s].
+    separation : SeparationBounds
+        Of all cells.
+    distances : PeopleDistances
+        Between robot and people.
+    """
+
+    cells: Cells
+    accelerations: FloatArray
+    left: FloatArray
+    limb: IntArray
+    where: IntArray
+    loss: FloatArray
+    separation: SeparationBounds
+    distances: PeopleDistances
+
+    def __repr__(self) -> str:
+        return f"Stops({len(self.cells)} cells, {self.left.min():.3g} s left)"
+
+    def met(self, cell: int) -> tuple[str, tuple[str, str], float]:
+        """Return what stops that begin in a cell have least left to: link, person and limb, and how much [m].
+
+        That is what is left beyond the clearance; negative by how much nearer they may come.
+        """
+        k, m = int(self.where[cell]), int(self.limb[cell])
+        bounds, distances, speed = self.separation, self.distances, float(self.distances.speeds[m])
+        room = bounds.distances[k, m] - distances.people.clearance
+        link = distances.links[int(bounds.nearest[k, m])]
+        return link, distances.limbs[m], float(self.left[cell] * speed if speed > 0 else room)
+
+    def stop_from(self, time: float) -> TimeLaw:
+        """Return the stop that begins at a time [s] of the motion: which time of the motion it is at when.
+
+        `law.at(t)[1]` is the time of the motion at which it is after t seconds, and `law.duration` how long it takes.
+        """
+        edges = self.cells.edges
+        begin = float(np.clip(time, edges[0], edges[-1]))
+        j = int(np.clip(np.searchsorted(edges, begin, side="right") - 1, 0, len(self.cells) - 1))
+        end = int(next_stops(self.cells)[j])
+        squares = braking_squares(j + 1, end, *_boxes(self.cells), self.accelerations)
+        at = edges[j + 1 : j + 1 + len(squares)].copy()
+        if squares[-1] < 0.0:
+            at[-1] -= np.diff(at[-2:])[0] * squares[-1] / (squares[-1] - squares[-2])
+            squares[-1] = 0.0
+        return TimeLaw.through(np.append(begin, at), np.append(1.0, squares))
+
+
+def stops_beside(
+    curve: Curve, cells: Cells, bodies: BodySpeeds, limits: RateLimits, distances: PeopleDistances
+) -> Stops:
+    """Return how a motion stops beside people, and what is left; see the module.
+
+    Parameters
+    ----------
+    curve : Curve
+        The motion; its parameter is its time [s], and it ends at rest.
+    cells : Cells
+        Of it; `stops` are the edges at which it is at rest. Cells that are too coarse for a proof are divided.
+    bodies, distances
+        Of its robot.
+    limits : RateLimits
+        Of its joints.
+    """
+    accelerations = (1 + RATE_TOLERANCE) * limits.acceleration
+    for last in [False] * _ROUNDS + [True]:
+        boxes, ends = _boxes(cells), next_stops(cells)
+        none = np.empty((len(cells), 0))
+        spans = time_left(*boxes, accelerations, ends, none, none)[-1]
+        speeds, soon = bodies.bounds(curve, cells), float(spans.max())
+        found = distances.along(curve, cells, speeds, soon, soon)
+        times = np.where(_at_rest(cells, limits)[:, None], np.inf, found.times)
+        harmless = harmless_rates(found.distances, speeds, distances)
+        left, limb, where, entries, _ = time_left(*boxes, accelerations, ends, times, harmless)
+        loss = _loss(cells, speeds, found, limb, where, distances) + _ROUGH * spans
+        slow = harmless[where, limb] > _NEARLY * entries
+        loss = np.where(
+            slow & (left < 0), np.maximum(loss, -2 * left), loss
+        )  # finer cells bound speeds better
+        parts = _parts(cells, left, where, loss)
+        if last or (parts == 1).all() or (left + loss < 0).any():  # or finer cells would not help everywhere
+            return Stops(cells, accelerations, left, limb, where, loss, found, distances)
+        cells = curve.divided(cells, parts)
+    raise AssertionError
+
+
+def _boxes(cells: Cells) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    return cells.sizes, cells.slope_low, cells.slope_high, cells.bend_low, cells.bend_high
+
+
+def _at_rest(cells: Cells, limits: RateLimits) -> BoolArray:
+    return np.asarray((cells.slopes <= RATE_TOLERANCE * limits.velocity).all(axis=1))
+
+
+def _loss(
+    cells: Cells,
+    speeds: FloatArray,
+    found: SeparationBounds,
+    limb: IntArray,
+    where: IntArray,
+    distances: PeopleDistances,
+) -> FloatArray:
+    """Return what (N,) is left less because of the sizes of the cells [s], about."""
+    moved = speeds[where, found.nearest[where, limb]] * cells.sizes[where] / 2
+    speed = distances.speeds[limb]
+    lost = np.divide(moved, speed, out=np.zeros(len(cells)), where=speed > 0)
+    return np.where(limb < 0, 0.0, lost + cells.sizes + 2 * cells.sizes[where])
+
+
+def _parts(cells: Cells, left: FloatArray, where: IntArray, loss: FloatArray) -> IntArray:
+    """Return into how many parts (N,) to divide cells so that stops might be proven that are not."""
+    parts: IntArray = np.ones(len(cells), dtype=np.intp)
+    for j in np.flatnonzero((left < 0) & (left + loss > 0)):
+        k, wanted = where[j], np.clip(np.ceil(loss[j] / (left[j] + loss[j])), 2, _MOST)
+        parts[j : k + 1] = np.maximum(parts[j : k + 1], 2)
+        parts[[j, k]] = np.maximum(parts[[j, k]], wanted)
+    most = np.maximum(cells.sizes / _FINEST, 1.0).astype(np.intp)
+    found: IntArray = np.minimum(parts, most)
+    return found

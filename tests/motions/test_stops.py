@@ -1,0 +1,183 @@
+"""Motions of others beside people: proven stops end before anyone is there, and those that are not proven are named."""
+
+import numpy as np
+import pytest
+from limbs import Limbs
+from scipy.interpolate import CubicSpline
+
+from safe_ompl import (
+    InputError,
+    Motion,
+    Obstacle,
+    People,
+    Person,
+    Pose,
+    RateLimits,
+    Scenario,
+    Scene,
+    time_path,
+)
+from safe_ompl.collision import CertifiedMotion, CollisionChecker, Separation
+from safe_ompl.motions import check
+from safe_ompl.scene import find_scenario
+from safe_ompl.trajectories import contact_speed, robot_mass
+
+
+@pytest.fixture(scope="module")
+def shelf():
+    return Scenario.load(find_scenario("panda_shelf")).scene
+
+
+@pytest.fixture(scope="module")
+def limits(panda):
+    return RateLimits.of(panda, acceleration=[15, 7.5, 10, 12.5, 15, 20, 20])
+
+
+@pytest.fixture(scope="module")
+def spline(panda):
+    """Return a function that makes a spline past the operator that takes so long."""
+    scenario = Scenario.load(find_scenario("panda_shelf"))
+    ends = scenario.start_configuration(panda), scenario.goal_configurations(panda)[0]
+    between = [[0.7, -0.6, 0, -2.2, 0, 3.0, 0.785], [-0.7, -0.6, 0, -2.4, 0, 2.6, 0.785]]
+
+    def make(duration, knots=4):
+        path = CubicSpline(np.linspace(0, 1, 4), [ends[0], *between, ends[1]], bc_type="clamped")
+        at = np.linspace(0, 1, knots)
+        return CubicSpline(duration * at, path(at), bc_type="clamped")
+
+    return make
+
+
+def least_left(found, limbs, number, people=None):
+    """Return the least that is left [m] when people run at the robot while it stops, over stops from many instants.
+
+    Where contact is allowed only limbs that would be harmed count.
+    """
+    motion, robot = found.motion, found.proof.checker.robot
+    people = people or found.people
+    speeds = np.array([people.speed_of(name) for name in limbs.names])
+    bears = np.zeros(len(speeds))
+    if people.contact:
+        mass = robot_mass(robot, people)
+        bears = np.array([contact_speed(people.region_of(name), mass) for name in limbs.names])
+    least = np.inf
+    for begin in np.random.default_rng(0).uniform(*motion.times[[0, -1]], number):
+        law = found.stops.stop_from(begin)
+        for t in np.linspace(0, 1 - 1e-6, 6) * law.duration:
+            _, at, rate, _ = (x[0] for x in law.at(np.array([t])))
+            q, qd = motion.at(at), motion.derivative(at) * rate
+            if np.abs(qd).max() <= 1e-9:
+                continue
+            left = limbs.at(q) - speeds * (people.reaction_time + t) - people.clearance
+            harmed = (left > 0) | (limbs.fastest(q, qd) > bears)
+            least = min(least, left[harmed].min(initial=np.inf))
+    return least
+
+
+@pytest.mark.parametrize(
+    ("people", "slow"),
+    [
+        (People(), 6.0),
+        (People(speed=1.2, reaction_time=0.05, clearance=0.05), 3.0),
+        (People(speed=1.0, speeds={"right_hand": 2.0, "head": 0.3}), 2.5),
+        (People(contact=True), 5.5),
+    ],
+)
+def test_nobody_is_reached_in_a_stop_of_a_proven_motion(panda, shelf, limits, spline, people, slow):
+    limbs = Limbs(panda, shelf["operator"])
+    found = check(spline(slow), panda, shelf, limits=limits, people=people)
+    assert found, found
+    assert found.claims[-1].endswith("beside people")
+    assert 0 < least_left(found, limbs, 40) < 0.1
+    hasty = check(spline(0.6 * slow), panda, shelf, limits=limits, people=people)
+    (worst, *_) = [v for v in hasty.violations if v.kind == "separation" and v.decided]
+    assert worst.names[1].startswith("operator (")
+    assert worst.value < worst.limit == people.clearance
+    assert hasty.motion.times[0] <= worst.first <= worst.at <= worst.last <= hasty.motion.times[-1]
+    assert least_left(hasty, limbs, 40) < 0  # the adversary can win
+
+
+def test_stops_stay_on_the_motion_within_its_limits_and_end_at_rest(panda, shelf, limits, spline):
+    found = check(spline(5.0), panda, shelf, limits=limits, people=People())
+    motion = found.motion
+    for begin in np.linspace(0.0, 5.0, 41):
+        law = found.stops.stop_from(begin)
+        t = np.linspace(0.0, law.duration, 300)[:-1]
+        _, at, rate, push = law.at(t)
+        assert at[0] == begin
+        assert (np.diff(rate) <= 1e-12).all()
+        qd = motion.derivative(at) * rate[:, None]
+        qdd = motion.derivative(at, 2) * rate[:, None] ** 2 + motion.derivative(at) * push[:, None]
+        assert (np.abs(qd) <= limits.velocity * (1 + 1e-6)).all()
+        assert (np.abs(qdd) <= limits.acceleration * (1 + 2e-6)).all()
+        end, last = law.edges[-1], np.sqrt(law.squares[-1])
+        assert np.abs(motion.derivative(end) * last).max() < 1e-6
+
+
+def test_a_motion_that_waits_may_stop_where_it_waits(panda):
+    """Away from a person, a rest, and back: stops end at the rest, and what is near there does not matter."""
+    scene = Scene([Obstacle("person", Person(height=1.75), Pose((0.95, 0.0, -0.75)), weight=1.0)])
+    near, away = np.array([[0.2, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8], [1.6, 0.3, 0.0, -2.0, 0.0, 2.3, 0.8]])
+    limits, rest = RateLimits.of(panda, acceleration=8.0), np.zeros(7)
+    waits = Motion.hermite([0, 2, 30, 32], [near, away, away, near], [rest] * 4)
+    found = check(waits, panda, scene, limits=limits, people=People(reaction_time=0.15))
+    for begin in np.linspace(0.0, 2.0, 20)[:-1]:
+        assert found.stops.stop_from(begin).edges[-1] <= 2.0
+    assert found.stops.stop_from(31.0).edges[-1] > 31.0
+    late = [violation for violation in found.violations if violation.kind == "separation"]
+    assert late
+    assert not any(violation.first < 30.0 and violation.last > 2.0 for violation in late)
+
+
+def test_our_own_trajectories_are_proven_as_motions_of_others(panda, shelf, limits, spline):
+    path = spline(1.0)(np.linspace(0, 1, 4))
+    proof = CertifiedMotion(CollisionChecker(panda, shelf))
+    timed = time_path(path, panda, limits, motion=proof, people=People(speed=0.8))
+    found = check(as_motion(timed), panda, shelf, limits=limits, people=People(speed=0.8))
+    assert found, found
+
+
+def as_motion(trajectory):
+    """Return a trajectory as polynomials of time, up to rounding."""
+    law, curve, coefficients = trajectory.law, trajectory.curve, []
+    of = curve.piece_at((law.edges[1:] + law.edges[:-1]) / 2)
+    for k, h in enumerate(np.diff(law.times)):
+        piece, begin = curve.pieces[of[k]], law.edges[k] - curve.starts[of[k]]
+        s = np.polynomial.Polynomial([begin, np.sqrt(law.squares[k]) * h, law.pushes[k] * h * h / 2])
+        held = np.zeros((7, len(piece.start)))
+        for i, c in enumerate((piece.start, piece.slope, piece.bend / 2, piece.swing / 6)):
+            held[: len((s**i).coef)] += np.outer((s**i).coef, c)
+        coefficients.append(held)
+    held = np.array(coefficients)
+    return Motion(law.times, held, rounding=1e-14 * np.abs(held).sum(axis=1))
+
+
+def test_in_a_tube_people_are_nearer_by_what_the_joints_may_be_off(panda, shelf, limits, spline):
+    tube = Separation(tube=(0.005,) * 7)
+    swing = tube.swing(CollisionChecker(panda, shelf))
+    motion = spline(8.0)
+    within = check(motion, panda, shelf, limits=limits, tube=0.005, people=People())
+    apart = check(motion, panda, shelf, limits=limits, people=People(clearance=swing))
+    np.testing.assert_allclose(within.stops.left, apart.stops.left, atol=1e-9)
+    with pytest.raises(InputError, match=r"tube: .*contacts"):
+        check(motion, panda, shelf, limits=limits, tube=0.005, people=People(contact=True))
+
+
+def test_what_cannot_be_proven_beside_people_is_refused(panda, shelf, limits, spline):
+    def said(motion, **more):
+        given = {"limits": limits, "people": People(), **more}
+        with pytest.raises(InputError) as caught:
+            check(motion, panda, shelf, **given)
+        return str(caught.value)
+
+    motion = spline(8.0)
+    points = motion(motion.x)
+    assert said(motion, limits=None).startswith("limits: give limits")
+    jerk = RateLimits(limits.joint_names, limits.velocity, limits.acceleration, 100 * limits.acceleration)
+    assert "our own trajectories" in said(motion, limits=jerk)
+    assert "no times" in said(points)
+    assert "bare samples" in said(Motion.sampled(motion.x, points, 2.0))
+    assert "must end at rest" in said(Motion.hermite(motion.x, points))
+    empty = Scene([])
+    with pytest.raises(InputError, match="no person"):
+        check(motion, panda, empty, limits=limits, people=People())
