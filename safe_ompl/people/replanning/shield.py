@@ -234,6 +234,8 @@ class Shield:
             found = guard.kept(path, s, speed, time)
             found = replace(found, reason=why) if why else found
         delay = 0.0
+        if not follows and isinstance(self._proposal, _Velocity):  # whoever gives velocities gives a new one
+            self._proposal, self._refused = None, "no new velocity was proposed"
         if self._proposal is not None:
             delay = max(0.0, min(time + self.tick - self._clock, self._proposal.duration) - progress)
         return guard.given(ShieldCommand(**vars(found), follows=follows, delay=delay), time)
@@ -338,7 +340,8 @@ def _explained(command: Command, way: _Way, s: float, tick: float) -> Command:
         return replace(command, doing=Doing.STANDING, reason=way.blocked) if way.blocked else command
     if way.blocked and command.motion.places[-1] >= way.path.length - _SAME:
         return replace(command, doing=Doing.SLOWED, reason=way.blocked)
-    if command.motion.at(tick)[0] - s < tick - _SAME:
+    in_time = min(s + tick, way.path.length) if way.whole else s + tick
+    if command.motion.at(tick)[0] < in_time - _SAME:
         why = "limits of the joints, or the stop at the end of the proposal"
         return replace(command, doing=Doing.SLOWED, reason=why)
     return command
