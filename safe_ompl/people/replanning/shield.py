@@ -50,6 +50,7 @@ _OVER = 1e-3  # [s] with less than this left a proposal is over
 _SHORTEST = 1e-3  # [s] of a change of velocity
 _CUTS = 4  # halvings of a piece that is not proven
 _DAMPING = 0.05  # [m/rad] of the inverse of the Jacobian
+_LEFT_OUT = (0, 2)  # of the next positions, where the robot cannot go through them in its direction
 _AT_REST = 1e-9  # [rad/s]
 _SAME = 1e-6  # [s]
 
@@ -427,7 +428,8 @@ class _Positions:
         """Yield curves from a state at `begin` of it on, and the ṡ with which they begin, the nearest to it first.
 
         With ṡ = 1 it is in time, if the accelerations suffice. Otherwise the curve begins as fast as proposed, in the
-        direction in which the robot moves, and ṡ is as much less as the robot is slower.
+        direction in which the robot moves, and ṡ is as much less as the robot is slower. Where that bends too much, two
+        positions are left out.
         """
         if self.duration - begin < _OVER:
             raise InputError(f"is too late: it was over {begin - self.duration:.3g} s ago", "proposal")
@@ -440,18 +442,23 @@ class _Positions:
         steps = [robot.difference(state.q, given[0])[None], robot.difference(given[:-1], given[1:])]
         points = state.q + np.cumsum(np.concatenate(steps), axis=0)
         self.check_jump(points[0] - state.q, float(times[0]), "from where the robot is")
-        pieces = _spline(state.q, state.qd, times, points)
-        most = self.limits.acceleration
-        room = np.maximum(most - _least_brake(self.limits) * np.abs(state.qd), _SHARE * most)
-        if (np.abs(pieces[0].bend) <= room).all():  # or else `proposed_cap` is below 1 where it begins
-            yield pieces, 1.0
         speed = float(np.linalg.norm(state.qd))
-        if speed < _AT_REST:
-            yield _spline(state.q, None, times, points), 0.0
-            return
-        pace = speed * float(times[0]) / max(float(np.linalg.norm(points[0] - state.q)), 1e-12)
-        if pace < 1:
-            yield _spline(state.q, state.qd / pace, times, points), pace
+        for left_out in _LEFT_OUT:
+            at, through = times[left_out:], points[left_out:]
+            if not len(at):
+                return
+            fast = float(np.linalg.norm(through[0] - state.q) / at[0])
+            for pace in dict.fromkeys((1.0, 0.0 if speed < _AT_REST else speed / max(fast, speed))):
+                pieces = _spline(state.q, state.qd / pace if pace else None, at, through)
+                if _can_begin(pieces[0], pace, self.limits):
+                    yield pieces, pace
+
+
+def _can_begin(piece: Piece, pace: float, limits: RateLimits) -> bool:
+    """Return whether `proposed_cap` allows a ṡ where a piece begins."""
+    most = limits.acceleration
+    room = np.maximum(most - _least_brake(limits) * np.abs(piece.slope), _SHARE * most)
+    return bool((np.abs(piece.bend) * pace * pace <= room).all())
 
 
 def _spline(q: FloatArray, slope: FloatArray | None, times: FloatArray, points: FloatArray) -> list[Piece]:
