@@ -130,7 +130,7 @@ def executed_stops(commands, states, count, rng):
             yield command, t
 
 
-@pytest.mark.parametrize("tube", [0.0, 0.004])
+@pytest.mark.parametrize("tube", [0.0, 0.02])
 @pytest.mark.parametrize("seed", range(3))
 def test_no_stop_is_reached_by_who_keeps_to_the_bound(shield_for, panda, table, seed, tube):
     rng = np.random.default_rng(seed)
@@ -149,12 +149,15 @@ def test_no_stop_is_reached_by_who_keeps_to_the_bound(shield_for, panda, table, 
         if not np.abs(state.qd).max() > 1e-9:
             continue
         moved += 1
-        q = state.q + tube * rng.choice([-1.0, 1.0], 7)
         seen = pin.SE3(np.eye(3), ball(command.measured))
-        distance = monitor.nearest(q, [Solid("ball", "", coal.Sphere(0.1), seen)]).distance
+        solids = [Solid("ball", "", coal.Sphere(0.1), seen)]
+        q, distance = state.q, monitor.nearest(state.q, solids).distance
+        for off in tube * np.eye(7) if tube else ():  # the corner of the tube that is nearest, joint by joint
+            q = min((q - off, q + off), key=lambda q: monitor.nearest(q, solids).distance)
+            distance = monitor.nearest(q, solids).distance
         assert distance > 1.6 * (t - command.measured) - 1e-9  # the ball grows as fast as it may
         assert not checker.in_collision(q)
-    assert moved > 300
+    assert moved > 200
     assert {Doing.MOVING, Doing.SLOWED} <= {command.doing for command in commands}
     limits = shield.limits.joints
     assert (np.abs(states[:, 1]) <= limits.velocity * (1 + 1e-9)).all()
